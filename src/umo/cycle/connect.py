@@ -24,7 +24,6 @@ from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
 from umo.cycle.program_end import check_thread
-from umo.cycle.rated_machine import machine_of
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag, end_forked
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
@@ -189,16 +188,17 @@ class connect(Generic[C]):
             image = image_of(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
             outputs = self.wired.process.outputs
             rates, injection = self.wired.rates, self.wired.injection
-            self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
+            self.machine = ConnectedMachine(self.root, image, self.stop, injection, outputs, rates)
             self.machine.random = Random(self.seed)
             if self._controllers:
-                self.machine.leave_to_controllers(nodes[path] for path in self._controllers)
+                self.machine.acting_laws.leave_to_controllers(nodes[path] for path in self._controllers)
                 for path, driver in self._controllers.items():
                     driver.meet(nodes[path], self.machine)
             commands = self.machine.commands
             self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:
                 self.machine.alarms.restore(self.alarm_states)
+                self.machine.phases.showing.append(self.machine.alarms.look)
             self.laid_out(self.machine)
         except BaseException:
             self._give_back()
@@ -258,7 +258,7 @@ class connect(Generic[C]):
         self.before_first_sample()
         try:
             self.image.begin()
-            self.machine.sample_all()
+            self.machine.phases.sample_all()
         finally:
             transfer.journal = None
         self.first_entries = journal.entries
@@ -359,7 +359,7 @@ class connect(Generic[C]):
         return [failure.path for failure in unreached]
 
     def _show_last(self) -> None:
-        self.machine.finish_period()
+        self.machine.phases.finish()
         self.machine.events.tell_all()
         while self.afterwards:
             self.afterwards.pop()()

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from enum import Enum, auto
 from math import inf
-from typing import NoReturn, Protocol
+from typing import TYPE_CHECKING, NoReturn, Protocol
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from umo.errors import DriverError, Failure
 from umo.objects import Actuator, DigitalSensor, Quality, link
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from umo.cycle.period import Period
 
 NO_SLOTS: Set[int] = frozenset()
 """No slots."""
@@ -83,6 +86,9 @@ class Image(Slots):
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
+    def attach(self, period: Period) -> None:
+        """Add what it has to do to the phases of a period."""
+
     def begin(self) -> None:
         """Every object is initialised: from now on values move in periods."""
 
@@ -100,12 +106,11 @@ class Image(Slots):
 
     # A whole period ------------------------------------------------------------------------------------
 
-    def sample(self, of_part: Sequence[Block] | None = None) -> bool:
-        """Read every synchronous sensor, one transfer per driver. A failure does not stop the others. `of_part`: only
-        those of parts with rates of their own."""
+    def sample(self, blocks: Sequence[Block]) -> bool:
+        """Read the sensors of these blocks, one transfer each. A failure does not stop the others."""
         failures: list[Failure] = []
         now = self.clock.now
-        for block in self.due_inputs if of_part is None else of_part:
+        for block in blocks:
             block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)
@@ -137,14 +142,13 @@ class Image(Slots):
         self.sampled_good = None if self.unconfirmed else good
         return good
 
-    def update(self, of_part: Sequence[Block] | None = None) -> bool:
-        """Send every synchronous actuator, written or not since the last period; one transfer per driver. `of_part`:
-        only those of a part with a rate of its own."""
+    def update(self, blocks: Sequence[Block], dt: float | None = None) -> bool:
+        """Send the actuators of these blocks, written or not since the last period; one transfer each. `dt`: the time
+        in s that a slew rate counts; 0: from the last step. Default: since the last period."""
         failures: list[Failure] = []
-        now, dt = self.clock.now, self.clock.dt
-        if of_part is not None:
-            dt = 0.0  # a slew rate counts from the last step
-        for block in self.due_outputs if of_part is None else of_part:
+        now = self.clock.now
+        dt = self.clock.dt if dt is None else dt
+        for block in blocks:
             unconverted: Set[int] = NO_SLOTS
             try:
                 block.give(now, dt)

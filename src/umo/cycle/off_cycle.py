@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import monotonic_ns
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from umo.objects.scaling import FloatArray, IntArray
 from umo.presentation.durations import duration
 from umo.text import some
 from umo.wiring.wired import Wired
+
+if TYPE_CHECKING:
+    from umo.cycle.period import Period
 
 BAD_AGES = 2
 """Number of maximum ages after which a value has failed."""
@@ -86,7 +89,6 @@ class OffCycleImage(Image):
         off = {id(remote.driver) for remote in self._remotes}
         self.inputs = [block for block in self.inputs if id(block.driver) not in off]
         self.outputs = [block for block in self.outputs if id(block.driver) not in off]
-        self.due_inputs, self.due_outputs = self.inputs, self.outputs
         self.transfer.bind(self.inputs, self.outputs)
         self._failures: list[Failure] = []
         self._beginning = False
@@ -138,10 +140,11 @@ class OffCycleImage(Image):
             self._exchange()
         return super().read_now(slot)
 
-    def sample(self, of_part: Sequence[Block] | None = None) -> bool:
-        """Whether what has arrived is too old, then the others."""
-        if of_part is not None:
-            return super().sample(of_part)
+    def attach(self, period: Period) -> None:
+        period.receiving.append(self._receive)
+
+    def _receive(self) -> None:
+        """Judge whether what has arrived is too old."""
         if self.timer < 0:
             self._exchange()
         now = self.clock.now
@@ -153,16 +156,15 @@ class OffCycleImage(Image):
                 self._look_at_orders(remote, now)
         if self._failures:
             self.sampled_good = None
-        return super().sample()
 
     def _end_sample(self, failures: list[Failure]) -> bool:
         mine, self._failures = self._failures, []
         return super()._end_sample([*mine, *failures])
 
-    def update(self, of_part: Sequence[Block] | None = None) -> bool:
+    def update(self, blocks: Sequence[Block], dt: float | None = None) -> bool:
         """What these outputs are to be is posted before the next tick; the others are sent."""
         self._updated = True
-        return super().update(of_part)
+        return super().update(blocks, dt)
 
     def _exchange(self) -> None:
         """Post what the outputs are to be, take what has arrived."""

@@ -96,7 +96,6 @@ class Slots:
         """The block in which each slot stands; None for what is asynchronous."""
         for block in self.blocks:
             self._block_of[block.slots] = [block] * (block.stop - block.start)
-        self.due_inputs, self.due_outputs = self.inputs, self.outputs
         slow = [block for block in self.blocks if block.part != WHOLE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
         """The slots of parts that have rates of their own."""
@@ -104,7 +103,6 @@ class Slots:
         self._sent_by_period = frozenset(outputs if slow else ())
         self.urgent: set[int] = set()
         """The actuators whose pending value is sent in this period in any case, in a machine with such parts."""
-        """The blocks that `sample` reads and `update` sends: all, where no part has a rate of its own."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""

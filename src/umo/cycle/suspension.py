@@ -134,7 +134,7 @@ class Suspension:
         machine = self._machine
         if machine.commands.noted is None:
             machine.commands.note_writes(True)
-        machine.after_laws(self._settle)
+        machine.phases.settle_once(self._settle)
 
     def _react(self) -> None:
         asked = ((path, self._ask(path, axis, axis.stop_as_declared)) for path, axis in self._axes.items())

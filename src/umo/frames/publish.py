@@ -15,7 +15,7 @@ from typing import Any
 from umo.cycle import connect
 from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import signal_name
 from umo.drivers.contract import Driver
@@ -67,7 +67,7 @@ def published(
         server = None
         if ends is None:
             ends, server = _own_memory(station, memory)
-        phases = Phases(machine.image, connection.wired.drivers, machine.parts)
+        phases = PhaseTimes(machine.image, connection.wired.drivers, machine.groups.parts)
         undo.callback(phases.remove)
         layout = Layout(
             tuple(map(_object, machine.image.items, machine.image.wires)),
@@ -100,7 +100,7 @@ def published(
         raise
     finally:
         end = partial(_end, connection, ring, memory, error)
-        if machine.period_open or error is not None:  # it is shown when the actuators have been reset
+        if machine.phases.open or error is not None:  # it is shown when the actuators have been reset
             connection.afterwards.append(end)
         else:
             end()
