@@ -17,11 +17,12 @@ from umo.cycle.absence import Absences, in_order
 from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.attempts import Attempts
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image, Way
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.machine import ConnectedMachine, axes_in
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.off_cycle import image_of
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore

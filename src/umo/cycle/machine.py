@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Callable, Coroutine, Sequence
+from functools import partial
 from inspect import iscoroutine
 from random import Random
 from time import monotonic_ns
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from umo.cycle.acting_laws import ActingLaws
 from umo.cycle.client_commands import Inbox, Lease, Mode
-from umo.cycle.client_experiments import Loops
 from umo.cycle.clock import Clock
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
+from umo.cycle.directory import Directory
 from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Signal, show, signals_of, velocities
@@ -22,35 +22,27 @@ from umo.cycle.image import Image
 from umo.cycle.period import Period
 from umo.cycle.piling_up import FEW, PilingUp
 from umo.cycle.rate_groups import MachineOfGroup, RateGroups
-from umo.cycle.restoring import kept_kind
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
+from umo.cycle.supervisors import Supervisors
 from umo.cycle.two_writers import TwoWriters
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import EquipmentFault, forget_frames
-from umo.objects import Action, Atomic, Compound, Node, actions_of, atoms, described, numbers_of, walk
-from umo.objects.laws import has_loops, laws_in
+from umo.errors import EquipmentFault
+from umo.objects import Atomic, Compound, Node, atoms, described, walk
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import Raised, attempt, check_acts_at_once, read_numbers, refuse_exit, told
+from umo.user_code import Raised, attempt, check_acts_at_once, read_numbers, told
 from umo.wiring.rates import WHOLE, Rate
 from umo.wiring.wired import AT_ONCE
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine
 
-SUPERVISES = ("begin", "supervise", "note_faults", "describe")
-"""The methods by which a law is a `Supervisor`."""
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
-
-
-def _has_all(law: object, *names: str) -> bool:
-    """Whether its class has all of these methods."""
-    return all(callable(getattr(law.__class__, name, None)) for name in names)
 
 
 class Commanding(Protocol):
@@ -77,52 +69,6 @@ class Commanding(Protocol):
         """The machine stops."""
 
 
-class Supervisor(Protocol):
-    """A law that looks after the sequences of its part, such as a state machine (`umo.operation`)."""
-
-    part: Compound
-    """Its part: what `supervise` raises is a failure of this."""
-
-    def begin(self, path: str) -> None:
-        """The machine is being connected; the law has this place in it. DeclarationError where it cannot be."""
-
-    def supervise(self) -> None:
-        """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
-
-    def note_faults(self) -> None:
-        """Equipment has come into fault, perhaps that around its part. It may be cleared before the next period; what
-        was under way in it is ended after this call."""
-
-    def describe(self) -> Mapping[str, Any]:
-        """Its path, its states and its commands, as plain data."""
-
-
-class MotionAxis(Protocol):
-    """A compound that is an axis of motion (`umo.control.Axis`)."""
-
-    def shown_state(self) -> int:
-        """What it does, for frames: the number of one of its states. It raises nothing."""
-
-    def describe_axis(self) -> Mapping[str, Any]:
-        """Its path, states, position, limits and actions, as plain data."""
-
-
-def axes_in(root: Compound) -> list[MotionAxis]:
-    """The axes of a machine, in the order of frames."""
-    nodes: list[Any] = [root, *walk(root)]
-    return [each for each in nodes if callable(getattr(each.__class__, "describe_axis", None))]
-
-
-class Book(Protocol):
-    """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
-
-    def choose(self, name: str, content: str = "") -> str:
-        """Choose one by its name."""
-
-    def describe(self) -> Mapping[str, Any]:
-        """What can be chosen, as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
-
-
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
 
@@ -145,40 +91,20 @@ class ConnectedMachine:
         self.result_so_far: Any = None
         """What the application has told of its result (`Cycle.result`): data, or a function that returns them."""
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
-        numbers = numbers_of(root)
-        self.frame = Frame(image, (*signals_of(numbers), *velocities(image.items), *faults))
-        self.kept = {path: kept_kind(each) for path, each in numbers.items() if each.declared.kept}
-        """What is kept over a restart, by path: its type as plain data."""
-        self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
-        """The numbers that may be changed from outside, by path."""
+        self.directory = Directory(root)
+        """What is looked up by its path."""
+        signals = signals_of(self.directory.numbers)
+        self.frame = Frame(image, (*signals, *velocities(image.items), *faults))
         self.commands = CommandStage(root, image)
         self.equipment = Containment(root, image, self.commands, lambda: self.is_manual, self._equipment_changed)
         self.sequences = Sequences(self.equipment)
         self._piling_up = PilingUp()
-        self.supervisors: list[Supervisor] = []
-        """The laws that look after the sequences of their parts."""
-        self.laws: list[tuple[Compound, str, Any]] = []
-        """Its laws with loops when it was connected, each with the compound that has it and its path."""
-        for part, path, law in laws_in(root):
-            if has_loops(law):
-                self.laws.append((part, path, law))
-            if _has_all(law, *SUPERVISES):
-                law.begin(path)
-                self.supervisors.append(law)
         self._moved_in: dict[int, list[Compound]] = {}
         """What moves in each equipment by itself, by the id of the compound: told of its fault."""
         for equipment in self.equipment.all:
             nodes = (node for node in (equipment.compound, *walk(equipment.compound)) if isinstance(node, Compound))
             moving = [each for each in nodes if type(each)._enter_fault is not Compound._enter_fault]
             self._moved_in[id(equipment.compound)] = moving
-        self._supervisors_in: dict[int, list[Supervisor]] = {}
-        """The supervisors of the parts in each compound, by its id."""
-        for each in self.supervisors:
-            node: Node | None = each.part
-            while node is not None:
-                self._supervisors_in.setdefault(id(node), []).append(each)
-                node = node._parent
-        self.axes = axes_in(root)
         self._axis_states: Any = image.columns.axes.data
         self.events: Events = image.events
         """The last 1,000 actions of guards and clients."""
@@ -195,8 +121,9 @@ class ConnectedMachine:
         """What is called in each period."""
         self.observers = self.phases.observers
         """Called after every period with its frame."""
-        if self.supervisors:
-            self.phases.commanding.append(self._supervise)
+        self.supervisors = Supervisors(self.directory, self.equipment, self.acting_laws)
+        if self.supervisors.all:
+            self.phases.commanding.append(self.supervisors.act)
         if injection is not None:
             injection.say = self.events.log
         image.connect(self.commands, TwoWriters(image, self.turn).writes)
@@ -264,56 +191,12 @@ class ConnectedMachine:
             compound._disconnect()
         self.image.disconnect()
 
-    @cached_property
-    def actions(self) -> dict[str, Action]:
-        """The actions that may be called from outside, by path."""
-        return actions_of(self.root)
-
-    def action_at(self, path: str) -> Action | None:
-        """An action by its path, also one on a loop. PathError for one on no law."""
-        return self.actions.get(path) or self.loops.action(path)
-
-    @cached_property
-    def loops(self) -> Loops:
-        """The loops of its laws."""
-        return Loops(self.root, self.laws)
-
-    @cached_property
-    def books(self) -> dict[str, Book]:
-        """The laws from which clients choose what comes next, by path."""
-        found = ((path, law) for _, path, law in laws_in(self.root))
-        return {path: law for path, law in found if _has_all(law, "choose", "next", "describe")}
-
     @property
     def running(self) -> bool:
         return not self.stop.requested
 
     def sample(self, part: Node) -> bool:
         return self.image.sample_some(self._slots_of(part).inputs)
-
-    def _supervise(self) -> None:
-        """The laws that look after the sequences of their parts."""
-        self.equipment.gather()
-        try:
-            for each in self.supervisors:
-                try:
-                    each.supervise()
-                except BaseException as error:
-                    if not self._contain_supervisor(each, error):
-                        refuse_exit(error, "supervise")
-                        raise
-        finally:
-            self.equipment.settle()
-
-    def _contain_supervisor(self, law: Supervisor, error: BaseException) -> bool:
-        """Its part fails; False if that is the machine itself. While the part is in fault, the law is called all the
-        same, and what it raises is not told in every period."""
-        if self.acting_laws.containing(law.part, error) is None:
-            return False
-        if not self.equipment.is_in_fault(law.part):
-            self.equipment.contain(law.part, error)
-        forget_frames(error)
-        return True
 
     # Equipment -----------------------------------------------------------------------------------------
 
@@ -326,16 +209,17 @@ class ConnectedMachine:
     def clear(self, part: Node) -> list[str]:
         return self.equipment.clear(part)
 
+    @property
+    def laws(self) -> Sequence[tuple[Compound, str, Any]]:
+        return self.directory.laws
+
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
         self.acting_laws.stale = True
         faults = [(each, each.error_of_this_fault()) for each in changed if each.in_fault]
         for equipment in changed if faults else ():
             self.acting_laws.let_idle(equipment)
-        compounds = (id(equipment.compound) for equipment, _ in faults) if self.supervisors else ()
-        supervisors = {id(law): law for each in compounds for law in self._supervisors_in.get(each, ())}
-        for law in supervisors.values():
-            law.note_faults()
+        self.supervisors.note_faults(equipment for equipment, _ in faults)
         for equipment, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
             self._end_in(equipment, fault)
 
@@ -417,7 +301,7 @@ class ConnectedMachine:
         frame.execution = (monotonic_ns() - began) * 1e-9
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         frame.signal_values = read_numbers(frame.signals)
-        for number, axis in enumerate(self.axes):
+        for number, axis in enumerate(self.directory.axes):
             self._axis_states[number] = axis.shown_state()
         show(frame, self.phases.observers)
 

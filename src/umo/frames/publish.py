@@ -73,17 +73,17 @@ def published(
             tuple(map(_object, machine.image.items, machine.image.wires)),
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection) | ({"job": dict(job)} if job else {}),
-            describe_signals(machine.frame.signals, machine.kept),
+            describe_signals(machine.frame.signals, machine.directory.kept),
             tuple(machine.commands.reasons),
-            tuple(each.describe() for each in machine.actions.values()),
-            tuple(each.describe() | {"start": _start(each)} for each in machine.tunables.values()),
+            tuple(each.describe() for each in machine.directory.actions.values()),
+            tuple(each.describe() | {"start": _start(each)} for each in machine.directory.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
-            axes=tuple(dict(each.describe_axis()) for each in machine.axes),
+            axes=tuple(dict(each.describe_axis()) for each in machine.directory.axes),
             alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
-            units=tuple(dict(each.describe()) for each in machine.supervisors),
-            books=tuple({"path": path, **each.describe()} for path, each in machine.books.items()),
+            units=tuple(dict(each.describe()) for each in machine.supervisors.all),
+            books=tuple({"path": path, **each.describe()} for path, each in machine.directory.books.items()),
         )
-        ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
+        ring = Ring(machine, phases, layout, ends, tunables=list(machine.directory.tunables.values()))
         undo.callback(ring.close)
         if server is not None:
             server.listen()

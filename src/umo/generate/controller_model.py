@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 from umo.control.axis import Axis
 from umo.cycle.clock import Clock
+from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
-from umo.cycle.machine import ConnectedMachine, axes_in
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.off_cycle import image_of
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction

@@ -10,8 +10,9 @@ from math import ceil
 from zlib import crc32
 
 from umo.cycle.clock import Clock
+from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
-from umo.cycle.machine import ConnectedMachine, axes_in
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.off_cycle import image_of
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Driver
