@@ -23,7 +23,7 @@ from umo.cycle.image import Image, Way
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.off_cycle import image_of
+from umo.cycle.off_cycle import OffCycleDrivers
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag, end_forked
@@ -125,7 +125,7 @@ class connect(Generic[C]):
         return."""
         self.on_step = instead
         if hasattr(self, "machine"):
-            self.image.refuse(instead)
+            self.machine.refuse(instead)
 
     def _stand_aside(self, device_claim: DeviceClaim) -> None:
         """In a process that was forked: the devices are not its own, and it ends as soon as it would use one."""
@@ -186,10 +186,12 @@ class connect(Generic[C]):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
             alarms = declared_alarms(self.root)
-            image = image_of(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
+            image = Image(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
             outputs = self.wired.process.outputs
             rates, injection = self.wired.rates, self.wired.injection
-            self.machine = ConnectedMachine(self.root, image, self.stop, injection, outputs, rates)
+            self.machine = ConnectedMachine(
+                self.root, image, self.stop, injection, outputs, rates, OffCycleDrivers.of(image, self.wired)
+            )
             self.machine.random = Random(self.seed)
             if self._controllers:
                 self.machine.acting_laws.leave_to_controllers(nodes[path] for path in self._controllers)
@@ -258,7 +260,8 @@ class connect(Generic[C]):
         journal = transfer.journal = Journal(CAPACITY + len(self.image.items))
         self.before_first_sample()
         try:
-            self.image.begin()
+            for each in self.machine.attached:
+                each.begin()
             self.machine.phases.sample_all()
         finally:
             transfer.journal = None
@@ -303,7 +306,7 @@ class connect(Generic[C]):
         self.machine.contain_failures(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
-            self.image.end()
+            self.machine.end()
             for driver in self._controllers.values():
                 driver.end()
             found, late = self._reset()
@@ -349,7 +352,7 @@ class connect(Generic[C]):
         paths of the actuators that were not reached."""
         if not hasattr(self, "_device_claim"):  # it is not connected yet
             return []
-        self.image.end()
+        self.machine.end()
         for driver in self._controllers.values():
             driver.end()
         unreached, _ = self._reset()

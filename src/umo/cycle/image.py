@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from enum import Enum, auto
 from math import inf
-from typing import TYPE_CHECKING, NoReturn, Protocol
+from typing import NoReturn, Protocol
 
 import numpy as np
 
@@ -24,9 +24,6 @@ from umo.errors import DriverError, Failure
 from umo.objects import Actuator, DigitalSensor, Quality, link
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from umo.cycle.period import Period
 
 NO_SLOTS: Set[int] = frozenset()
 """No slots."""
@@ -86,12 +83,6 @@ class Image(Slots):
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
-    def attach(self, period: Period) -> None:
-        """Add what it has to do to the phases of a period."""
-
-    def begin(self) -> None:
-        """Every object is initialised: from now on values move in periods."""
-
     def end(self) -> None:
         """The machine stops: no period follows."""
         self.transfer.end_absences()
@@ -115,15 +106,15 @@ class Image(Slots):
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
-                self._accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
+                self.accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
                 continue
             try:
                 outside = block.convert(now)
             except Exception:  # of a linearization of the user's
-                self._accept_each(block, {}, failures)
+                self.accept_each(block, {}, failures)
                 continue
             if outside or block.unsettled:
-                self._settle(block, outside, now, failures)
+                self.settle_block(block, outside, now, failures)
         if failures or self.sampled_good is None:
             return self._end_sample(failures)
         return self.sampled_good
@@ -131,6 +122,8 @@ class Image(Slots):
     def _end_sample(self, failures: list[Failure]) -> bool:
         """Something is not, or was not, as it should be."""
         what = "could not be read"
+        if self.found:
+            failures, self.found = [*self.found, *failures], []
         for slot in tuple(self.unconfirmed):
             if self.quality[slot] == Quality.STALE and (unsent := self.try_send(slot)):
                 what = "could not be written or read"
@@ -153,7 +146,7 @@ class Image(Slots):
             try:
                 block.give(now, dt)
             except Exception:  # of a linearization of the user's
-                unconverted = self._give_each(range(block.start, block.stop), failures)
+                unconverted = self.give_each(range(block.start, block.stop), failures)
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
@@ -162,29 +155,29 @@ class Image(Slots):
             block.commit(now)
             if block.unsettled:
                 for slot in block.unsettled - unconverted:
-                    self._set_quality(slot, Quality.GOOD)
+                    self.set_quality(slot, Quality.GOOD)
                 block.unsettled &= unconverted
         if failures:
             self.fail("could not be written", failures)
         return not failures
 
-    def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
+    def accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
-        self._fail_inputs(causes, failures)
+        self.fail_inputs(causes, failures)
         if len(causes) < block.stop - block.start:
             for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
                 if slot not in causes:
                     self.raws[slot] = raw
-                    self._accept(slot, raw, failures)
+                    self.accept(slot, raw, failures)
 
     def _update_rest(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
         causes = dict(self.transfer.block_failed(block, error, inputs=False))
         for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
             if slot in causes:
-                self._fail_output(slot, causes[slot], failures)
+                self.fail_output(slot, causes[slot], failures)
             else:
                 self.raws[slot] = raw
-                self._accepted(slot)
+                self.accepted(slot)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -199,15 +192,15 @@ class Image(Slots):
         except WaitEnded:
             return NO_TICK
         except FAILURES as error:
-            self._fail_input(slot, cause_of_failure(error), failures)
+            self.fail_input(slot, cause_of_failure(error), failures)
         else:
             if slot != self.timer:
-                self._accept(slot, raw, failures)
+                self.accept(slot, raw, failures)
             elif self._least_ticks <= raw <= self._most_ticks:
                 self.clock.advance(raw)
-                self._accept(slot, raw, failures)
+                self.accept(slot, raw, failures)
             else:  # the clock must not jump: every law and every timeout counts on it
-                self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
+                self.fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
         self._log_marked()
         if failures:
             self.fail("could not be read", failures)
@@ -218,9 +211,9 @@ class Image(Slots):
         failures: list[Failure] = []
         for slot, found in self.transfer.read_some(slots):
             if isinstance(found, str):
-                self._fail_input(slot, found, failures)
+                self.fail_input(slot, found, failures)
             else:
-                self._accept(slot, found, failures)
+                self.accept(slot, found, failures)
         self._log_marked()
         if failures:
             self.fail("could not be read", failures)
@@ -232,13 +225,13 @@ class Image(Slots):
         try:
             self._convert(slots)
         except Exception:  # of a linearization of the user's
-            unconverted = self._give_each(slots, failures)
+            unconverted = self.give_each(slots, failures)
         ready = [slot for slot in slots if slot not in unconverted]
         for slot, cause in self.transfer.write_some(ready, self.columns.sent_raws):
             if cause is None:
-                self._accepted(slot)
+                self.accepted(slot)
             else:
-                self._fail_output(slot, cause, failures)
+                self.fail_output(slot, cause, failures)
         if failures:
             self.fail("could not be written", failures)
         return not failures
@@ -265,6 +258,8 @@ class Image(Slots):
     def try_send(self, slot: int) -> list[Failure]:
         """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
+        if slot in self.elsewhere and self.elsewhere[slot].is_ordered(slot):
+            return failures
         value, raw = self.pending[slot], self.transfer.defaults[slot]
         if value != self._defaults[slot]:
             try:
@@ -276,9 +271,9 @@ class Image(Slots):
         try:
             self.transfer.write(slot, self.sent_raws[slot])
         except FAILURES as error:
-            self._fail_output(slot, cause_of_failure(error), failures)
+            self.fail_output(slot, cause_of_failure(error), failures)
         else:
-            self._accepted(slot)
+            self.accepted(slot)
         return failures
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
@@ -309,7 +304,7 @@ class Image(Slots):
             return False
         self.unsent.discard(slot)  # it is sent again as what is pending
         self.hasten(slot)
-        self._set_quality(slot, Quality.STALE)
+        self.set_quality(slot, Quality.STALE)
         return True
 
     def stays_at_default(self, slot: int) -> str:
@@ -344,10 +339,10 @@ class Image(Slots):
         """The device has its default, and what is pending stays so."""
         self._give_default(slot)
         self.hasten(slot)
-        self._accepted(slot)
+        self.accepted(slot)
         if not self.items[slot].synchronous and self.pending[slot] != self._defaults[slot]:
             self.unconfirmed[slot] = self.clock.now
-            self._set_quality(slot, Quality.STALE)
+            self.set_quality(slot, Quality.STALE)
 
     def initialize(self, slot: int) -> Failure | None:
         return self.settle([slot], Way.INITIALIZE).get(slot)
@@ -391,17 +386,17 @@ class Image(Slots):
 
     def _is_there(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
         for slot in slots:
-            self._accepted(slot)
+            self.accepted(slot)
             yield slot, None
 
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
         if failure is not None:
-            self._set_quality(slot, Quality.BAD)
+            self.set_quality(slot, Quality.BAD)
             if self.values[slot] != self.sent[slot]:
                 self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
             self._keep_unsent(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
-            self._accepted(slot)
+            self.accepted(slot)
 
     def _convert(self, slots: Sequence[int]) -> None:
         """Set what is sent next of some actuators, with rates from their last steps; whatever a linearization of the
@@ -409,7 +404,7 @@ class Image(Slots):
         linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
         send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 
-    def _give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
+    def give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
         """The same one by one. The slots of those that failed: they keep what was sent last."""
         failed = set()
         for slot in slots:

@@ -7,7 +7,7 @@ from functools import partial
 from inspect import iscoroutine
 from random import Random
 from time import monotonic_ns
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.acting_laws import ActingLaws
 from umo.cycle.client_commands import Inbox, Lease, Mode
@@ -69,6 +69,23 @@ class Commanding(Protocol):
         """The machine stops."""
 
 
+class Capability(Protocol):
+    """What a machine may have beside objects, laws and sequences."""
+
+    def attach(self, period: Period) -> None:
+        """The machine is being connected: add to the phases of its period. No driver was called yet."""
+
+    def begin(self) -> None:
+        """Every object is initialised; the first sample follows."""
+
+    def end(self) -> None:
+        """The sequences are cancelled; nothing is reset yet."""
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """This process is to reach no device any longer: in place of that `instead` is called, which does not
+        return."""
+
+
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
 
@@ -80,6 +97,7 @@ class ConnectedMachine:
         injection: Injection | None = None,
         outputs: str = AT_ONCE,
         rates: Sequence[Rate] = (),
+        attached: Sequence[Capability] = (),
     ) -> None:
         self.root = root
         self.image = image
@@ -124,6 +142,10 @@ class ConnectedMachine:
         self.supervisors = Supervisors(self.directory, self.equipment, self.acting_laws)
         if self.supervisors.all:
             self.phases.commanding.append(self.supervisors.act)
+        self.attached = attached
+        for each in attached:
+            each.attach(self.phases)
+        self.phases.bind()
         if injection is not None:
             injection.say = self.events.log
         image.connect(self.commands, TwoWriters(image, self.turn).writes)
@@ -176,6 +198,18 @@ class ConnectedMachine:
     @property
     def is_manual(self) -> bool:
         return self.clients is not None and self.clients.mode is Mode.MANUAL
+
+    def end(self) -> None:
+        """No period follows: from now on every driver is called again, and each call waits."""
+        self.image.end()
+        for each in self.attached:
+            each.end()
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
+        self.image.refuse(instead)
+        for each in self.attached:
+            each.refuse(instead)
 
     def cancel_sequences(self) -> None:
         """Cancel the sequences of clients and of the application, the last started first; the first error of their

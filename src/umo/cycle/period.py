@@ -62,8 +62,12 @@ class Period:
         self._events: Events = image.events
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
+        self.before_tick: list[Callable[[], object]] = []
+        """What is called in BEFORE TICK; like `receiving` and `before_send` to be added before the calls are bound."""
         self.receiving: list[Callable[[], object]] = []
-        """What is called in RECEIVE; to be added before the calls are bound."""
+        """What is called in RECEIVE."""
+        self.before_send: list[Callable[[], object]] = []
+        """What is called before SEND."""
         self.commanding: list[Callable[[], object]] = []
         """What is called in COMMANDS, in this order."""
         self.before_laws: Callable[[], object] | None = None
@@ -81,18 +85,18 @@ class Period:
         self._sampled = False
         """Whether a period was sampled and not updated yet."""
         self._clock.on_tick = self._tick
-        image.before_tick = self.finish
         self._late = outputs == AT_NEXT_TICK
         self._send: Callable[[], bool] = partial(image.update, groups.whole.outputs)
         self.sample_all: Callable[[], bool]
         """RECEIVE to GUARD of all groups, for the first sample."""
         self.sample: Callable[[], bool]
         self.update: Callable[[], bool]
-        image.attach(self)
-        self._bind()
 
-    def _bind(self) -> None:
-        """Choose the calls that this machine needs."""
+    def bind(self) -> None:
+        """Choose the calls that this machine needs; to be called when everything is attached."""
+        self._image.before_tick = self._before_tick if self.before_tick else self.finish
+        if self.before_send:
+            self._send = partial(self._send_and_note, self._send)
         self.sample_all = self._guarded(partial(self._image.sample, self._image.inputs))
         sample = self._begun(self._guarded(self._sample_groups) if self._groups.parts else self.sample_all)
         self.sample = partial(self._send_and_sample, sample) if self._late else sample
@@ -106,6 +110,11 @@ class Period:
     def _tick(self) -> None:
         self.open = True
         self.began = monotonic_ns()
+
+    def _before_tick(self) -> None:
+        for call in self.before_tick:
+            call()
+        self.finish()
 
     def finish(self) -> None:
         """Before the wait for the next tick: SHOW a period that was not shown, since it failed or nobody called
@@ -203,6 +212,11 @@ class Period:
             call()
 
     # update() ------------------------------------------------------------------------------------------
+
+    def _send_and_note(self, send: Callable[[], bool]) -> bool:
+        for call in self.before_send:
+            call()
+        return send()
 
     def _update(self) -> bool:
         try:

@@ -20,7 +20,6 @@ from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.off_cycle import image_of
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
@@ -177,7 +176,7 @@ def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | No
     wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
     with wired_numbers(root, wired):
         clock = Clock(0.0 if wired.period is None else wired.period)
-        image = image_of(wired, clock, len(equipment_in(root)), len(axes_in(root)))
+        image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)))
         machine = ConnectedMachine(root, image, StopFlag(), outputs=wired.process.outputs, rates=wired.rates)
         try:
             yield model_of(machine, wired)
