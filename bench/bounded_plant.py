@@ -17,6 +17,7 @@ from umo.alarms import Alarm, Low
 from umo.control import Servo, next_period
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
+from umo.cycle.image import Way
 from umo.drivers.simulated import Simulated
 from umo.frames import published
 from umo.frames.memory import RunDescriptors
@@ -224,13 +225,15 @@ class Rig:
         """Note when in a period the last actuator was reset."""
         image: Any = self.machine.image
         self._began = self.were_reset = 0.0
-        reset_each = image.reset_each
+        settle = image.settle
 
-        def watched(slots: Any) -> Iterator[Any]:
-            yield from reset_each(slots)
-            self.were_reset = thread_time() - self._began
+        def watched(slots: Any, way: Way) -> Any:
+            failures = settle(slots, way)
+            if way is Way.RESET:
+                self.were_reset = thread_time() - self._began
+            return failures
 
-        image.reset_each = watched
+        image.settle = watched
 
     def steps(self, count: int) -> float:
         """The shortest of some periods, in s."""

@@ -14,7 +14,7 @@ from helpers.machines import Bench, actuator, bench, failed, relay, sensor, swit
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.cycle.absence import LONG_ABSENCE
 from umo.cycle.journal import Journal, Kind
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.drivers import ChannelsFailed, DeviceTimeout, DriverError
 from umo.states import OnOff
 from umo.testing import Scripted, periods
@@ -561,7 +561,7 @@ def test_an_initialisation_is_in_the_journal() -> None:
 def test_the_phases_of_a_period_are_measured_through_an_absence() -> None:
     box, m = Box(), held()
     with running(m, box) as connection:
-        phases = Phases(connection.image, connection.wired.drivers)
+        phases = PhaseTimes(connection.image, connection.wired.drivers)
         box.silent()
         run(m, 0.1)
         phases.clear()
@@ -579,7 +579,7 @@ def test_the_phases_of_a_period_are_measured_through_an_absence() -> None:
 def test_the_tries_of_a_driver_that_is_away_are_a_phase_of_their_own() -> None:
     box, m = Blind(), held()
     with running(m, box) as connection:
-        phases = Phases(connection.image, connection.wired.drivers)
+        phases = PhaseTimes(connection.image, connection.wired.drivers)
         tries = phases.names.index("try box")
         box.silent()
         run(m, 0.6)

@@ -24,7 +24,7 @@ from helpers.waiting import until
 from umo import connect, published
 from umo.cli.app import app
 from umo.cli.why import why
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.errors import FramesError
 from umo.frames import Layout, Reader, Ring, Stage
 from umo.frames.layout import ENTRY, arrange, describe_objects
@@ -102,7 +102,7 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
     m = bench()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
-        phases = Phases(connection.image, connection.wired.drivers)
+        phases = PhaseTimes(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)

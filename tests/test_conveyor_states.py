@@ -310,7 +310,7 @@ def test_a_client_gives_the_commands() -> None:
 
 def test_the_counts_and_the_bin_are_kept_over_a_restart() -> None:
     with connect(machine(), SIMULATED) as m:
-        assert set(m._machine.kept) == {"sorter.in_bin", "sorter.unit.produced", "sorter.unit.rejected"}
+        assert set(m._machine.directory.kept) == {"sorter.in_bin", "sorter.unit.produced", "sorter.unit.rejected"}
 
 
 def test_parts_that_lie_on_the_belt_at_the_first_start_are_pushed_onto_the_chute() -> None:

@@ -10,6 +10,7 @@ import pytest
 from helpers.machines import actuator, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, TaskFailed, connect
 from umo.control import next_period
+from umo.cycle.image import Way
 from umo.operation import PackML
 from umo.testing import Scripted
 
@@ -64,13 +65,13 @@ class Rig:
     def __enter__(self) -> Rig:
         self.connection.__enter__()
         image: Any = self.connection.machine.image
-        reset_each = image.reset_each
+        settle = image.settle
 
-        def counted(slots: Any) -> Any:
-            self.calls += 1
-            return reset_each(slots)
+        def counted(slots: Any, way: Way) -> Any:
+            self.calls += way is Way.RESET
+            return settle(slots, way)
 
-        image.reset_each = counted
+        image.settle = counted
         return self
 
     def __exit__(self, *error: Any) -> None:

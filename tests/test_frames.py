@@ -18,7 +18,7 @@ from helpers.machines import bench, relay, wired
 from helpers.publishing import running, without_times, write, writer
 from umo import DigitalSensor, connect, published
 from umo.cycle.journal import Journal, Kind
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.frame_server import folder
@@ -382,7 +382,7 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
     m = bench()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
-        phases = Phases(connection.image, connection.wired.drivers)
+        phases = PhaseTimes(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
@@ -408,7 +408,7 @@ def test_with_checksums_an_event_is_seen_whole_or_not_at_all() -> None:
     m = bench()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
-        phases = Phases(connection.image, connection.wired.drivers)
+        phases = PhaseTimes(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
@@ -435,7 +435,7 @@ def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame
     m = bench()
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
-        phases = Phases(connection.image, connection.wired.drivers)
+        phases = PhaseTimes(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)

@@ -611,7 +611,10 @@ def test_a_debugger_that_traces_the_thread_traces_again_after_the_run():
         sys.settrace(former)
 
 
-def test_hearing_ends_once():
-    end = hear()
-    end()
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_hearing_ends_with_the_last_machine_whichever_was_first(order: tuple[int, int]):
+    ends = [hear(), hear()]
+    for number in order:
+        assert sys.get_coroutine_origin_tracking_depth() == 1
+        ends[number]()
     assert sys.get_coroutine_origin_tracking_depth() == 0

@@ -559,7 +559,7 @@ def test_what_a_sequence_closes_that_was_ended_in_manual_mode_is_not_driven_agai
 
 def test_actions_of_a_unit_are_described_in_the_order_of_their_declaration() -> None:
     with running() as (m, _):
-        names = [path.rpartition(".")[2] for path in m._machine.actions]
+        names = [path.rpartition(".")[2] for path in m._machine.directory.actions]
     assert names[:7] == ["stop", "abort", "clear", "change_mode", "reset_counters", "reset", "start"]
 
 

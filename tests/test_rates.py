@@ -23,7 +23,7 @@ from umo import (
 )
 from umo.control import next_period, state_of, until, wait
 from umo.cycle.client_commands import Mode
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.errors import DeclarationError, DriverError
 from umo.frames import Reader
 from umo.states import OnOff, PassFail
@@ -111,7 +111,7 @@ def test_after_missed_ticks_a_part_runs_late_once_and_its_grid_stays(missed: lis
     machine = plant()
     with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=missed))) as m:
         clock, number, due = m._machine.clock, 0, []
-        phase = next(rate.phase for rate in m._machine._map._rates if rate.part is m.middle)
+        phase = next(rate.phase for rate in m._machine.groups._map._rates if rate.part is m.middle)
         for _ in missed:
             periods(m)
             begun = clock.number
@@ -132,7 +132,7 @@ def test_a_part_with_several_of_its_periods_missed_counts_its_own_ticks() -> Non
     machine = Plant(timer=timer(), fast=unit(), middle=unit(Counting), slow=unit(Slow))
     with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=[0] * 10 + [35]))) as m:
         periods(m, 11)
-        assert sum(m.middle.acted) == sum(each % 10 == m._machine.parts[0].phase for each in range(1, 46))
+        assert sum(m.middle.acted) == sum(each % 10 == m._machine.groups.parts[0].phase for each in range(1, 46))
 
 
 def test_the_fast_outputs_are_sent_before_a_slow_part_is_sampled_and_computes() -> None:
@@ -219,7 +219,7 @@ def test_a_slew_rate_of_a_slow_part_counts_the_time_of_its_own_periods() -> None
     machine = Machine(timer=timer(), ramped=Ramped(valve=actuator(slew_rate=100.0)))
     box = Scripted()
     with connect(machine, wired(machine, box)) as m:
-        first = m._machine.parts[0].phase or 10
+        first = m._machine.groups.parts[0].phase or 10
         periods(m, first)
         sent = [m.ramped.valve.read()]
         for _ in range(3):
@@ -495,7 +495,7 @@ def test_a_slow_part_has_phases_of_its_own_in_the_periods_in_which_it_acts() -> 
     machine, box, clock = plant(), Scripted(), VirtualTimer()
     with connect(machine, wired(machine, box, clock=clock)) as m:
         whole = m._machine
-        phases = Phases(whole.image, {"box": box, "clock": clock}, whole.parts)
+        phases = PhaseTimes(whole.image, {"box": box, "clock": clock}, whole.groups.parts)
         mine = ["sample box for middle", "update box for middle", "control middle"]
         taken: list[list[bool]] = []
         for _ in range(100):

@@ -438,7 +438,7 @@ def test_modes_that_change_back_and_forth_in_following_periods_leave_all_as_it_w
         ann.mode("automatic")
         ann.run(30)
         assert m.wound == [240.0] * 20
-        assert len(ann.machine._laws) == 1
+        assert len(ann.machine.groups.whole.laws) == 1
 
 
 # Hooks ----------------------------------------------------------------------------------------------------

@@ -67,7 +67,11 @@ class ClientControl:
         """By path; "": the machine."""
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self._actions = ClientActions(machine)
-        machine.actuators_of(machine.root), machine.actions, machine.loops  # known from now on: they take long
+        (
+            machine.actuators_of(machine.root),
+            machine.directory.actions,
+            machine.directory.loops,
+        )  # known from now on: they take long
         self._active = False
         self._suspension = Suspension(machine)
         self._next: ClientCommand | None = None
@@ -209,7 +213,7 @@ class ClientControl:
 
     def _tune(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        tunable = _known(self._machine.tunables, command.path, "tunable number")
+        tunable = _known(self._machine.directory.tunables, command.path, "tunable number")
         before = tunable.value
         tunable.set(command.value)
         return CommandState.DONE, json.dumps(" -> ".join(map(setting_text, (before, tunable.value))))
@@ -243,7 +247,8 @@ class ClientControl:
 
     def _call(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        action = self._machine.action_at(command.path) or _known(self._machine.actions, command.path, "action")
+        directory = self._machine.directory
+        action = directory.action_at(command.path) or _known(directory.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
             if (fault := self._machine.fault_of(action.part)) is not None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
 from umo.cycle.events import Event, Paths, of_several
-from umo.cycle.image import Image
+from umo.cycle.image import Image, Way
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.drivers.contract import Direction
@@ -189,7 +189,7 @@ class CommandStage:
             self.by_slot[slot].client = ""
         self._taken_by_clients.difference_update(slots)
         self._restrict(slots)
-        self._image.bring_to_rest(slots)
+        self._image.settle(slots, Way.SEND)
 
     def _known(self, slot: int) -> Command:
         """The command of an actuator, also of one without a guard."""
@@ -230,8 +230,7 @@ class CommandStage:
         """The actuators of these, which are held, go to their defaults in stop order; those that failed, by slot."""
         slots = sorted({slot for fault in faults for slot in fault.slots}, key=self.place.__getitem__)
         self._image.transfer.note_each(slots, Kind.INTERLOCKED)
-        found = self._image.reset_each(slots)
-        return {slot: failure for slot, failure in found if failure is not None}
+        return self._image.settle(slots, Way.RESET)
 
     def free(self, faults: Sequence[Inhibition]) -> None:
         """Their actuators may be written again, unless an interlock inhibits them: one that began to do so during the
@@ -366,22 +365,23 @@ class CommandStage:
 
     def _expired(self, due: Container[int]) -> set[int]:
         """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
-        found: set[int] = set()
+        sent, found = list[int](), set[int]()
         told: dict[float, list[int]] = {}
         now, pending = self._image.clock.now, self._image.pending
         for command in self._expiring:
             slot = command.slot
             if slot not in due and command.has_expired(now):
-                command.written = None
                 if pending[slot] != command.default:  # where it is, nothing happens that is to be told
                     told.setdefault(command.expires, []).append(slot)
                 if command.synchronous:
-                    self._image.set_default(slot)
+                    sent.append(slot)
                 else:
                     found.add(slot)
         for expires, slots in told.items():
             self._image.transfer.note_each(slots, Kind.EXPIRED)
             self.events.add(partial(_commands_expired, now, self._image.items, slots, expires), logged=True)
+        if sent:
+            self._image.settle(sent, Way.SEND)
         return found
 
     def expire(self) -> None:

@@ -17,14 +17,14 @@ from umo.cycle.absence import Absences, in_order
 from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.attempts import Attempts
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
-from umo.cycle.image import Image
+from umo.cycle.image import Image, Way
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.machine import ConnectedMachine, axes_in
-from umo.cycle.off_cycle import image_of
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.off_cycle import OffCycleDrivers
 from umo.cycle.program_end import check_thread
-from umo.cycle.rated_machine import machine_of
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag, end_forked
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
@@ -125,7 +125,7 @@ class connect(Generic[C]):
         return."""
         self.on_step = instead
         if hasattr(self, "machine"):
-            self.image.refuse(instead)
+            self.machine.refuse(instead)
 
     def _stand_aside(self, device_claim: DeviceClaim) -> None:
         """In a process that was forked: the devices are not its own, and it ends as soon as it would use one."""
@@ -186,19 +186,22 @@ class connect(Generic[C]):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
             alarms = declared_alarms(self.root)
-            image = image_of(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
+            image = Image(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
             outputs = self.wired.process.outputs
             rates, injection = self.wired.rates, self.wired.injection
-            self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
+            self.machine = ConnectedMachine(
+                self.root, image, self.stop, injection, outputs, rates, OffCycleDrivers.of(image, self.wired)
+            )
             self.machine.random = Random(self.seed)
             if self._controllers:
-                self.machine.leave_to_controllers(nodes[path] for path in self._controllers)
+                self.machine.acting_laws.leave_to_controllers(nodes[path] for path in self._controllers)
                 for path, driver in self._controllers.items():
                     driver.meet(nodes[path], self.machine)
             commands = self.machine.commands
             self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:
                 self.machine.alarms.restore(self.alarm_states)
+                self.machine.phases.showing.append(self.machine.alarms.look)
             self.laid_out(self.machine)
         except BaseException:
             self._give_back()
@@ -257,8 +260,9 @@ class connect(Generic[C]):
         journal = transfer.journal = Journal(CAPACITY + len(self.image.items))
         self.before_first_sample()
         try:
-            self.image.begin()
-            self.machine.sample_all()
+            for each in self.machine.attached:
+                each.begin()
+            self.machine.phases.sample_all()
         finally:
             transfer.journal = None
         self.first_entries = journal.entries
@@ -302,7 +306,7 @@ class connect(Generic[C]):
         self.machine.contain_failures(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
-            self.image.end()
+            self.machine.end()
             for driver in self._controllers.values():
                 driver.end()
             found, late = self._reset()
@@ -348,7 +352,7 @@ class connect(Generic[C]):
         paths of the actuators that were not reached."""
         if not hasattr(self, "_device_claim"):  # it is not connected yet
             return []
-        self.image.end()
+        self.machine.end()
         for driver in self._controllers.values():
             driver.end()
         unreached, _ = self._reset()
@@ -359,7 +363,7 @@ class connect(Generic[C]):
         return [failure.path for failure in unreached]
 
     def _show_last(self) -> None:
-        self.machine.finish_period()
+        self.machine.phases.finish()
         self.machine.events.tell_all()
         while self.afterwards:
             self.afterwards.pop()()
@@ -411,7 +415,7 @@ class connect(Generic[C]):
     def _reset_once(self, slots: list[int]) -> list[Failure]:
         failures = []
         self._waiting = set(slots)
-        for slot, failure in self.image.reset_each(slots):
+        for slot, failure in self.image.settling(slots, Way.RESET):
             if failure is None:
                 self._waiting.discard(slot)
             else:

@@ -8,6 +8,7 @@ image (`writes.py`), but where the column `restrictions`, which is the command s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from enum import Enum, auto
 from math import inf
 from typing import NoReturn, Protocol
 
@@ -30,6 +31,19 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 
 
+class Way(Enum):
+    """What moves an actuator when it is brought to its default."""
+
+    RESET = auto()
+    """The driver's `reset`, now and without a rate."""
+    INITIALIZE = auto()
+    """The driver's `initialize`, now and without a rate."""
+    SEND = auto()
+    """The outputs of the period, within the rate; an asynchronous actuator is written now."""
+    IS_THERE = auto()
+    """Nothing: its device has been initialised already."""
+
+
 class Gate(link.Commands, Protocol):
     """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
 
@@ -40,7 +54,7 @@ class Gate(link.Commands, Protocol):
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
 
     def rest(self, slot: int) -> None:
-        """The actuator is being reset."""
+        """The actuator is being brought to its default: no write of it is in force any more."""
 
 
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
@@ -69,9 +83,6 @@ class Image(Slots):
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
-    def begin(self) -> None:
-        """Every object is initialised: from now on values move in periods."""
-
     def end(self) -> None:
         """The machine stops: no period follows."""
         self.transfer.end_absences()
@@ -86,25 +97,24 @@ class Image(Slots):
 
     # A whole period ------------------------------------------------------------------------------------
 
-    def sample(self, of_part: Sequence[Block] | None = None) -> bool:
-        """Read every synchronous sensor, one transfer per driver. A failure does not stop the others. `of_part`: only
-        those of parts with rates of their own."""
+    def sample(self, blocks: Sequence[Block]) -> bool:
+        """Read the sensors of these blocks, one transfer each. A failure does not stop the others."""
         failures: list[Failure] = []
         now = self.clock.now
-        for block in self.due_inputs if of_part is None else of_part:
+        for block in blocks:
             block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
-                self._accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
+                self.accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
                 continue
             try:
                 outside = block.convert(now)
             except Exception:  # of a linearization of the user's
-                self._accept_each(block, {}, failures)
+                self.accept_each(block, {}, failures)
                 continue
             if outside or block.unsettled:
-                self._settle(block, outside, now, failures)
+                self.settle_block(block, outside, now, failures)
         if failures or self.sampled_good is None:
             return self._end_sample(failures)
         return self.sampled_good
@@ -112,6 +122,8 @@ class Image(Slots):
     def _end_sample(self, failures: list[Failure]) -> bool:
         """Something is not, or was not, as it should be."""
         what = "could not be read"
+        if self.found:
+            failures, self.found = [*self.found, *failures], []
         for slot in tuple(self.unconfirmed):
             if self.quality[slot] == Quality.STALE and (unsent := self.try_send(slot)):
                 what = "could not be written or read"
@@ -123,19 +135,18 @@ class Image(Slots):
         self.sampled_good = None if self.unconfirmed else good
         return good
 
-    def update(self, of_part: Sequence[Block] | None = None) -> bool:
-        """Send every synchronous actuator, written or not since the last period; one transfer per driver. `of_part`:
-        only those of a part with a rate of its own."""
+    def update(self, blocks: Sequence[Block], dt: float | None = None) -> bool:
+        """Send the actuators of these blocks, written or not since the last period; one transfer each. `dt`: the time
+        in s that a slew rate counts; 0: from the last step. Default: since the last period."""
         failures: list[Failure] = []
-        now, dt = self.clock.now, self.clock.dt
-        if of_part is not None:
-            dt = 0.0  # a slew rate counts from the last step
-        for block in self.due_outputs if of_part is None else of_part:
+        now = self.clock.now
+        dt = self.clock.dt if dt is None else dt
+        for block in blocks:
             unconverted: Set[int] = NO_SLOTS
             try:
                 block.give(now, dt)
             except Exception:  # of a linearization of the user's
-                unconverted = self._give_each(range(block.start, block.stop), failures)
+                unconverted = self.give_each(range(block.start, block.stop), failures)
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
@@ -144,29 +155,29 @@ class Image(Slots):
             block.commit(now)
             if block.unsettled:
                 for slot in block.unsettled - unconverted:
-                    self._set_quality(slot, Quality.GOOD)
+                    self.set_quality(slot, Quality.GOOD)
                 block.unsettled &= unconverted
         if failures:
             self.fail("could not be written", failures)
         return not failures
 
-    def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
+    def accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
-        self._fail_inputs(causes, failures)
+        self.fail_inputs(causes, failures)
         if len(causes) < block.stop - block.start:
             for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
                 if slot not in causes:
                     self.raws[slot] = raw
-                    self._accept(slot, raw, failures)
+                    self.accept(slot, raw, failures)
 
     def _update_rest(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
         causes = dict(self.transfer.block_failed(block, error, inputs=False))
         for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
             if slot in causes:
-                self._fail_output(slot, causes[slot], failures)
+                self.fail_output(slot, causes[slot], failures)
             else:
                 self.raws[slot] = raw
-                self._accepted(slot)
+                self.accepted(slot)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -181,15 +192,15 @@ class Image(Slots):
         except WaitEnded:
             return NO_TICK
         except FAILURES as error:
-            self._fail_input(slot, cause_of_failure(error), failures)
+            self.fail_input(slot, cause_of_failure(error), failures)
         else:
             if slot != self.timer:
-                self._accept(slot, raw, failures)
+                self.accept(slot, raw, failures)
             elif self._least_ticks <= raw <= self._most_ticks:
                 self.clock.advance(raw)
-                self._accept(slot, raw, failures)
+                self.accept(slot, raw, failures)
             else:  # the clock must not jump: every law and every timeout counts on it
-                self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
+                self.fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
         self._log_marked()
         if failures:
             self.fail("could not be read", failures)
@@ -200,9 +211,9 @@ class Image(Slots):
         failures: list[Failure] = []
         for slot, found in self.transfer.read_some(slots):
             if isinstance(found, str):
-                self._fail_input(slot, found, failures)
+                self.fail_input(slot, found, failures)
             else:
-                self._accept(slot, found, failures)
+                self.accept(slot, found, failures)
         self._log_marked()
         if failures:
             self.fail("could not be read", failures)
@@ -214,13 +225,13 @@ class Image(Slots):
         try:
             self._convert(slots)
         except Exception:  # of a linearization of the user's
-            unconverted = self._give_each(slots, failures)
+            unconverted = self.give_each(slots, failures)
         ready = [slot for slot in slots if slot not in unconverted]
         for slot, cause in self.transfer.write_some(ready, self.columns.sent_raws):
             if cause is None:
-                self._accepted(slot)
+                self.accepted(slot)
             else:
-                self._fail_output(slot, cause, failures)
+                self.fail_output(slot, cause, failures)
         if failures:
             self.fail("could not be written", failures)
         return not failures
@@ -238,9 +249,17 @@ class Image(Slots):
             return False
         return True
 
+    def go_on(self, slot: int, value: float) -> bool:
+        """What work has left before it rested is written again, and sent in this period; whether it was taken."""
+        taken = self.command(slot, value)
+        self.hasten(slot)
+        return taken
+
     def try_send(self, slot: int) -> list[Failure]:
         """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
+        if slot in self.elsewhere and self.elsewhere[slot].is_ordered(slot):
+            return failures
         value, raw = self.pending[slot], self.transfer.defaults[slot]
         if value != self._defaults[slot]:
             try:
@@ -252,19 +271,10 @@ class Image(Slots):
         try:
             self.transfer.write(slot, self.sent_raws[slot])
         except FAILURES as error:
-            self._fail_output(slot, cause_of_failure(error), failures)
+            self.fail_output(slot, cause_of_failure(error), failures)
         else:
-            self._accepted(slot)
+            self.accepted(slot)
         return failures
-
-    def bring_to_rest(self, slots: Sequence[int]) -> None:
-        """The defaults of actuators are sent next; an asynchronous one is sent it now, and again if it does not accept
-        it."""
-        for slot in slots:
-            self.commands.rest(slot)
-            self.set_default(slot)
-            if slot in self.asynchronous:
-                self.try_send(slot)
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
@@ -284,19 +294,9 @@ class Image(Slots):
         return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failed = [(slot, failure) for slot, failure in self.reset_each(slots) if failure is not None]
-        failures = [failure for slot, failure in failed if not self._resets_again(slot)]
+        failures = [failure for slot, failure in self.settle(slots, Way.RESET).items() if not self._resets_again(slot)]
         if failures:
             self.fail("could not be reset", failures)
-
-    def reset_each(self, slots: Iterable[int]) -> Iterator[tuple[int, Failure | None]]:
-        """The driver's reset for each; one failure never stops the rest."""
-        slots = list(slots)
-        for slot in slots:
-            self._at_default(slot)
-        for slot, failure in self.transfer.bring_to_default(slots):
-            self._was_reset(slot, failure)
-            yield slot, failure
 
     def _resets_again(self, slot: int) -> bool:
         """Whether a failed reset is no failure yet: the default is sent again in the next period."""
@@ -304,7 +304,7 @@ class Image(Slots):
             return False
         self.unsent.discard(slot)  # it is sent again as what is pending
         self.hasten(slot)
-        self._set_quality(slot, Quality.STALE)
+        self.set_quality(slot, Quality.STALE)
         return True
 
     def stays_at_default(self, slot: int) -> str:
@@ -325,45 +325,78 @@ class Image(Slots):
         """Its driver has initialised it."""
         item = self.items[slot]
         if isinstance(item, Actuator):
-            pending = self.pending[slot]
-            self.set_default(slot)
-            self._give_default(slot)
-            self._accepted(slot)
             if item.synchronous or item._max_age is not None:
-                self.pending[slot] = pending
-                if not item.synchronous and pending != self._defaults[slot]:
-                    self.unconfirmed[slot] = self.clock.now
-                    self._set_quality(slot, Quality.STALE)
+                self._goes_on_from_default(slot)
             else:
-                self.commands.rest(slot)
+                self.settle([slot], Way.IS_THERE)
             return
         if (conditioner := self.conditioners.get(slot)) is not None:
             conditioner.begin()
         if self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
             self.set_referenced(slot, False)
 
-    def initialize(self, slot: int) -> Failure | None:
-        self._at_default(slot)
-        failure = self.transfer.initialize(slot)
-        self._was_reset(slot, failure)
-        if (conditioner := self.conditioners.get(slot)) is not None:
-            conditioner.begin()
-        return failure
+    def _goes_on_from_default(self, slot: int) -> None:
+        """The device has its default, and what is pending stays so."""
+        self._give_default(slot)
+        self.hasten(slot)
+        self.accepted(slot)
+        if not self.items[slot].synchronous and self.pending[slot] != self._defaults[slot]:
+            self.unconfirmed[slot] = self.clock.now
+            self.set_quality(slot, Quality.STALE)
 
-    def _at_default(self, slot: int) -> None:
-        if self.items[slot].direction is Direction.OUTPUT:
-            self.set_default(slot)
-            self._give_default(slot)
-            self.commands.rest(slot)
+    def initialize(self, slot: int) -> Failure | None:
+        return self.settle([slot], Way.INITIALIZE).get(slot)
+
+    # To the defaults -----------------------------------------------------------------------------------
+
+    def settle(self, slots: Iterable[int], way: Way) -> dict[int, Failure]:
+        """Bring actuators to their defaults, which nothing else does: no write of them is in force any more, and their
+        defaults are pending, before the first is moved. The sensors among them are reset or initialised by their
+        driver. What failed, by slot: one failure never stops the rest."""
+        return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
+
+    def settling(self, slots: Iterable[int], way: Way) -> Iterator[tuple[int, Failure | None]]:
+        """The same, each as soon as it was moved: where it is interrupted it is known who waits still."""
+        slots = list(slots)
+        for slot in slots:
+            if self.items[slot].direction is Direction.OUTPUT:
+                self.commands.rest(slot)
+                self.set_default(slot)
+                if way is not Way.SEND:
+                    self._give_default(slot)
+        return _MOVES[way](self, slots)
+
+    def _reset(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot, failure in self.transfer.bring_to_default(slots):
+            self._was_reset(slot, failure)
+            yield slot, failure
+
+    def _initialize(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            failure = self.transfer.initialize(slot)
+            self._was_reset(slot, failure)
+            if (conditioner := self.conditioners.get(slot)) is not None:
+                conditioner.begin()
+            yield slot, failure
+
+    def _send(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            failures = self.try_send(slot) if slot in self.asynchronous else []
+            yield slot, next(iter(failures), None)
+
+    def _is_there(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            self.accepted(slot)
+            yield slot, None
 
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
         if failure is not None:
-            self._set_quality(slot, Quality.BAD)
+            self.set_quality(slot, Quality.BAD)
             if self.values[slot] != self.sent[slot]:
                 self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
             self._keep_unsent(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
-            self._accepted(slot)
+            self.accepted(slot)
 
     def _convert(self, slots: Sequence[int]) -> None:
         """Set what is sent next of some actuators, with rates from their last steps; whatever a linearization of the
@@ -371,7 +404,7 @@ class Image(Slots):
         linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
         send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 
-    def _give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
+    def give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
         """The same one by one. The slots of those that failed: they keep what was sent last."""
         failed = set()
         for slot in slots:
@@ -381,3 +414,11 @@ class Image(Slots):
                 self._unconverted(slot, error, failures)
                 failed.add(slot)
         return failed
+
+
+_MOVES: Mapping[Way, Callable[[Image, Sequence[int]], Iterator[tuple[int, Failure | None]]]] = {
+    Way.RESET: Image._reset,
+    Way.INITIALIZE: Image._initialize,
+    Way.SEND: Image._send,
+    Way.IS_THERE: Image._is_there,
+}

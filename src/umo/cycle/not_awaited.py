@@ -71,6 +71,8 @@ class _Watch:
     def __init__(self) -> None:
         self._threads: list[int] = []
         """The thread of each connected machine."""
+        self._depths: dict[int, int] = {}
+        """How far each of these threads tracked the origin of sequences before."""
         self._former: Callable[[Any], object] = _pass_over
         self._collecting = False
         """Whether the garbage collector is at work: what it lets go has nothing to do with the code at that place."""
@@ -82,6 +84,9 @@ class _Watch:
             self._former = getattr(warnings, _FUNNEL)
             setattr(warnings, _FUNNEL, self._let_go)
             gc.callbacks.append(self._note_collecting)
+        if thread not in self._threads:
+            self._depths[thread] = depth = sys.get_coroutine_origin_tracking_depth()
+            sys.set_coroutine_origin_tracking_depth(max(depth, 1))
         self._threads.append(thread)
 
     def end(self, thread: int) -> None:
@@ -89,6 +94,10 @@ class _Watch:
         if not self._threads:
             setattr(warnings, _FUNNEL, self._former)
             gc.callbacks.remove(self._note_collecting)
+        if thread not in self._threads:
+            depth = self._depths.pop(thread)
+            if get_ident() == thread:
+                sys.set_coroutine_origin_tracking_depth(depth)
         if self.debugger is not None and sys.gettrace() is None:
             sys.settrace(self.debugger)
         self.debugger = None
@@ -166,16 +175,9 @@ def _close_given(coroutine: Any) -> None:
 
 def hear() -> Callable[[], None]:
     """From now on it is an error if this thread awaits a sequence nowhere. Returns the function that ends this."""
-    thread, depth = get_ident(), sys.get_coroutine_origin_tracking_depth()
-    sys.set_coroutine_origin_tracking_depth(max(depth, 1))
+    thread = get_ident()
     _WATCH.begin(thread)
-
-    def end() -> None:
-        _WATCH.end(thread)
-        if get_ident() == thread:
-            sys.set_coroutine_origin_tracking_depth(depth)
-
-    return end
+    return partial(_WATCH.end, thread)
 
 
 @contextmanager

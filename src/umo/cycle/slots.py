@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from math import inf
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -33,6 +33,22 @@ MARKED_LOG_INTERVAL = 10.0
 """Least time in s between two lines of the log about one sensor that is marked BAD."""
 MAX_OFFSET_RAW = 2.0**62
 """Largest zero offset that is accepted, in raw integers."""
+
+
+class Elsewhere(Protocol):
+    """The circuits whose values come and go at times of their own (`umo.cycle.off_cycle`)."""
+
+    def read_at(self, slot: int) -> float:
+        """The time in s of the reading that is being accepted."""
+
+    def was_read(self, slot: int, failures: list[Failure]) -> None:
+        """A reading was accepted: it has its own time."""
+
+    def is_accepted(self, slot: int) -> bool:
+        """Whether a write that was just made is accepted already; else it will be confirmed."""
+
+    def is_ordered(self, slot: int) -> bool:
+        """Whether what is pending was ordered already, and is not carried out yet."""
 
 
 class Slots:
@@ -71,6 +87,10 @@ class Slots:
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
+        self.elsewhere: dict[int, Elsewhere] = {}
+        """By slot, what is exchanged at times of its own."""
+        self.found: list[Failure] = []
+        """Failures that were found since the last sample, which tells them."""
         self.failed: set[int] = set()
         """The sensors that failed and have not been initialised since."""
         self.unconfirmed: dict[int, float] = {}
@@ -89,35 +109,36 @@ class Slots:
         found = ((slot, conditioner_of(wire)) for slot, wire in enumerate(self.wires))
         self.conditioners = {slot: each for slot, each in found if each is not None}
         """Of the sensors that are conditioned."""
-        self.inputs = self._blocks(Direction.INPUT, parts)
-        self.outputs = self._blocks(Direction.OUTPUT, parts)
-        self.blocks = [*self.inputs, *self.outputs]
+        inputs, outputs = self._blocks(Direction.INPUT, parts), self._blocks(Direction.OUTPUT, parts)
+        self.blocks = [*inputs, *outputs]
+        self.inputs = [block for block in inputs if not isinstance(block.driver, OffCycle)]
+        """The blocks that are read in periods."""
+        self.outputs = [block for block in outputs if not isinstance(block.driver, OffCycle)]
+        """The blocks that are sent in periods."""
         self._block_of: list[Block | None] = [None] * count
         """The block in which each slot stands; None for what is asynchronous."""
         for block in self.blocks:
             self._block_of[block.slots] = [block] * (block.stop - block.start)
-        self.due_inputs, self.due_outputs = self.inputs, self.outputs
         slow = [block for block in self.blocks if block.part != WHOLE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
         """The slots of parts that have rates of their own."""
-        outputs = (slot for block in self.outputs for slot in range(block.start, block.stop))
-        self._sent_by_period = frozenset(outputs if slow else ())
+        sent = (slot for block in self.outputs for slot in range(block.start, block.stop))
+        self._sent_by_period = frozenset(sent if slow else ())
         self.urgent: set[int] = set()
         """The actuators whose pending value is sent in this period in any case, in a machine with such parts."""
-        """The blocks that `sample` reads and `update` sends: all, where no part has a rate of its own."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
-        self.sampled = slice(0, self.inputs[-1].stop if self.inputs else 0)
-        for block in self.inputs:
+        self.sampled = slice(0, inputs[-1].stop if inputs else 0)
+        for block in inputs:
             self._prepare(block)
-        for block in self.outputs:
+        for block in outputs:
             convert_outputs(block, columns, scales)
         columns.pending[:] = columns.sent[:] = columns.values[:] = scales.defaults  # of a sensor NaN: nothing was read
         columns.sent_raws[:] = scales.default_raws
         columns.stepped.fill(clock.now)  # a rate begins there
         columns.quality[:] = np.where(np.isnan(scales.defaults), int(Quality.BAD), int(Quality.GOOD))
-        for block in self.inputs:
+        for block in inputs:
             block.unsettled.update(range(block.start, block.stop))
 
     def _prepare(self, block: Block) -> None:
@@ -181,9 +202,9 @@ class Slots:
         item, quality = cast(Sensor, self.items[slot]), self.quality[slot]
         held = item._max_age is not None and item.synchronous and self.times[slot] < self.clock.now
         if quality != Quality.BAD and not (held and referenced):
-            self._set_quality(slot, self._judge(slot, self.values[slot]))
+            self.set_quality(slot, self._judge(slot, self.values[slot]))
         elif quality == Quality.UNREFERENCED:  # the held value is referenced from now on, but it is still old
-            self._set_quality(slot, Quality.STALE)
+            self.set_quality(slot, Quality.STALE)
 
     def value_of(self, slot: int, raw: int) -> float:
         """The value that a raw integer stands for."""
@@ -210,7 +231,7 @@ class Slots:
 
     def _give_default(self, slot: int) -> None:
         """Its default is what is sent next."""
-        self.sent[slot], self.sent_raws[slot] = self.pending[slot], self.transfer.defaults[slot]
+        self.sent[slot], self.sent_raws[slot] = self._defaults[slot], self.transfer.defaults[slot]
         self.stepped[slot] = self.clock.now
 
     def _is_inside(self, slot: int, value: float) -> bool:
@@ -222,26 +243,28 @@ class Slots:
             return self.base[slot]
         return Quality.OUT_OF_RANGE
 
-    def _set_quality(self, slot: int, quality: Quality) -> None:
+    def set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)
         self.sampled_good = None
         if quality is not self.base[slot] and (block := self._block_of[slot]) is not None:
             block.unsettled.add(slot)
 
-    def _settle(self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]) -> None:
+    def settle_block(
+        self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]
+    ) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
         failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
         for slot in block.unsettled - failed.keys():
-            self._set_quality(slot, self.base[slot])
+            self.set_quality(slot, self.base[slot])
         block.unsettled &= failed.keys()
         for slot, value in outside:
             if slot not in failed:
                 self.values[slot] = value
-                self._set_quality(slot, self._judge(slot, value))
+                self.set_quality(slot, self._judge(slot, value))
         self.columns.times[block.slots] = now
         for slot, (cause, time) in failed.items():
             self.times[slot] = time
-            self._fail_input(slot, cause, failures)
+            self.fail_input(slot, cause, failures)
 
     def _invalid(self, slot: int) -> tuple[int, ...]:
         """The raw integers that are not readings: those of the wiring, and the mark of a place that was not read where
@@ -251,7 +274,8 @@ class Slots:
 
     def _read_at(self, slot: int) -> float:
         """The time in s of the reading that is being accepted."""
-        return self.clock.read()
+        elsewhere = self.elsewhere.get(slot)
+        return self.clock.read() if elsewhere is None else elsewhere.read_at(slot)
 
     def velocity(self, slot: int) -> float:
         """Of a sensor, units per s; BadInput while it is BAD."""
@@ -274,60 +298,67 @@ class Slots:
             return "" if raw in (0, 1) else f"read {raw}, but a binary channel reads 0 or 1"
         return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""
 
-    def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
+    def accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
         conditioner = self.conditioners.get(slot) if self.conditioners else None
         is_reading = conditioner is not None and not self._is_refused(slot, raw)
         try:
             value = self.value_of(slot, conditioner.count_of(raw) if conditioner and is_reading else raw)
         except Exception as error:  # of a linearization of the user's
-            self._fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+            self.fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
             return
         inside = self._is_inside(slot, value)
         if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
-            self._fail_input(slot, cause, failures)
+            self.fail_input(slot, cause, failures)
             return
         if conditioner is not None:
             value = conditioner.conditioned(value, self._read_at(slot), inside)
         self.values[slot] = value
         self.times[slot] = self.clock.now
         if not inside or self.quality[slot] != self.base[slot]:
-            self._set_quality(slot, self._judge(slot, value))
+            self.set_quality(slot, self._judge(slot, value))
+        if slot in self.elsewhere:
+            self.elsewhere[slot].was_read(slot, failures)
 
-    def _accepted(self, slot: int) -> None:
+    def accepted(self, slot: int) -> None:
+        """One actuator was sent a value, and there was no error."""
+        if slot not in self.elsewhere or self.elsewhere[slot].is_accepted(slot):
+            self.confirmed(slot)
+
+    def confirmed(self, slot: int) -> None:
         """One actuator has accepted what was sent to it."""
         self.values[slot] = self.sent[slot]
         self.times[slot] = self.clock.now
         if self.stepped[slot] == inf:
             self.stepped[slot] = self.clock.now
         if self.quality[slot]:
-            self._set_quality(slot, Quality.GOOD)
+            self.set_quality(slot, Quality.GOOD)
             self.unsent.discard(slot)
             self.unconfirmed.pop(slot, None)
 
-    def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
+    def fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item: Any = self.items[slot]
         max_age = item._max_age
         if max_age is not None and self.clock.now - self.times[slot] <= max_age:  # NaN before the first reading
             if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
-                self._set_quality(slot, Quality.STALE)
+                self.set_quality(slot, Quality.STALE)
         elif item._marks:
             if self.quality[slot] != Quality.BAD:
-                self._set_quality(slot, Quality.BAD)
+                self.set_quality(slot, Quality.BAD)
                 if self.clock.now >= self._next_log.get(slot, 0.0):
                     self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
                     self._marked.append((slot, cause))
         else:
             self._fail(slot, cause, failures)
 
-    def _fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
+    def fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The same of many, such as all that a driver reads."""
         items: Any = self.items
         plain, marked = [], []
         for slot, cause in causes.items():
             item = items[slot]
             if item._max_age is not None:
-                self._fail_input(slot, cause, failures)
+                self.fail_input(slot, cause, failures)
             elif not item._marks:
                 plain.append(slot)
             elif self.quality[slot] != Quality.BAD:
@@ -356,9 +387,9 @@ class Slots:
         """The pending value has no raw integer."""
         self._fail(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
-    def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
+    def fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         if self._is_sent_again(slot):
-            self._set_quality(slot, Quality.STALE)
+            self.set_quality(slot, Quality.STALE)
         else:
             self._fail(slot, cause, failures)
 
@@ -377,7 +408,7 @@ class Slots:
             self.failed.add(slot)
         else:
             self._keep_unsent(slot)
-        self._set_quality(slot, Quality.BAD)
+        self.set_quality(slot, Quality.BAD)
         failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:

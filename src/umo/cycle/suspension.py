@@ -17,6 +17,7 @@ import numpy as np
 
 from umo.cycle.columns import ASKED, FREE
 from umo.cycle.events import Event, Paths
+from umo.cycle.image import Way
 from umo.cycle.sequences import Sequences, one_period
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Atomic, Compound, atoms, walk
@@ -133,7 +134,7 @@ class Suspension:
         machine = self._machine
         if machine.commands.noted is None:
             machine.commands.note_writes(True)
-        machine.after_laws(self._settle)
+        machine.phases.settle_once(self._settle)
 
     def _react(self) -> None:
         asked = ((path, self._ask(path, axis, axis.stop_as_declared)) for path, axis in self._axes.items())
@@ -171,7 +172,7 @@ class Suspension:
             else:
                 what = STOPPED
             found[what].append(slot)
-        image.bring_to_rest(found[STOPPED])
+        image.settle(found[STOPPED], Way.SEND)
         self._tell_what_drives(found)
 
     def _away_from_defaults(self) -> list[int]:
@@ -263,8 +264,7 @@ class Suspension:
             self._stop_noting()
         changed = self._changed()
         for slot, value in changed.items():
-            self._machine.image.command(slot, value)
-            self._machine.image.hasten(slot)
+            self._machine.image.go_on(slot, value)
         for axis in self._axes.values():
             axis.restore()
         self.resuming = self._machine.sequences.others()

@@ -21,7 +21,9 @@ from umo.cycle.writes import ImageWrites, Turn, make_writes
 from umo.objects import Compound
 from umo.text import CodePlace, in_brackets, is_users, shown_place, some
 
-MACHINE = {str(Path(__file__).with_name(name)) for name in ("machine.py", "rated_machine.py", "sequences.py")}
+MACHINE = {
+    str(Path(__file__).with_name(name)) for name in ("acting_laws.py", "machine.py", "period.py", "sequences.py")
+}
 """The files that call laws, sequences and actions."""
 LOOKED_AT = 100
 """Number of the actuators whose changes of writers are looked at in a period at most."""

@@ -15,7 +15,7 @@ from typing import Any
 from umo.cycle import connect
 from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import signal_name
 from umo.drivers.contract import Driver
@@ -67,23 +67,23 @@ def published(
         server = None
         if ends is None:
             ends, server = _own_memory(station, memory)
-        phases = Phases(machine.image, connection.wired.drivers, machine.parts)
+        phases = PhaseTimes(machine.image, connection.wired.drivers, machine.groups.parts)
         undo.callback(phases.remove)
         layout = Layout(
             tuple(map(_object, machine.image.items, machine.image.wires)),
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection) | ({"job": dict(job)} if job else {}),
-            describe_signals(machine.frame.signals, machine.kept),
+            describe_signals(machine.frame.signals, machine.directory.kept),
             tuple(machine.commands.reasons),
-            tuple(each.describe() for each in machine.actions.values()),
-            tuple(each.describe() | {"start": _start(each)} for each in machine.tunables.values()),
+            tuple(each.describe() for each in machine.directory.actions.values()),
+            tuple(each.describe() | {"start": _start(each)} for each in machine.directory.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
-            axes=tuple(dict(each.describe_axis()) for each in machine.axes),
+            axes=tuple(dict(each.describe_axis()) for each in machine.directory.axes),
             alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
-            units=tuple(dict(each.describe()) for each in machine.supervisors),
-            books=tuple({"path": path, **each.describe()} for path, each in machine.books.items()),
+            units=tuple(dict(each.describe()) for each in machine.supervisors.all),
+            books=tuple({"path": path, **each.describe()} for path, each in machine.directory.books.items()),
         )
-        ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
+        ring = Ring(machine, phases, layout, ends, tunables=list(machine.directory.tunables.values()))
         undo.callback(ring.close)
         if server is not None:
             server.listen()
@@ -100,7 +100,7 @@ def published(
         raise
     finally:
         end = partial(_end, connection, ring, memory, error)
-        if machine.period_open or error is not None:  # it is shown when the actuators have been reset
+        if machine.phases.open or error is not None:  # it is shown when the actuators have been reset
             connection.afterwards.append(end)
         else:
             end()

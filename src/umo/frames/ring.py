@@ -15,7 +15,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.image import Image
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import Commanding, ConnectedMachine
-from umo.cycle.phases import UNKNOWN, Phases
+from umo.cycle.phase_times import UNKNOWN, PhaseTimes
 from umo.cycle.stage import Progress, Stage
 from umo.frames.client_memory import size_of
 from umo.frames.layout import (
@@ -108,7 +108,7 @@ class Ring:
     def __init__(
         self,
         machine: ConnectedMachine,
-        phases: Phases,
+        phases: PhaseTimes,
         layout: Layout,
         ends: RunDescriptors,
         *,

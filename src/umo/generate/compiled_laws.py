@@ -196,7 +196,9 @@ class CompiledLaws:
             return
         self._watch.on_renewal = self._use_watch
         self._use_watch()
-        machine.replace_laws([MethodType(self._comparing(n, law), law.__self__) for n, law in enumerate(self._python)])
+        machine.acting_laws.replace(
+            [MethodType(self._comparing(n, law), law.__self__) for n, law in enumerate(self._python)]
+        )
 
     def _use_watch(self) -> None:
         self._look_first(self._watch.look)
@@ -204,7 +206,7 @@ class CompiledLaws:
     def _look_first(self, look: Callable[[], bool]) -> None:
         """It is called before conditions and laws."""
         if self.state != "python":
-            self._machine.before_laws = look
+            self._machine.phases.before_laws = look
             self._conditions.look_first(look)
 
     def _was_given(self, fields: BoundFields) -> None:
@@ -308,7 +310,7 @@ class CompiledLaws:
             self._machine.tell("", f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
         if self._conditions.left_out:
             self._machine.tell("", f"the conditions of interlocks run in Python: {self._conditions.left_out}")
-        self._machine.replace_laws([self._compiled(number, law) for number, law in enumerate(self._python)])
+        self._machine.acting_laws.replace([self._compiled(number, law) for number, law in enumerate(self._python)])
 
     def _compiled(self, number: int, law: MethodType) -> MethodType:
         clock = self._machine.clock
@@ -338,7 +340,7 @@ class CompiledLaws:
         if self.state == "python":
             return
         self._release()
-        self._machine.replace_laws(self._python)
+        self._machine.acting_laws.replace(self._python)
         text = f"the laws run in Python, not compiled: {reason}"
         self._machine.tell("", text, logged=True)
 
@@ -349,7 +351,7 @@ class CompiledLaws:
 
     def _release(self) -> None:
         self.state = "python"
-        self._machine.before_laws = None
+        self._machine.phases.before_laws = None
         self._conditions.release()
         for each in self._fields:
             each.release()

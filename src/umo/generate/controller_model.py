@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 
 from umo.control.axis import Axis
 from umo.cycle.clock import Clock
+from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
-from umo.cycle.machine import ConnectedMachine, axes_in
-from umo.cycle.off_cycle import image_of
-from umo.cycle.rated_machine import machine_of
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
@@ -177,8 +176,8 @@ def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | No
     wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
     with wired_numbers(root, wired):
         clock = Clock(0.0 if wired.period is None else wired.period)
-        image = image_of(wired, clock, len(equipment_in(root)), len(axes_in(root)))
-        machine = machine_of(root, image, wired.rates, StopFlag(), None, wired.process.outputs)
+        image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)))
+        machine = ConnectedMachine(root, image, StopFlag(), outputs=wired.process.outputs, rates=wired.rates)
         try:
             yield model_of(machine, wired)
         finally:
@@ -224,7 +223,7 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
             for each in machine.commands.inhibitions
         ],
         equipment=containing.described(),
-        laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine._overrides(root)],
+        laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine.acting_laws.of(root)],
         axes=[each for each in axes_in(root) if isinstance(each, Axis)],
     )
     model.problems += [*_problems(machine, wired, objects), *too_many(model)]

@@ -15,7 +15,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.phases import CONTROL, TRY
+from umo.cycle.phase_times import CONTROL, TRY
 from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
 from umo.presentation.durations import duration

@@ -16,7 +16,7 @@ from umo.objects.attributes import check_declared
 from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
-from umo.objects.quality import Quality
+from umo.objects.quality import QUALITIES, Quality
 from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
@@ -69,7 +69,7 @@ class Atomic(Node):
 
     @property
     def quality(self) -> Quality:
-        return Quality(self._image.quality[self._slot])
+        return QUALITIES[self._image.quality[self._slot]]
 
     @property
     def connected(self) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial
 from types import MappingProxyType, UnionType
 from typing import (
     TYPE_CHECKING,
@@ -261,10 +260,15 @@ class Compound(Node):
     def _enter_fault(self) -> None:
         """Equipment that it belongs to is in fault: nothing moves it any longer."""
 
-    def _connect(self, machine: Machine, sample: Callable[[], bool], update: Callable[[], bool]) -> None:
-        """`sample` and `update` are what moves this compound: in every period they are called without a look-up."""
+    def _connect(
+        self,
+        machine: Machine,
+        sample: Callable[[], bool],
+        control: Callable[[], None],
+        update: Callable[[], bool],
+    ) -> None:
+        """The calls are what moves this compound: in every period they are made without a look-up."""
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
-        control = partial(machine.control, self)
         vars(self).update(_machine=machine, _sample=sample, _update=update, control=control)
 
     def _disconnect(self) -> None:

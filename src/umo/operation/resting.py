@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from umo.cycle.image import Way
 from umo.objects import Actuator, Compound, atoms
 from umo.objects.paths import is_within
 
@@ -32,7 +33,7 @@ class Resting:
             left = image.pending[item._slot]
             if left != item._default_value() and item.when_suspended != "hold":
                 self._left[place] = left
-                image.bring_to_rest((item._slot,))
+                image.settle((item._slot,), Way.SEND)
 
     def end(self) -> None:
         """The work goes on."""
@@ -41,8 +42,7 @@ class Resting:
             item = self._actuators[place]
             image: Any = item._image
             if image.pending[item._slot] == item._default_value():
-                image.command(item._slot, value)
-                image.hasten(item._slot)
+                image.go_on(item._slot, value)
 
     def forget(self) -> None:
         """The work has ended."""

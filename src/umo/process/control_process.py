@@ -356,7 +356,7 @@ class Control:
         wait_busily(self._plan.wired, busy_wait)
         self._stop_if_asked()
         if connection.machine.running:
-            connection.machine.skip_ticks()
+            connection.machine.phases.skip_ticks()
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"

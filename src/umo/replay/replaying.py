@@ -19,7 +19,7 @@ from umo.cycle.events import CommandState
 from umo.cycle.frame import Frame, Observer
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.phases import Phases
+from umo.cycle.phase_times import PhaseTimes
 from umo.drivers.contract import WaitEnded
 from umo.errors import DriverError, text_of
 from umo.replay.comparison import Comparison
@@ -109,7 +109,7 @@ class Replay:
             with self.connection as machine, self._played(self.connection.machine):
                 self.on_connected()
                 if self.player.skipped > 0:
-                    self.connection.machine.skip_ticks()
+                    self.connection.machine.phases.skip_ticks()
                 if not self.player.over:
                     self.program.drive(machine)
         except KeyboardInterrupt:
@@ -138,7 +138,7 @@ class Replay:
     def _played(self, machine: ConnectedMachine) -> Iterator[None]:
         """The tape answers from now on, in periods."""
         image, player, result = machine.image, self.player, self.result
-        phases = Phases(image, self.connection.wired.drivers, machine.parts)
+        phases = PhaseTimes(image, self.connection.wired.drivers, machine.groups.parts)
         watch_blocks(image.transfer, player)
         image.transfer.bind(image.inputs, image.outputs)
         journal = image.transfer.journal = Journal(CAPACITY + len(image.items))

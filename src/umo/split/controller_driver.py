@@ -9,7 +9,7 @@ from typing import Literal, cast
 import numpy as np
 
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.rated_machine import PartMachine
+from umo.cycle.rate_groups import MachineOfGroup
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
 from umo.drivers.streams import Host, Serial, place_of
@@ -119,7 +119,9 @@ class Controller(Driver[Channel]):
         assert self._plan is not None
         for each in (part, *walk(part)):
             if self._cycle is not None and isinstance(each, Compound):
-                vars(each)["_machine"] = PartMachine(cast(ConnectedMachine, each._machine), machine.clock, self._cycle)
+                vars(each)["_machine"] = MachineOfGroup(
+                    cast(ConnectedMachine, each._machine), machine.clock, self._cycle
+                )
         self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
         self._watch = KnownWatch(self._plan.translation.known, self._note_changes)
         self._ends = self._rested = False

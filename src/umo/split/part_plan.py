@@ -10,9 +10,10 @@ from math import ceil
 from zlib import crc32
 
 from umo.cycle.clock import Clock
+from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
-from umo.cycle.machine import ConnectedMachine, axes_in
-from umo.cycle.off_cycle import image_of
+from umo.cycle.image import Image
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
@@ -138,7 +139,7 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
     set. The machine is not connected."""
     wires = [each for each in wired.wires if bare(each.driver) is driver or each.item is wired.timer]
     alone = replace(wired, wires=wires, period=period, rates=(), process=ProcessSettings())
-    image = image_of(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
+    image = Image(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
     machine = ConnectedMachine(part, image, StopFlag())
     try:
         model = model_of(machine, alone)

@@ -14,7 +14,7 @@ from typing import Any
 from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.journal import NEVER, Journal, Kind
-from umo.cycle.rated_machine import RatedPart
+from umo.cycle.rate_groups import PartGroup
 from umo.cycle.transfer import BlockTransfer
 from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
@@ -27,10 +27,10 @@ TRY = "try"
 """Beginning of the name of a phase in which a driver that is away was tried; the driver's name follows."""
 
 
-class Phases:
+class PhaseTimes:
     """Watches one connected image; `names` stand in the order of a period, `ns` holds the last period's times."""
 
-    def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]], parts: Sequence[RatedPart] = ()) -> None:
+    def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]], parts: Sequence[PartGroup] = ()) -> None:
         """`parts`: those that have rates of their own."""
         names = {id(driver): name for name, driver in drivers.items()}
         part_of = {block.start: f" for {part.path}" for part in parts for block in (*part.inputs, *part.outputs)}

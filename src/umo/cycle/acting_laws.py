@@ -1,0 +1,149 @@
+"""The laws of a connected machine: which of them act in a period, and how they are called.
+
+A law is the `control` of a class that has its own. A parent's acts before those of its parts; those of equipment in
+fault do not act.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
+from types import MethodType
+
+from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.not_awaited import expects_errors
+from umo.cycle.rate_groups import RateGroup, RateGroups
+from umo.cycle.writes import Turn
+from umo.errors import forget_frames, text_later
+from umo.objects import Node, walk
+from umo.user_code import is_interrupt, refuse_exit
+
+_IS_IN_FAULT = attrgetter("in_fault")
+
+
+def _idle(part: Node) -> None:
+    """The law of equipment in fault."""
+
+
+class ActingLaws:
+    """The laws of one machine, dealt out to its rate groups."""
+
+    def __init__(self, root: Node, equipment: Containment, groups: RateGroups, turn: Turn) -> None:
+        self._root, self._equipment, self._groups = root, equipment, groups
+        self._turn = turn
+        """Who takes a step at this moment."""
+        self._of: dict[int, list[MethodType]] = {}
+        """The laws of each part that was asked for, by its id."""
+        self._elsewhere: set[int] = set()
+        """Ids of what runs on controllers."""
+        self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
+        """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
+        self.stale = False
+        """Whether equipment was cleared, or has come into fault, since they were chosen."""
+
+    # Which laws act -----------------------------------------------------------------------------------
+
+    def of(self, part: Node) -> list[MethodType]:
+        """Those of a part, in the order in which they act; collected once, called flat."""
+        if id(part) not in self._of:
+            nodes = [node for node in (part, *walk(part)) if id(node) not in self._elsewhere]
+            own = [(type(node).control, node) for node in nodes if type(node).control is not Node.control]
+            # not node.control: that of a connected compound drives the whole part
+            self._of[id(part)] = [MethodType(control, node) for control, node in own]
+        return self._of[id(part)]
+
+    def choose(self) -> None:
+        """Deal out the laws, but those of equipment in fault. The lists are new ones: what was cleared does not act in
+        the period that is under way."""
+        self.stale, self._places = False, {}
+        for group in self._groups.all:
+            group.laws = []
+        for law in self.of(self._root):
+            if not any(map(_IS_IN_FAULT, self._around(law))):
+                self._groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
+
+    def let_idle(self, equipment: Equipment) -> None:
+        """Its laws are not called any more, also if they are being called one after another at this moment."""
+        if not self._places:
+            for group in self._groups.all:
+                for number, law in enumerate(group.laws):
+                    for each in self._around(law):
+                        self._places.setdefault(id(each), []).append((group.laws, number))
+        for laws, number in self._places.get(id(equipment), ()):
+            laws[number] = MethodType(_idle, laws[number].__self__)
+
+    def replace(self, laws: Sequence[MethodType]) -> None:
+        """Other functions for the laws of the whole machine, each of the same object, in the same order."""
+        self._of[id(self._root)] = list(laws)
+        self.choose()
+
+    def leave_to_controllers(self, parts: Iterable[Node]) -> None:
+        """The laws of these parts are not called here: they run on controllers."""
+        self._elsewhere = {id(node) for part in parts for node in (part, *walk(part))}
+        self._of.clear()
+        self.choose()
+
+    def _around(self, law: MethodType) -> tuple[Equipment, ...]:
+        return self._equipment.around(law.__self__ if isinstance(law.__self__, Node) else None)
+
+    # Calling them ---------------------------------------------------------------------------------------
+
+    @expects_errors
+    def act(self, group: RateGroup) -> None:
+        """Call those of a group. What equipment contains of their errors keeps no other from acting."""
+        turn, laws = self._turn, iter(group.laws)
+        before = turn.law
+        try:
+            for law in laws:
+                turn.law = law
+                law()
+        except BaseException as error:
+            equipment = self.containing(law.__self__, error)
+            if equipment is None:
+                refuse_exit(error, "control")
+                raise
+            failed = {equipment: text_later(error)}
+            forget_frames(error)
+            self._act_on(laws, failed)
+        finally:
+            turn.law = before
+
+    @expects_errors
+    def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, Callable[[], str]]) -> None:
+        """The laws after one that has failed."""
+        turn = self._turn
+        while True:
+            try:
+                for law in laws:
+                    turn.law = law
+                    law()
+                break
+            except BaseException as error:
+                equipment = self.containing(law.__self__, error)
+                if equipment is None:
+                    refuse_exit(error, "control")
+                    raise
+                failed.setdefault(equipment, text_later(error))
+                forget_frames(error)
+            finally:
+                turn.law = None
+        self._equipment.enter(failed)
+
+    @expects_errors
+    def act_for(self, part: Node) -> None:
+        """Call those of a part, for a program with a loop of its own: what one raises ends this."""
+        turn = self._turn
+        before = turn.law
+        try:
+            for law in self.of(part):
+                turn.law = law
+                law()
+        except BaseException as error:
+            refuse_exit(error, "control")
+            raise
+        finally:
+            turn.law = before
+
+    def containing(self, part: object, error: BaseException) -> Equipment | None:
+        """The equipment whose failure an error is; None: that of the machine."""
+        return self._equipment.innermost(part) if isinstance(part, Node) and not is_interrupt(error) else None

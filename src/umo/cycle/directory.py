@@ -1,0 +1,78 @@
+"""The directory of a connected machine: what clients, frames and pages look up by its path. It moves nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, Protocol
+
+from umo.cycle.client_experiments import Loops
+from umo.cycle.restoring import kept_kind
+from umo.objects import Action, Compound, actions_of, numbers_of, walk
+from umo.objects.laws import has_loops, laws_in
+
+
+class MotionAxis(Protocol):
+    """A compound that is an axis of motion (`umo.control.Axis`)."""
+
+    def shown_state(self) -> int:
+        """What it does, for frames: the number of one of its states. It raises nothing."""
+
+    def describe_axis(self) -> Mapping[str, Any]:
+        """Its path, states, position, limits and actions, as plain data."""
+
+
+class Book(Protocol):
+    """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
+
+    def choose(self, name: str, content: str = "") -> str:
+        """Choose one by its name."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """What can be chosen, as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
+
+
+class Directory:
+    """What one machine has when it is connected."""
+
+    def __init__(self, root: Compound) -> None:
+        self._root = root
+        self.numbers = numbers_of(root)
+        """Its numbers, by path."""
+        self.kept = {path: kept_kind(each) for path, each in self.numbers.items() if each.declared.kept}
+        """What is kept over a restart, by path: its type as plain data."""
+        self.tunables = {path: each for path, each in self.numbers.items() if each.declared.tunable}
+        """The numbers that may be changed from outside, by path."""
+        self.axes = axes_in(root)
+        self.laws = [each for each in laws_in(root) if has_loops(each[2])]
+        """Its laws with loops, each with the compound that has it and its path."""
+
+    @cached_property
+    def actions(self) -> dict[str, Action]:
+        """The actions that may be called from outside, by path."""
+        return actions_of(self._root)
+
+    def action_at(self, path: str) -> Action | None:
+        """An action by its path, also one on a loop. PathError for one on no law."""
+        return self.actions.get(path) or self.loops.action(path)
+
+    @cached_property
+    def loops(self) -> Loops:
+        """The loops of its laws."""
+        return Loops(self._root, self.laws)
+
+    @cached_property
+    def books(self) -> dict[str, Book]:
+        """The laws from which clients choose what comes next, by path."""
+        return dict(self.having("choose", "next", "describe"))
+
+    def having(self, *names: str) -> list[tuple[str, Any]]:
+        """Its laws whose class has all of these methods, each with its path."""
+        found = ((path, law, type(law)) for _, path, law in laws_in(self._root))
+        return [(path, law) for path, law, kind in found if all(callable(getattr(kind, each, None)) for each in names)]
+
+
+def axes_in(root: Compound) -> list[MotionAxis]:
+    """The axes of a machine, in the order of frames."""
+    nodes: list[Any] = [root, *walk(root)]
+    return [each for each in nodes if callable(getattr(each.__class__, "describe_axis", None))]

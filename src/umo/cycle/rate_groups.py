@@ -1,0 +1,163 @@
+"""Rate groups: what of a machine acts at one rate.
+
+The machine's own rate is the group of the whole. Each part with the class keyword `every` that has another rate is a
+group of its own, with a clock whose ticks are its periods. A part whose period has passed with a missed tick runs late,
+once; its grid stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from heapq import heapify, heappop, heappush
+from types import MethodType
+from typing import TYPE_CHECKING, Any
+
+from umo.cycle.clock import Clock
+from umo.cycle.image import Image
+from umo.objects import Node
+from umo.wiring.rates import WHOLE, Rate, RateMap
+
+if TYPE_CHECKING:
+    from umo.cycle.machine import ConnectedMachine
+
+
+class PartClock(Clock):
+    """The clock of a part: its ticks are the part's own periods."""
+
+    __slots__ = ("_base", "_last")
+    _base: Clock
+
+    def __init__(self, base: Clock, every: int) -> None:
+        self._base = base
+        self._last = 0, 0.0
+        super().__init__(every * base.period)
+        self.restart()
+
+    @property
+    def now(self) -> float:
+        """The machine's time, also between the part's periods."""
+        return self._base.now
+
+    @now.setter
+    def now(self, value: float) -> None:
+        """`Clock` sets it; it is the machine's."""
+
+    def read(self) -> float:
+        return self._base.read()
+
+    def restart(self) -> None:
+        """The part begins now."""
+        self._last = self._base.number, self._base.now
+
+    def step(self, ticks: int) -> None:
+        """A period of the part begins, `ticks` of its own after the last one. `dt` is the time since that."""
+        self.missed = ticks if ticks > 1 else 0
+        self.missed_in_all += max(ticks - 1, 0)
+        self.ticks = max(ticks, 1)
+        self.number += self.ticks
+        self.measure()
+
+    def measure(self) -> None:
+        """`dt` is the time since the laws have acted last."""
+        base, (number, then) = self._base, self._last
+        self.dt = (base.number - number) * base.period if base.period else base.now - then
+        self.restart()
+
+
+class RateGroup:
+    """One group: its clock, its blocks and the laws that act in it."""
+
+    def __init__(self, number: int, path: str, clock: Clock, image: Image) -> None:
+        self.number = number
+        """Its place in `Wired.rates`; `WHOLE`: the machine's own rate."""
+        self.path = path
+        self.clock = clock
+        self.inputs = [block for block in image.inputs if block.part == number]
+        self.outputs = [block for block in image.outputs if block.part == number]
+        self.laws: list[MethodType] = []
+        """Those that act: not those of equipment in fault (`umo.cycle.acting_laws`)."""
+
+
+class PartGroup(RateGroup):
+    """The group of a part with a rate of its own."""
+
+    clock: PartClock
+
+    def __init__(self, number: int, rate: Rate, image: Image) -> None:
+        super().__init__(number, rate.part._path, PartClock(image.clock, rate.every), image)
+        self.every, self.phase = rate.every, rate.phase
+        self.due = 0
+        """Number of the period in which it is due next."""
+        self.took: Callable[[int], object] = lambda ns: None
+        """Function that is told the duration in ns of its control."""
+
+    def schedule(self, number: int) -> int:
+        """It was carried out in this period: it is due again at the next of its own. The number of its own that have
+        begun since."""
+        ticks = max((number - self.due) // self.every + 1, 0)
+        self.due += ticks * self.every
+        return ticks
+
+    def restart(self, number: int) -> None:
+        self.clock.restart()
+        self.due = number + 1 + (self.phase - number - 1) % self.every
+
+
+class RateGroups:
+    """The groups of one machine."""
+
+    def __init__(self, image: Image, rates: Sequence[Rate] = ()) -> None:
+        self._map = RateMap(rates)
+        self.whole = RateGroup(WHOLE, "", image.clock, image)
+        self._parts = {n: PartGroup(n, rate, image) for n, rate in enumerate(rates) if rate.every > 1}
+        self.parts = list(self._parts.values())
+        """Those of parts, the fastest first."""
+        self.all = [self.whole, *self.parts]
+        self._queue: list[tuple[int, int]] = []
+        """When each part is due next, and its number: a heap."""
+        self.restart()
+
+    def of(self, node: Node) -> RateGroup:
+        """The group in which an object lies."""
+        return self.whole if not self.parts else self._parts.get(self._map.number(node), self.whole)
+
+    def restart(self) -> None:
+        """Every part is due at its next phase."""
+        for part in self.parts:
+            part.restart(self.whole.clock.number)
+        self._queue = [(part.due, part.number) for part in self.parts]
+        heapify(self._queue)
+
+    @property
+    def any_due(self) -> bool:
+        """Whether a part is due in this period."""
+        return self._queue[0][0] <= self.whole.clock.number
+
+    def take_due(self) -> list[PartGroup]:
+        """The parts that are due in this period: their own begins. The fastest first."""
+        number, queue, due = self.whole.clock.number, self._queue, []
+        while queue[0][0] <= number:
+            key = heappop(queue)[1]
+            part = self._parts[key]
+            part.clock.step(part.schedule(number))
+            heappush(queue, (part.due, key))
+            due.append(key)
+        return [self._parts[key] for key in sorted(due)]  # numbered from the fastest on
+
+
+class MachineOfGroup:
+    """The machine, seen from compounds of one rate (`umo.objects.link.Machine`). `period` in s: of their laws, which
+    may act on a controller. Default: the clock's."""
+
+    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
+        self.whole, self._clock = machine, clock
+        self.period = clock.period if period is None else period
+
+    @property
+    def clock(self) -> Clock:
+        """In a sequence, whoever's it is, the clock by which that takes its steps."""
+        task = self.whole.current_task
+        return self._clock if task is None else task.clock or self.whole.clock
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.whole, name)
