@@ -16,11 +16,13 @@ from typer.testing import CliRunner, Result
 from umo.cli.app import app
 from umo.system import packages
 
+# Hundreds of processes import umo, and each worker all tests, in which pytest rewrites the asserts: that is done once.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 pytest.register_assert_rewrite("helpers")
 from helpers.conversions import CHOSEN_FIRST, choose  # noqa: E402
 from helpers.tiers import first  # noqa: E402
 
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; programs of the tests inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):  # under nohup
