@@ -6,10 +6,12 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import count, islice
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner, Result
 
@@ -33,6 +35,8 @@ TESTS = count()
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("umo")
+# typer makes all of a command line from its functions at each call of the runner, which takes 50 ms.
+typer.testing._get_command = cache(typer.testing._get_command)
 
 
 LIMITS = {None: 60, "slow": 180, "full": 900}
