@@ -6,21 +6,25 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import count, islice
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner, Result
 
 from umo.cli.app import app
 from umo.system import packages
 
+# Hundreds of processes import umo, and each worker all tests, in which pytest rewrites the asserts: that is done once.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 pytest.register_assert_rewrite("helpers")
 from helpers.conversions import CHOSEN_FIRST, choose  # noqa: E402
 from helpers.tiers import first  # noqa: E402
 
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes import umo: it is compiled once
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; programs of the tests inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):  # under nohup
@@ -31,6 +35,8 @@ TESTS = count()
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("umo")
+# typer makes all of a command line from its functions at each call of the runner, which takes 50 ms.
+typer.testing._get_command = cache(typer.testing._get_command)
 
 
 LIMITS = {None: 60, "slow": 180, "full": 900}

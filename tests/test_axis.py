@@ -11,6 +11,7 @@ import pytest
 import umo
 from helpers.axis_rig import Machine, index_pulse, machine, run
 from helpers.slide import COUNT, DT, HIGH, INDEX, LOW, SWITCH, Slide, encoder, servo, stepper
+from helpers.tiers import each_value
 from umo import Compound, DigitalSensor, Interlock, Quality
 from umo.control import (
     Axis,
@@ -33,8 +34,7 @@ BOTH = pytest.mark.parametrize("make", [servo, stepper])
 # Homing ------------------------------------------------------------------------------------------------
 
 
-@BOTH
-@pytest.mark.parametrize("start", [10.0, 89.0, 97.0])
+@pytest.mark.parametrize(("make", "start"), each_value([servo, stepper], [10.0, 89.0, 97.0]))
 def test_homing_finds_the_index_pulse_wherever_the_axis_begins(make: Callable[..., Axis], start: float) -> None:
     m = machine(make(encoder=encoder(zero_offset=INDEX)))
     m.x.homing, slide = index_pulse(m), Slide(start)
@@ -64,8 +64,7 @@ def test_homing_ends_well_when_the_count_is_right_already(make: Callable[..., Ax
     run(m, slide, work)
 
 
-@BOTH
-@pytest.mark.parametrize("start", [1.0, 50.0, LOW, HIGH])
+@pytest.mark.parametrize(("make", "start"), each_value([servo, stepper], [1.0, 50.0, LOW, HIGH]))
 def test_homing_references_the_edge_of_a_home_switch(make: Callable[..., Axis], start: float) -> None:
     m = machine(make())
     m.x.homing = HomeSwitch(switch=m.switch, active=OnOff.ON, position=SWITCH, creep_speed=5.0, clearance=1.0)
@@ -79,8 +78,7 @@ def test_homing_references_the_edge_of_a_home_switch(make: Callable[..., Axis], 
     run(m, slide, work)
 
 
-@BOTH
-@pytest.mark.parametrize("after", [1, 3, 5])
+@pytest.mark.parametrize(("make", "after"), each_value([servo, stepper], [1, 3, 5]))
 def test_a_home_switch_that_bounces_when_it_is_met_references_its_edge(make: Callable[..., Axis], after: int) -> None:
     m, slide = machine(make()), Slide(50.0)
     m.x.homing = HomeSwitch(switch=m.switch, active=OnOff.ON, position=SWITCH, creep_speed=5.0)
@@ -99,8 +97,7 @@ def test_a_home_switch_that_bounces_when_it_is_met_references_its_edge(make: Cal
     assert len(met) > after
 
 
-@BOTH
-@pytest.mark.parametrize("direction", [-1, 1])
+@pytest.mark.parametrize(("make", "direction"), each_value([servo, stepper], [-1, 1]))
 def test_homing_references_an_end_stop(make: Callable[..., Axis], direction: int) -> None:
     stop = LOW if direction < 0 else HIGH
     m, slide = machine(make(encoder=encoder(minimum=-10.0, maximum=110.0))), Slide()
@@ -381,8 +378,7 @@ def test_a_jog_of_a_referenced_axis_stops_at_the_end_of_its_range(make: Callable
 # Interlocks and cancelling -----------------------------------------------------------------------------
 
 
-@BOTH
-@pytest.mark.parametrize("latched", [False, True])
+@pytest.mark.parametrize(("make", "latched"), each_value([servo, stepper], [False, True]))
 def test_an_inhibited_axis_waits_and_goes_on_to_its_target(make: Callable[..., Axis], latched: bool) -> None:
     m, slide = machine(make()), Slide(40.0)
     m.latched = latched

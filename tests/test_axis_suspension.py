@@ -13,7 +13,7 @@ import umo
 from helpers.machines import relay, timer
 from helpers.operator import Operator
 from helpers.slide import DT, SERVO, Slide, direction_output, encoder, motor, servo, stepper
-from helpers.tiers import first
+from helpers.tiers import each_value, first
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Quality
 from umo.control import Axis, EndStop, ServoAxis, state_of, wait
 from umo.cycle.events import CommandState
@@ -96,8 +96,7 @@ async def forth_and_back(m: Any) -> str:
 LIMITS = {servo: (200.0, 2_000.0), stepper: (15.0, 200.0)}
 
 
-@BOTH
-@pytest.mark.parametrize("after", [60, 120, 3_000])
+@pytest.mark.parametrize(("make", "after"), each_value([servo, stepper], [60, 120, 3_000]))
 def test_a_motion_stops_on_its_profile_and_goes_on_within_its_limits(make: Make, after: int) -> None:
     with bench(make()) as ann:
         task = ann.m.cycle.start(forth_and_back(ann.m))
@@ -261,9 +260,7 @@ def test_an_axis_declared_so_moves_on_to_its_end(make: Make) -> None:
         assert ann.smooth(*LIMITS[make])
 
 
-@BOTH
-@pytest.mark.parametrize("at", first(2, [200, 1_200, 30, 600]))
-@pytest.mark.parametrize("jogged", [False, True])
+@pytest.mark.parametrize(("make", "at", "jogged"), each_value([servo, stepper], [200, 30, 600, 1_200], [False, True]))
 def test_homing_that_was_suspended_goes_on(make: Make, at: int, jogged: bool) -> None:
     x = make()
     x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
@@ -384,8 +381,7 @@ def test_a_change_to_manual_mode_costs_a_stepper_no_step(
         assert ann.x.commanded == pytest.approx(ann.slide.position, abs=0.03)
 
 
-@BOTH
-@pytest.mark.parametrize("at", [50, 250, 700])
+@pytest.mark.parametrize(("make", "at"), each_value([servo, stepper], [50, 250, 700]))
 def test_an_axis_that_is_homed_stops_although_it_is_declared_to_run_on(make: Make, at: int) -> None:
     x = make()
     x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
@@ -677,12 +673,9 @@ async def begin_jog(m: Any) -> None:
     m.x.jog(10.0)
 
 
-JOGGING = pytest.mark.parametrize("application", [jogging, jogging_on])
-
-
-@BOTH
-@JOGGING
-@pytest.mark.parametrize("operated", [False, True])
+@pytest.mark.parametrize(
+    ("make", "application", "operated"), each_value([servo, stepper], [jogging, jogging_on], [False, True])
+)
 def test_a_suspended_jog_whose_sequence_is_cancelled_is_not_gone_on_with(
     make: Make, application: Any, operated: bool
 ) -> None:
@@ -727,9 +720,9 @@ def test_an_operators_jog_ends_with_a_suspended_program_only_if_that_halts_the_a
         assert ann.x.profile.setpoint.velocity == 0.0
 
 
-@BOTH
-@pytest.mark.parametrize("application", [jogging, begin_jog])
-@pytest.mark.parametrize("operated", [False, True])
+@pytest.mark.parametrize(
+    ("make", "application", "operated"), each_value([servo, stepper], [jogging, begin_jog], [False, True])
+)
 def test_a_suspended_jog_is_gone_on_with_if_nobody_has_cancelled_it(
     make: Make, application: Any, operated: bool
 ) -> None:
