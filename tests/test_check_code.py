@@ -417,6 +417,7 @@ def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path,
     assert result.exit_code == 2
     assert "application.py:18: nobody awaits `m.fill()`" in " ".join(result.stderr.split())
     assert "ok: everything simulated" in result.stdout
+    assert result.stderr.splitlines()[-1] == "umo: 1 mistake in the code"
 
 
 def test_a_machine_whose_setup_forgets_an_await_is_not_made(tmp_path: Path, umo: Callable[..., Result]):

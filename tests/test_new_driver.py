@@ -165,6 +165,14 @@ def test_a_new_station_has_a_name_that_needs_no_quotes(umo, tmp_path: Path, name
     assert not (tmp_path / name).exists()
 
 
+@pytest.mark.parametrize("name", ["umo", "calendar"])
+def test_a_new_station_is_not_named_as_a_module_that_mypy_would_look_at(umo, tmp_path: Path, name: str) -> None:
+    result = umo("new", name)
+    assert result.exit_code == 2
+    assert result.stderr.rstrip().endswith(f"try {name}-machine")
+    assert not (tmp_path / name).exists()
+
+
 def test_a_folder_that_cannot_be_written_is_named(umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(self: Path, *_: object) -> None:
         raise PermissionError(13, "Permission denied", str(self))

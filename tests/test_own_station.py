@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from umo.process.station import StationError
+from umo.process.station import StationError, find
 from umo.testing import station
 
 
@@ -27,3 +27,8 @@ def test_a_file_of_no_station_is_none(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text("")
     with pytest.raises(StationError, match="no station"):
         station(tmp_path / "test_it.py")
+
+
+def test_of_a_file_in_a_station_its_folder_is_named(tank: Path) -> None:
+    with pytest.raises(StationError, match=r"objects\.py is a file of a station: give its folder, .*tank$"):
+        find(tank / "objects.py")

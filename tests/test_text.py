@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
-from umo.text import LIBRARY, MAX_WORD, Moment, cut_words, others, place_among, place_of, shown_path, some
+from umo.text import LIBRARY, MAX_WORD, Moment, count_of, cut_words, others, place_among, place_of, shown_path, some
 
 OWN = str(Path(umo.__file__).parent)
 SHIPPED = f"{OWN}/stations/ztheta/control.py"
@@ -93,3 +93,7 @@ def test_what_a_message_echoes_is_cut_and_what_is_around_it_is_not(before: str, 
 def test_a_path_of_usual_names_is_never_cut(names: list[str]) -> None:
     path = "/".join(names)
     assert cut_words(path) == path
+
+
+def test_one_of_a_kind_is_counted_without_the_plural() -> None:
+    assert [count_of(number, "period") for number in (0, 1, 3741)] == ["0 periods", "1 period", "3,741 periods"]

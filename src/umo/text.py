@@ -163,6 +163,11 @@ def some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:MAX_NAMES])} and {others(len(names) - MAX_NAMES)}"
 
 
+def count_of(number: int, noun: str) -> str:
+    """`1 period`, `3,741 periods`."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def others(count: int) -> str:
     """`1 other`, `38 others`."""
     return f"{count} other{'s' * (count != 1)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,9 @@ def test_a_shrunk_recording_gives_the_same_error_and_says_that_it_is_open_loop(u
     assert short.stat().st_size < file.stat().st_size
     again = umo("replay", str(short))
     assert again.exit_code == 0 and "in open loop, of which only the error is compared" in again.stdout, again.output
+    told = {name: " ".join(text) for name, *text in map(str.split, umo("info", str(short)).stdout.splitlines())}
+    assert re.fullmatch(r"by umo shrink from [\d,]+ periods, for replay in open loop: .*", told["shrunk"])
+    assert "shrunk" not in umo("info", str(file)).stdout.split()
     assert umo("shrink", str(file)).exit_code == 2
 
 

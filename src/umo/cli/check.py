@@ -18,14 +18,14 @@ from umo.objects import Compound, actions_of, numbers_of
 from umo.presentation.durations import duration
 from umo.process.source_files import changed_files, changed_text
 from umo.process.station import Station
-from umo.text import cut_words, some
+from umo.text import count_of, cut_words, some
 from umo.twin.declared import declared_by
 from umo.wiring import check, resolve
 from umo.wiring.process_table import remarks
 from umo.wiring.wired import Wired
 
 from .code_check import mistakes_in
-from .console import err, out
+from .console import err, out, say
 from .faces_beside import faces_of, names_in
 from .ps import readers
 from .record_beside import settings_in
@@ -52,6 +52,8 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
             out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
     if others := [name for name, file in station.wirings.items() if file not in files]:
         out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
+    if in_code:  # the last word: the wiring above it may be in order
+        say(f"{count_of(in_code, 'mistake')} in the code")
     return max([*statuses, ExitStatus.MISTAKE] if in_code else statuses)
 
 
@@ -70,7 +72,7 @@ def check_recipes(machine: Compound) -> None:
     from umo.operation.recipe_book import books_of
 
     for book in books_of(machine).values():
-        out.print(f"ok: {book.place}: {_count(len(book.recipes), 'recipe')}", soft_wrap=True)
+        out.print(f"ok: {book.place}: {count_of(len(book.recipes), 'recipe')}", soft_wrap=True)
 
 
 def _check_wiring(machine: Compound, file: Path | None) -> int:
@@ -93,9 +95,9 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number"), (len(alarms), "alarm")]
     period = "no timer" if wired.period is None else f"period {duration(wired.period)}"
     found = [
-        f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",
+        f"{count_of(len(wired.wires), 'object')} on {count_of(len(wired.drivers), 'driver')}",
         period,
-        *(_count(number, what) for number, what in offered if number),
+        *(count_of(number, what) for number, what in offered if number),
         *([f"served by {', '.join(faces)}"] if faces else []),
         *(["recorded"] if recorded else []),
     ]
@@ -113,11 +115,7 @@ def _rates(wired: Wired) -> Iterator[str]:
     """The parts with rates of their own, a line for each rate: `every 10 periods (10 ms): oven`."""
     for every, rates in groupby(wired.rates, lambda rate: rate.every):
         period = f" ({duration(every * wired.period)})" if wired.period else ""
-        yield f"every {_count(every, 'period')}{period}: {some([rate.part._path for rate in rates])}"
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
+        yield f"every {count_of(every, 'period')}{period}: {some([rate.part._path for rate in rates])}"
 
 
 def reported(mistakes: list[Mistake]) -> int:

@@ -24,18 +24,22 @@ EXAMPLE, CLASS = "my_card", "MyCard"
 
 
 def make_station(directory: Path) -> None:
-    """Copy the template. StationError if the directory exists and is not empty, or for a name that is awkward."""
+    """Copy the template. StationError if the directory exists and is not empty, or for a name that is
+    awkward or that of an installed module."""
     name = directory.name
     if name and not directory.exists() and not re.fullmatch(r"\w[\w.-]*", name):
         near = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "my-machine"
         what = "letters, digits, _, - and ., beginning with a letter or a digit"
         raise StationError(f"{printable(name)!r} is not a name for a station: {what}; try {near}")
+    own = directory.resolve().name
+    if _is_module(own):
+        what = "is the name of an installed module, at which type checkers would look in the station's place"
+        raise StationError(f"{own} {what}; try {own}-machine")
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise StationError(f"{directory} is not empty; nothing was written")
     try:
         with as_file(files("umo.cli") / "template" / "station") as template:
             shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-        own = directory.resolve().name
         settings = directory / "pyproject.toml"
         named = settings.read_text("utf-8").replace('"STATION"', json.dumps(own, ensure_ascii=False))
         settings.write_text(named, "utf-8")
@@ -98,6 +102,12 @@ def _check_module(name: str, folder: Path) -> None:
         raise StationError(f"{printable(name)!r} is not the name of a module: {what}; try {near}")
     if name in sys.stdlib_module_names or name == "umo" or _is_installed(name, folder):
         raise StationError(f"{name} is the name of an installed module, which the driver would hide; try {name}_driver")
+
+
+def _is_module(name: str) -> bool:
+    """Whether a module of this name is imported in place of a folder without `__init__.py`, as a station's is."""
+    spec = importlib.util.find_spec(name) if name.isidentifier() and not name.startswith("_") else None
+    return spec is not None and spec.origin is not None
 
 
 def _is_installed(name: str, folder: Path) -> bool:

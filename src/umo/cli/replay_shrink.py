@@ -20,7 +20,7 @@ from umo.replay.code_given import CodeGiven, hash_told
 from umo.replay.opening import opened, other_hash_seed
 from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
 from umo.replay.tape import NotReplayable, Tape
-from umo.text import shown_path
+from umo.text import count_of, shown_path
 from umo.wiring.parameters import option_words
 
 from .console import err, out, say
@@ -93,7 +93,7 @@ def _searched(search: Callable[[Callable[[], bool]], Any], left: Callable[[], st
 
 def _shrink(shrinking: Shrinking, file: Path, code: CodeGiven, target: Path, seconds: float) -> int:
     begun = shrinking.source.count
-    ended = _searched(shrinking.run, lambda: f"{len(shrinking.places):,} periods", seconds)
+    ended = _searched(shrinking.run, lambda: count_of(len(shrinking.places), "period"), seconds)
     count, is_error = len(shrinking.places), isinstance(shrinking.ending, ReplayedError)
     _save(shrinking.source.chosen(shrinking.places), target.with_suffix(RECORDING))
     what = "error" if is_error else "first difference"
@@ -106,7 +106,7 @@ def _shrink(shrinking: Shrinking, file: Path, code: CodeGiven, target: Path, sec
                 what=what, facts=_comment(facts), text=text, function=function, code=_as_arguments(code, target)
             )
         )
-    left = f"{begun:,} periods, {count:,} left{ended}: {periods_left(shrinking.places.tolist())}"
+    left = f"{count_of(begun, 'period')}, {count:,} left{ended}: {periods_left(shrinking.places.tolist())}"
     out.print(f"{left}\nin open loop they give the same {what}: {shrinking.ending.text}", markup=False, soft_wrap=True)
     if shrinking.code:
         say(shrinking.code)
@@ -135,7 +135,8 @@ def _shrink_closed(tape: Tape, file: Path, code: CodeGiven, target: Path | None,
 
 
 def _counts(trial: Trial) -> str:
-    return f"{len(trial.faults)} faults, {len(trial.options)} options, {len(trial.commands)} commands"
+    kinds = ((trial.faults, "fault"), (trial.options, "option"), (trial.commands, "command"))
+    return ", ".join(count_of(len(found), noun) for found, noun in kinds)
 
 
 def _command(trial: Trial) -> str:

@@ -37,6 +37,8 @@ VERSION = 10
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
+SHRUNK = "shrunk_from"
+"""In the description of a recording that was shrunk: how many periods it had before."""
 CHECKSUM = 1
 """Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor: of `sequence` (the even
 one) and all that follows `checksum` up to the end of the last field; and one of its entries. A reader proves events by

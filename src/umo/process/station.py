@@ -160,5 +160,7 @@ def find(name: str | Path) -> Station:
     known = shipped()
     if path.is_dir():
         raise StationError(f"{text} is not a station: it has no {MARK} (`umo new DIR` makes one)")
+    if path.is_file() and (path.parent / MARK).is_file():
+        raise StationError(f"{text} is a file of a station: give its folder, {path.parent}")
     near = did_you_mean(text, [*known, *(each.parent.name for each in Path().glob(f"*/{MARK}"))])
     raise StationError(f"no station {text!r}{near}: give a folder, or one of: {', '.join(known)}")

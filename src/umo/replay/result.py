@@ -8,6 +8,7 @@ from typing import Any
 
 from umo.exit_status import ExitStatus
 from umo.presentation.durations import duration
+from umo.text import count_of
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,10 @@ class Replayed:
         return ExitStatus.DONE if self.identical else ExitStatus.NOT_RECORDED
 
     def __str__(self) -> str:
-        count = f"{self.periods:,} periods ({duration(round(self.simulated, 6))}), {self.raws:,} commanded raw integers"
+        periods = count_of(self.periods, "period")
+        count = f"{periods} ({duration(round(self.simulated, 6))}), {count_of(self.raws, 'commanded raw integer')}"
         if self.open_loop:
-            count = f"{self.periods:,} periods in open loop, of which only the error is compared"
+            count = f"{periods} in open loop, of which only the error is compared"
         as_far = "identical as far as it goes" if self.inexact else "identical"
         lines = [f"{as_far}: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
         if self.settings:

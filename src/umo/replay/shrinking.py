@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from umo.cycle.events import Event
 from umo.errors import text_of
-from umo.frames.layout import Layout
+from umo.frames.layout import SHRUNK, Layout
 from umo.replay.code_given import NOTHING_GIVEN, CodeGiven
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
@@ -108,7 +108,8 @@ class WholeRecording:
             for event in self._events
             if event.is_end or (event.time in new_times and (not event.command or event.command in numbers))
         ]
-        about = self.layout.about if self.compared else self.layout.about | {OPEN_LOOP: True}
+        about = self.layout.about | {SHRUNK: self.layout.about.get(SHRUNK, self.count)}
+        about |= {} if self.compared else {OPEN_LOOP: True}
         layout = dataclasses.replace(self.layout, about=about)
         return ShrunkTape(layout, self.job, events, ShrunkBlock(frames, entries, commands))
 

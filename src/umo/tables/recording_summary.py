@@ -6,8 +6,10 @@ import shlex
 import time
 from typing import Any
 
+from umo.frames.layout import SHRUNK
 from umo.presentation.durations import duration
 from umo.recording import Recording
+from umo.text import count_of
 from umo.wiring.parameters import option_words
 
 MAX_DAMAGE = 5
@@ -35,6 +37,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "first": first,
         "last": last,
         "periods": recording.periods,
+        "shrunk_from": about.get(SHRUNK),
         "lost": sum(gap.count for gap in recording.gaps),
         "gaps": [[gap.first, gap.count] for gap in recording.gaps],
         "objects": len(recording.layout.objects),
@@ -61,7 +64,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     period = float(facts["period"] or 0.0)
     each = f" of {duration(period)}" if period else ""
     none = "none known, see damage" if facts["damage"] else "none"
-    lost = none if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
+    lost = none if not facts["lost"] else f"{facts['lost']:,} in {count_of(len(facts['gaps']), 'gap')}"
     end, lost_events = facts["end"], facts["events_lost"]
     last = "not in it" if end is None else f"{end['text']} ({end['state']}, at {end['time']:g} s)"
     versions = ", ".join(f"{name} {facts['versions'][name]}" for name in NAMED if name in facts["versions"])
@@ -72,8 +75,9 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("started", " on ".join(filter(None, [when, facts["host"]]))),
         ("length", f"{duration(facts['last'] - facts['first'])}: {facts['first']:g} s to {facts['last']:g} s"),
         ("periods", f"{facts['periods']:,}{each}"),
+        ("shrunk", _shrunk(facts["shrunk_from"])),
         ("lost", lost),
-        ("values of", f"{_count(facts['objects'], 'object')}, {_count(facts['signals'], 'signal')}"),
+        ("values of", f"{count_of(facts['objects'], 'object')}, {count_of(facts['signals'], 'signal')}"),
         ("events", f"{facts['events']:,}" + (f", {lost_events:,} were lost" if lost_events else "")),
         ("commands", f"{facts['commands']:,}"),
         ("black boxes", _boxes(facts["black_boxes"])),
@@ -84,6 +88,14 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("made with", versions),
     ]
     return [(name, text) for name, text in found if text]
+
+
+def _shrunk(periods: object) -> str:
+    """Of how many periods the recording had, as it is told; empty: it was not shrunk."""
+    if periods is None:
+        return ""
+    whole = count_of(periods, "period") if isinstance(periods, int) else "a longer one"
+    return f"by umo shrink from {whole}, for replay in open loop: times and lost periods are not those of the run"
 
 
 def _few(damage: list[str]) -> list[str]:
@@ -99,7 +111,3 @@ def _boxes(boxes: list[dict[str, Any]]) -> str:
     last = boxes[-1]
     why = " ".join(last["text"].splitlines()[-1:]) or last["reason"]
     return f"{len(boxes):,} (umo why --file), the last one at {last['time']:g} s: {why}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
