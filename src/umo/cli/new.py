@@ -31,7 +31,7 @@ def make_station(directory: Path) -> None:
         near = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "my-machine"
         what = "letters, digits, _, - and ., beginning with a letter or a digit"
         raise StationError(f"{printable(name)!r} is not a name for a station: {what}; try {near}")
-    own = directory.resolve().name
+    own = directory.absolute().name
     if _is_module(own):
         what = "is the name of an installed module, at which type checkers would look in the station's place"
         raise StationError(f"{own} {what}; try {own}-machine")
