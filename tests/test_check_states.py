@@ -120,7 +120,7 @@ OF_READY = "is a state of PassFail, and never OpenClosed.OPEN: write `is PassFai
 
 def test_a_state_of_another_type_is_found(tmp_path: Path) -> None:
     states, signs = ("state_of(m.ready)", "m.ready.read()", "each"), ("is", "is not", "==", "!=")
-    tests = [f"while {state} {sign} OpenClosed.OPEN:\n    await wait('1 s')" for state in states for sign in signs]
+    tests = [f"if {state} {sign} OpenClosed.OPEN:\n    await wait('1 s')" for state in states for sign in signs]
     found = told(made(tmp_path / "cell", "\n".join(["each = m.ready.read()", *tests])))
     expected = [state for state in states for _ in signs]
     assert found == [f"application.py:{9 + 2 * n + 1}: `{state}` {OF_READY}" for n, state in enumerate(expected)]

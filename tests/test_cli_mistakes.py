@@ -296,7 +296,7 @@ def test_the_tree_of_a_broken_wiring_shows_its_faults(umo: Umo, tank: Path, tmp_
         broken.write_text(text)
         result = umo("tree", "tank", "-w", "broken.toml")
         assert result.exit_code == 2
-        assert "broken.toml: " in result.stderr
+        assert "broken.toml:" in result.stderr
         assert "overflow" in result.stdout
 
 

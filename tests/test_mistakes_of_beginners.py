@@ -26,12 +26,18 @@ def modules_as_before() -> Iterator[None]:
 
 IMPORTS = """import asyncio
 import os
+import random
 import subprocess
 import threading
 import time
+from contextlib import suppress
 from datetime import datetime
 
-from umo.control import next_period, until
+import numpy as np
+
+from umo import TaskFailed
+from umo.control import PID, next_period, timeout, together, unless, until
+from umo.states import OpenClosed
 """
 SEQUENCE = {
     "x = 2.0 * m.level": "`m.level` is an object, not its value: write `m.level.read()`",
@@ -50,6 +56,36 @@ SEQUENCE = {
     "try:\n    await m.fill(3.0)\nexcept BaseException:\n    pass": "this block swallows the stop",
     "try:\n    await m.fill(3.0)\nfinally:\n    return": "`return` in `finally` swallows the stop of the sequence",
     "m.sample()": "`m.sample()`: the cycle does this in each period: leave it out",
+    "x = 1.0 + random.random()": "`random.random()` is another number in each run: use `cycle.random`",
+    "m.target = np.random.normal(3.0)": "`np.random.normal(3.0)` is another number in each run: use `cycle.random`",
+    "x = np.random.default_rng()": "`np.random.default_rng()` is another number in each run: use `cycle.random`",
+    "while time.time() < 5.0:\n    await next_period()": "`time.time()` is the computer's time, which virtual time and",
+    "if datetime.now() > m.start:\n    m.target = 1.0": "`datetime.now()` is the computer's time",
+    "try:\n    await m.fill(3.0)\nexcept Exception:\n    pass": "this block swallows every fault, and nobody hears",
+    "while True:\n    try:\n        m.level.read()\n    except:\n        continue": "swallows every fault",
+    "with suppress(Exception):\n    await m.fill(3.0)": "`suppress(Exception)` swallows every fault",
+    "level = m.level.read()\nwhile level < 3.0:\n    await next_period()": (
+        "`level` was read once, before; write `m.level.read()` in its place"
+    ),
+    "level = m.level.read()\nawait until(lambda: level > 3.0)": "`level` was read once, before",
+    "m.inlet.write(OpenClosed.OPEN)\nm.inlet.write(OpenClosed.CLOSED)": (
+        "`m.inlet.write(OpenClosed.OPEN)` has no effect, as no period passes before the next value"
+    ),
+    "for each in OpenClosed:\n    m.inlet.write(each)": "only the last value of `m.inlet.write(each)` counts",
+    "await together(*[until(lambda: z.read() is OpenClosed.OPEN) for z in (m.inlet, m.drain)])": (
+        "`z` is that of the last turn when this is asked; write `lambda z=z:`"
+    ),
+    "for z in (m.inlet, m.drain):\n    m.cycle.start(until(lambda: z.read() is OpenClosed.OPEN))": (
+        "write `lambda z=z:`"
+    ),
+    "if m.inlet.read() is OpenClosed.OPEN or OpenClosed.CLOSED:\n    m.target = 1.0": (
+        "`OpenClosed.CLOSED` is compared with nothing: each comparison is written in full, `... is OpenClosed.CLOSED`"
+    ),
+    "m.target = PID(gain=1.0).step(1.0, 2.0, 0.01)": "`0.01` is not the period, if a wiring gives another one",
+    "x = m.level.get()": "DigitalSensor has no attribute 'get' (did you mean 'read()'?)",
+    "m.level.write(3.0)": "DigitalSensor has no attribute 'write'; a sensor is only read",
+    "m.inlet.open()": "BinaryActuator has no attribute 'open' (did you mean 'write(...)'?)",
+    "m.regulator.hihg = 3.0": "Hysteresis has no attribute 'hihg' (did you mean 'high'?)",
     "threading.Thread(target=lambda: m.inlet.write(OpenClosed.OPEN)).start()": "writes beside the cycle",
 }
 """What a beginner writes in a sequence, and what `umo check` tells of it."""
@@ -57,9 +93,36 @@ CLASS = {
     "    def contol(self) -> None:\n        pass\n": "nobody calls `contol`: umo calls `control`",
     "    def interlock(self) -> None:\n        pass\n": "nobody calls `interlock`: umo calls `interlocks`",
     "    def helper() -> None:\n        pass\n": "`helper` takes no object: write `def helper(self)`",
+    "    target = 1.0\n\n    def aim(self, target: float) -> None:\n        target = target\n": (
+        "`target` is a name of this function only, and nobody reads it: write `self.target = ...`"
+    ),
     "    past = []\n\n    def note(self) -> None:\n        self.past.append(1)\n": "`past` is one for all",
 }
 """The same in a class."""
+RIGHT = [
+    "m.target = m.cycle.random.random()",
+    "generator = np.random.default_rng(7)\nm.target = generator.normal()",
+    "print(time.time())",
+    "try:\n    await m.fill(3.0)\nexcept TaskFailed:\n    pass",
+    "try:\n    await m.fill(3.0)\nexcept Exception as error:\n    print(error)",
+    "try:\n    m.target = float('x')\nexcept Exception:\n    pass",
+    "with suppress(TaskFailed):\n    await m.fill(3.0)",
+    "start = m.level.read()\nwhile m.level.read() < start + 3.0:\n    await next_period()",
+    "level = m.level.read()\nwhile level < 3.0:\n    await next_period()\n    level = m.level.read()",
+    "level = m.level.read()\nwhile level < 3.0:\n    await next_period()\n    if m.target > 3.0:\n        break",
+    "level = m.level.read()\nawait until(lambda: m.level.read() > level)",
+    "m.inlet.write(OpenClosed.OPEN)\nawait wait('1 s')\nm.inlet.write(OpenClosed.CLOSED)",
+    "m.inlet.write(OpenClosed.OPEN)\nm.drain.write(OpenClosed.CLOSED)",
+    "for each in OpenClosed:\n    m.inlet.write(each)\n    await next_period()",
+    "for each in (m.inlet, m.drain):\n    each.write(OpenClosed.OPEN)",
+    "for z in (m.inlet, m.drain):\n    await until(lambda: z.read() is OpenClosed.OPEN)",
+    "await together(*[until(lambda z=z: z.read() is OpenClosed.OPEN) for z in (m.inlet, m.drain)])",
+    "await together(*[until(lambda: m.target > 1.0) for _ in range(2)])",
+    "if m.inlet.read() is OpenClosed.OPEN or m.drain.read() is OpenClosed.OPEN:\n    m.target = 1.0",
+    "m.target = PID(gain=1.0).step(1.0, 2.0, m.dt)",
+    "m.regulator.high = 3.0",
+]
+"""What looks alike in a sequence, and is right."""
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +132,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     file, control = folder / "application.py", folder / "control.py"
     file.write_text(file.read_text().replace('"""\n', f'"""\n\n{IMPORTS}', 1))
     lines = [("application.py", len(file.read_text().splitlines()), "")]
-    for code in SEQUENCE:
+    for code in (*SEQUENCE, *RIGHT):
         text = f"\n\nasync def mistaken(m: Tank):\n    {code.replace(chr(10), chr(10) + '    ')}\n"
         file.write_text(file.read_text() + text)
         lines.append(("application.py", len(file.read_text().splitlines()), code))
@@ -92,8 +155,9 @@ def test_check_finds_it_with_what_to_write(found: dict[str, list[str]], code: st
     assert any({**SEQUENCE, **CLASS}[code] in each for each in found[code]), found[code]
 
 
-def test_nothing_else_is_accused(found: dict[str, list[str]]) -> None:
-    assert found[""] == []
+@pytest.mark.parametrize("code", ["", *RIGHT])
+def test_what_is_right_is_not_accused(found: dict[str, list[str]], code: str) -> None:
+    assert found[code] == []
 
 
 class Valve(Compound):
@@ -155,6 +219,20 @@ def test_a_law_with_a_yield_or_without_self_is_refused_with_its_place() -> None:
                 pass
 
 
+def test_a_law_that_wants_the_period_is_told_where_it_is() -> None:
+    with pytest.raises(DeclarationError, match=r"`def control\(self\)`; the period is `self.dt` .*beginners\.py:\d"):
+
+        class Odd(Compound):
+            def control(self, dt: float) -> None: ...  # type: ignore[override]
+
+
+def test_an_object_in_the_body_of_a_class_is_told_where_it_belongs() -> None:
+    with pytest.raises(DeclarationError, match=r"Odd\.lamp is no part of its objects: write `lamp: BinaryActuator`"):
+
+        class Odd(Compound):
+            lamp = valve()
+
+
 def test_a_machine_that_is_not_made_is_told_why() -> None:
     class Own(Compound):
         level: DigitalSensor
@@ -182,6 +260,23 @@ def test_a_wiring_that_is_no_toml_is_told_what_was_meant(tmp_path: Path, text: s
     file = tmp_path / "wiring.toml"
     file.write_text(text)
     assert any(words in str(each) for each in check(Valve(valve=valve()), file))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("# own\n[wire]\nvalve = { driver = 'simulated' }\nvlave = { driver = 'simulated' }", ':4: wire."vlave": '),
+        ("[wire]\nvalve = {\n driver = 'simulated', chanel = 'a' }".replace("\n d", " d"), ':2: wire."valve".chanel: '),
+        ("[wire.valve]\ndriver = 'simulated'\ninverted = 'no'", ':3: wire."valve".inverted: must be true or false'),
+        ("[drivers.a]\ntype = 'modbus'\nhots = 'box'\n[wire]\nvalve.driver = 'a'", ":3: drivers.a.hots: unknown key"),
+        ("[drivers.a]\ntype = 'simulated'\ntimeout = 50\n[wire]\nvalve.driver = 'a'", '50 has no unit: write "50 ms"'),
+        ("[wire]\nvalve.driver = 'simulated'\n[parameters]\nspede = 1", ":4: parameters.'spede': no such parameter"),
+    ],
+)
+def test_a_mistake_in_a_wiring_is_told_with_the_line_of_its_key(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / "wiring.toml"
+    file.write_text(text)
+    assert any(words in str(each) for each in check(Valve(valve=valve()), file)), check(Valve(valve=valve()), file)
 
 
 def test_a_wiring_in_another_encoding_is_told_the_right_one(tmp_path: Path) -> None:

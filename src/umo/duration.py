@@ -34,6 +34,15 @@ def seconds(duration: str | float) -> float:
     return value
 
 
+def seconds_of_setting(duration: str | float) -> float:
+    """The same of a setting: a number of 1 or more has a unit, as `period = 50` is in ms for one and in s for another.
+    DeclarationError with both."""
+    found = seconds(duration)
+    if found >= 1 and not isinstance(duration, str):
+        raise DeclarationError(f'{duration!r} has no unit: write "{duration} ms" or "{duration} s"')
+    return found
+
+
 def _of_text(text: str) -> float:
     match = _TEXT.fullmatch(text)
     if match is None or (unit := match[2]) not in (*_PER_SECOND, *_SECONDS):

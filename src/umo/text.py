@@ -227,14 +227,19 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-VALUE_WORDS = ("state", "value")
+READ_WORDS = frozenset(("state", "value", "get", "get_value"))
 """Names by which the value of an object is asked for."""
+WRITE_WORDS = frozenset(("write", "set", "set_value", "put", "on", "off", "open", "close"))
+"""Names by which an object is to be given a value, in other libraries and in words."""
 
 
 def near_attribute(name: str, known: Collection[str]) -> str:
-    """The same of attributes: a public one for a public one, and `read()` of an object that is asked for its value."""
-    if name in VALUE_WORDS and "read" in known:
+    """The same of attributes: a public one for a public one, and `read()` or `write(...)` of an object that is asked
+    for its value, or to be given one."""
+    if name in READ_WORDS and "read" in known:
         return " (did you mean 'read()'?)"
+    if name in WRITE_WORDS and "read" in known and "direction" in known:
+        return " (did you mean 'write(...)'?)" if "write" in known else "; a sensor is only read"
     return did_you_mean(name, [each for each in known if each.startswith("_") == name.startswith("_")])
 
 

@@ -25,7 +25,7 @@ from umo.objects.stored_names import MAKING
 from umo.process.station import Station
 from umo.text import shown_path
 
-from . import code_control
+from . import code_control, code_periods
 from .code_states import CodeObjects
 from .code_values import (
     Exactly,
@@ -36,6 +36,7 @@ from .code_values import (
     ModuleCode,
     NameScope,
     Objects,
+    Remarks,
     waits_or_ends,
     within,
 )
@@ -57,10 +58,14 @@ VALUES = (ast.Compare, ast.UnaryOp, ast.Constant, ast.JoinedStr)
 
 def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
     """Those in all modules of the station that are imported, in the order of files and lines."""
-    modules = _modules(station)
+    return mistakes_of(_modules(station), machine, station.main)
+
+
+def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list[Mistake]:
+    """Those in some modules. `main`: the application, to which the machine is given."""
     sources = {module: _source(str(module.__file__)) for module in modules}
     trees = {module: ast.parse(source) for module, source in sources.items()}
-    names, main = _Attributes(trees.values()), station.main
+    names = _Attributes(trees.values())
     objects = Objects(machine, modules, names.changing)
     found: list[Mistake] = []
     for module, tree in trees.items():
@@ -117,7 +122,7 @@ class _Check:
         self._look(NameScope(self._code.tree, None, self._code), None)
         return sorted(self._found)
 
-    def _tell_all(self, found: code_control.Remarks) -> None:
+    def _tell_all(self, found: Remarks) -> None:
         for node, text in found:
             self._tell(node, text)
 
@@ -131,11 +136,13 @@ class _Check:
 
     def _look(self, scope: NameScope, in_class: ast.ClassDef | None) -> None:
         """A module, a function or the body of a class, and the functions in it."""
+        for statements in code_periods.blocks_in(scope.node) if in_class is None else ():
+            self._tell_all(code_periods.overwritten(self._code, self._values, statements, scope))
         for node in within(scope.node if in_class is None else in_class):
             for kind, look in _LOOKS:
                 if isinstance(node, kind):
                     look(self, node, scope)
-            for kind, of_control in code_control.LOOKS:
+            for kind, of_control in (*code_control.LOOKS, *code_periods.LOOKS):
                 if isinstance(node, kind):
                     self._tell_all(of_control(self._code, node, scope))
             if isinstance(node, FunctionNode | ast.Lambda):
@@ -223,6 +230,8 @@ class _Check:
             self._tell(node, "`{}` is a sequence, which is always true: write `await {}`")
         elif self._is_function(node, scope):
             self._tell(node, "`{}` is not called, and a function is always true: write `{}()`")
+        elif self._values.is_state(node, scope):
+            self._tell(node, "`{}` is compared with nothing: each comparison is written in full, `... is {}`")
         elif text := self._values.no_truth(node, scope):
             self._tell(node, text)
 

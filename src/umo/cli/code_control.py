@@ -1,6 +1,6 @@
 """Mistakes in the code of a station that are no matter of sequences: objects calculated with in the place of their
-values, wrong values, code that waits where no period passes, blocks that swallow a stop, what all objects of a class
-share. What is not certain is not told."""
+values, wrong values, code that waits beside the cycle, blocks that swallow a stop or a fault, what all objects of a
+class share. What is not certain is not told."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import subprocess
 import threading
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from umo.objects import Compound
 from umo.objects.atomic import Binary
+from umo.objects.attributes import own_names
 
-from .code_values import FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, waits_or_ends, within
+from .code_values import FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, Remarks, inside_of
 
-Remarks = Iterator[tuple[Any, str]]
-"""Nodes and what is told of each; `{}` stands for its source."""
 BLOCKING = (
     *(os.system, urllib.request.urlopen),
     *(subprocess.run, subprocess.call, subprocess.check_call, subprocess.check_output),
@@ -36,15 +36,11 @@ ASYNCIO: Mapping[Any, str] = {
     asyncio.wait_for: "`async with timeout(...):`",
 }
 """Functions of asyncio, and what takes their place in a sequence."""
+NAME_IT = "name the errors that are expected, as in `except TaskFailed:`"
 HOOKS = ("control", "setup", "interlocks")
 """What a class may have for umo to call."""
 CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
 """What changes a container."""
-
-
-def _inside(statements: list[ast.stmt]) -> Iterator[ast.AST]:
-    """All nodes of statements, but for those of functions in them."""
-    yield from within(ast.Module(statements, []))
 
 
 # Objects and values ---------------------------------------------------------------------------------------
@@ -76,6 +72,19 @@ def _without_effect(code: ModuleCode, node: ast.Expr, scope: NameScope) -> Remar
             node.value,
             "`{}` is compared, and nothing is done with the result: an assignment is `=`, a value is written",
         )
+
+
+def _local(code: ModuleCode, node: ast.Assign, scope: NameScope) -> Remarks:
+    """A local name that has the name of an attribute, and that nobody reads."""
+    if scope.owner is None or not issubclass(scope.owner, Compound) or not scope.is_own_method:
+        return
+    for target in node.targets:
+        if not isinstance(target, ast.Name) or target.id not in own_names(scope.owner):
+            continue
+        read = (each for each in ast.walk(scope.node) if isinstance(each, ast.Name) and each.id == target.id)
+        others = [each for each in read if isinstance(each.ctx, ast.Load) and each is not node.value]
+        if not others and not any(isinstance(each, ast.Global | ast.Nonlocal) for each in ast.walk(scope.node)):
+            yield target, "`{}` is a name of this function only, and nobody reads it: write `self.{} = ...`"
 
 
 # Time -----------------------------------------------------------------------------------------------------
@@ -110,34 +119,55 @@ def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
             return
 
 
-def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
-    """A call in a block may end the loop by an error that the block expects."""
-    is_true = isinstance(node.test, ast.Constant) and bool(node.test.value)
-    if not (is_true and scope.is_control) or any(map(waits_or_ends, _inside(node.body))):
-        return
-    blocks = (each for each in within(scope.node) if isinstance(each, ast.Try | ast.With))
-    if not any(node in ast.walk(each) or each in ast.walk(node) for each in blocks):
-        yield node.test, "no period passes in this loop, so the machine stops in it: write `await next_period()` in it"
-
-
 # Blocks ---------------------------------------------------------------------------------------------------
 
 
 def _swallowed(code: ModuleCode, node: ast.Try, scope: NameScope) -> Remarks:
-    """A stop of the machine goes through a sequence as an exception."""
-    if not isinstance(scope.node, ast.AsyncFunctionDef):
+    """A stop of the machine goes through a sequence as an exception, and so does a fault."""
+    if not scope.is_control:
         return
-    if any(isinstance(each, ast.Await) for each in _inside(node.body)):
-        for handler in node.handlers:
-            everything = handler.type is None or code.value(handler.type, scope) is BaseException
-            if everything and not any(isinstance(each, ast.Raise) for each in _inside(handler.body)):
-                yield handler, "this block swallows the stop of the sequence too: write `except Exception:`"
-    for each in node.finalbody:
+    inside = [*inside_of(node.body)]
+    is_sequence = isinstance(scope.node, ast.AsyncFunctionDef)
+    for handler in node.handlers:
+        caught = None if handler.type is None else code.value(handler.type, scope)
+        if any(isinstance(each, ast.Raise) for each in inside_of(handler.body)):
+            continue
+        if (handler.type is None or caught is BaseException) and any(isinstance(each, ast.Await) for each in inside):
+            yield handler, f"this block swallows the stop of the sequence too: {NAME_IT}"
+        elif _is_any(handler.type, caught) and all(map(_is_nothing, handler.body)) and _acts(code, inside, scope):
+            yield handler, f"this block swallows every fault, and nobody hears of it: {NAME_IT}"
+    for each in node.finalbody if is_sequence else ():
         if isinstance(each, ast.Return):
             yield (
                 each,
                 "`return` in `finally` swallows the stop of the sequence, and every error: write it after the block",
             )
+
+
+def _suppressed(code: ModuleCode, node: ast.With, scope: NameScope) -> Remarks:
+    for item in node.items:
+        call = item.context_expr
+        if not (isinstance(call, ast.Call) and code.value(call.func, scope) is suppress and scope.is_control):
+            continue
+        for each in call.args:
+            if _is_any(each, code.value(each, scope)) and _acts(code, [*inside_of(node.body)], scope):
+                yield call, f"`{{}}` swallows every fault, and nobody hears of it: {NAME_IT}"
+
+
+def _is_any(node: ast.expr | None, caught: Any) -> bool:
+    return node is None or caught in (Exception, BaseException)
+
+
+def _is_nothing(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Pass | ast.Continue) or (
+        isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    )
+
+
+def _acts(code: ModuleCode, inside: list[ast.AST], scope: NameScope) -> bool:
+    """Whether it waits, or reads or writes an object."""
+    asked = (each.value for each in inside if isinstance(each, ast.Attribute))
+    return any(isinstance(each, ast.Await) for each in inside) or any(code.atomic(each, scope) for each in asked)
 
 
 # Classes --------------------------------------------------------------------------------------------------
@@ -184,6 +214,7 @@ LOOKS: tuple[tuple[Any, Callable[[ModuleCode, Any, NameScope], Remarks]], ...] =
     (ast.Call, _written),
     (ast.Call, _called),
     (ast.Expr, _without_effect),
-    (ast.While, _endless),
     (ast.Try, _swallowed),
+    (ast.With, _suppressed),
+    (ast.Assign, _local),
 )

@@ -113,6 +113,10 @@ class CodeObjects:
         compared = "is ..." if isinstance(items[0], Binary) else "> ..."
         return f"`{{}}` is an object, which is always true: write `{{}}.read() {compared}`"
 
+    def is_state(self, node: ast.expr, scope: NameScope) -> bool:
+        """Whether it is a state as it stands in the code, such as OnOff.ON."""
+        return isinstance(self._written(node, scope), TwoState)
+
     def _written(self, node: ast.expr, scope: NameScope) -> Any:
         """A state, number or text as it stands in the code."""
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):

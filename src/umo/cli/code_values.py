@@ -56,6 +56,8 @@ class InnerFunction(NamedTuple):
     node: FunctionNode
 
 
+Remarks = Iterator[tuple[Any, str]]
+"""Nodes and what is told of each; `{}` stands for its source."""
 Thing = Exactly | Instance | Holding | MadeSequence | InnerFunction
 """What an expression is; None: that is not certain."""
 
@@ -85,7 +87,26 @@ class NameScope:
     def is_control(self) -> bool:
         """Whether it is the code of a sequence or a law."""
         is_law = getattr(self.node, "name", "") == "control" and self.owner is not None
-        return is_law or isinstance(self.node, ast.AsyncFunctionDef)
+        return is_law or (isinstance(self.node, ast.AsyncFunctionDef) and self._may_have_machine)
+
+    @property
+    def _may_have_machine(self) -> bool:
+        """Whether it is no function of another program, as a face is, which runs in asyncio: it is one of an object, or
+        is given something that may be one."""
+        if self.owner is not None:
+            return any(base is Compound or base.__module__.startswith("umo.operation.") for base in self.owner.__mro__)
+        arguments = getattr(self.node, "args", None)
+        if arguments is None:
+            return False
+        given = [self._argument(each) for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+        others = (isinstance(each, Instance) and not issubclass(each.kind, Compound | Atomic) for each in given)
+        return not all(others) or (self.around is not None and self.around._may_have_machine)
+
+    @property
+    def is_own_method(self) -> bool:
+        """Whether its first argument is `self`."""
+        arguments = getattr(self.node, "args", None)
+        return arguments is not None and [each.arg for each in arguments.args[:1]] == ["self"]
 
     def look_up(self, name: str) -> Thing | None:
         bindings = self.bindings.get(name)
@@ -186,6 +207,11 @@ def within(scope: ast.AST) -> Iterator[ast.AST]:
             waiting += list(ast.iter_child_nodes(node))[::-1]
 
 
+def inside_of(statements: list[ast.stmt]) -> Iterator[ast.AST]:
+    """All nodes of statements, but for those of functions in them."""
+    yield from within(ast.Module(statements, []))
+
+
 class ModuleCode:
     """One module of a station. `machine`: what the station declares. `main`: its application."""
 
@@ -194,6 +220,8 @@ class ModuleCode:
         self._changing = {name for each in ast.walk(tree) if isinstance(each, ast.Global) for name in each.names}
         """The names of the module that functions bind."""
         self._at_work: set[int] = set()
+        self.gives_seed = any(isinstance(each, ast.Attribute) and each.attr == "seed" for each in ast.walk(tree))
+        """Whether it gives a generator of random numbers its seed, or may do so."""
 
     def of_module(self, name: str) -> Thing | None:
         """A name of the module, or of Python. One that is imported for type checkers only is sought in the others."""

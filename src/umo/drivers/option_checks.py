@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
-from umo.duration import seconds
+from umo.duration import seconds_of_setting
 from umo.errors import DeclarationError, WiringError
 from umo.text import did_you_mean
 
@@ -45,9 +45,9 @@ def checked_table(name: str, value: Any, known: Collection[str], example: str) -
 
 
 def duration(name: str, value: str | float) -> float:
-    """Time in s, from a number or a text such as "200 ms"; up to an hour."""
+    """Time in s, from a text such as "200 ms" or a number below 1; up to an hour."""
     try:
-        found = seconds(value)
+        found = seconds_of_setting(value)
     except DeclarationError:
         found = 0.0
     if not 0.0 < found <= 3600.0:

@@ -137,6 +137,10 @@ class Compound(Node):
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
         refuse_in_body(cls, names)
         _check_hooks(cls)
+        for name in vars(cls).keys() - {*names}:
+            if isinstance(part := vars(cls)[name], Node):
+                how = f"`{name}: {type(part).__name__}`, and the object where the {cls.__name__} is made"
+                raise DeclarationError(f"{cls.__name__}.{name} is no part of its objects: write {how}")
         for name in names:
             if name in RESERVED or name.startswith("_"):
                 raise _reserved(cls, name)
@@ -306,6 +310,9 @@ def _check_hooks(cls: type[Compound]) -> None:
             raise DeclarationError(f"{cls.__name__}.{name} has a `yield` in it, so nothing of it would be done{place}")
         if not code.co_argcount and not code.co_flags & inspect.CO_VARARGS:
             raise DeclarationError(f"{cls.__name__}.{name} takes no object: write `def {name}(self)`{place}")
+        if code.co_argcount - len(vars(cls)[name].__defaults__ or ()) > 1:
+            form = f"`def {name}(self)`{'; the period is `self.dt`' if name == 'control' else ''}"
+            raise DeclarationError(f"{cls.__name__}.{name} is given nothing but its object: write {form}{place}")
     if not inspect.iscoroutinefunction(cls.on_resume):
         raise DeclarationError(f"{cls.__name__}.on_resume must be a sequence: `async def on_resume(self)`")
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
 
-from umo.duration import seconds
+from umo.duration import seconds, seconds_of_setting
 from umo.errors import DeclarationError
 from umo.objects.range import Range
 from umo.objects.reaction import REACTIONS, Reaction
@@ -92,7 +92,7 @@ def _is_valid(name: str, value: Any) -> bool:
         return isinstance(value, tuple | list) and all(isinstance(each, str) for each in value)
     if name == "max_period":
         with suppress(DeclarationError):
-            return not isinstance(value, bool) and seconds(value) > 0
+            return not isinstance(value, bool) and seconds_of_setting(value) > 0
         return False
     if name == "every":
         if isinstance(value, str):

@@ -18,9 +18,8 @@ from umo.errors import DeclarationError, Mistake, RecipeError, UmoError
 from umo.operation.recipe_values import plain, range_of, value_for
 from umo.signature import hints_of
 from umo.text import did_you_mean
+from umo.toml_lines import lines_of
 
-_KEY = re.compile(r"""\s*(?:"([^"]*)"|'([^']*)'|([\w-]+))\s*=""")
-_TABLE = re.compile(r"""\s*\[\s*(?:"([^"]*)"|'([^']*)'|([\w-]+))\s*\]""")
 MAX_FILE = 1_000_000
 """Size of a file of recipes at most, bytes."""
 NAME_FORM = re.compile(r"\w[\w .-]{0,59}")
@@ -82,10 +81,10 @@ def recipe_of(
     values: dict[str, Any] = {}
     hints = hints_of(kind)  # type: ignore[arg-type]
     fields = {each.name: each for each in _fields(kind)}
-    lines = _lines(text)
+    lines = lines_of(text)
 
     def mistake(key: str, message: str) -> None:
-        line = lines.get((name, key)) or lines.get(("", key))
+        line = lines.get(f"{name}.{key}") or lines.get(key)
         mistakes.append((line or inf, Mistake(f"{file}:{line}" if line else file, key, message)))
 
     if not NAME_FORM.fullmatch(name):
@@ -160,18 +159,6 @@ def _load(file: Path) -> tuple[str, dict[str, Any]]:
     except RecursionError:
         message = "cannot be read: it is nested too deeply"
     raise RecipeError("the recipes are refused", [Mistake(str(file), "", message)])
-
-
-def _lines(text: str) -> dict[tuple[str, str], int]:
-    """The line of each key, by table and key; "" for what stands before the first table."""
-    found: dict[tuple[str, str], int] = {}
-    table = ""
-    for number, line in enumerate(text.splitlines(), 1):
-        if match := _TABLE.match(line):
-            table = next(filter(None, match.groups()), "")
-        elif match := _KEY.match(line):
-            found.setdefault((table, next(filter(None, match.groups()), "")), number)
-    return found
 
 
 def describe_fields(kind: type[Recipe]) -> list[dict[str, Any]]:

@@ -60,7 +60,7 @@ class Station:
         return found
 
     def _hint(self, error: BaseException) -> str:
-        name = error.name if isinstance(error, ModuleNotFoundError) else None
+        name = error.name if isinstance(error, ImportError) else None
         if name is None or not (self.path / f"{name}.py").is_file():
             return ""
         return f"; a station is a package: write `from .{name} import ...`"

@@ -71,7 +71,7 @@ def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) 
     resolver = _Resolver(root, wiring, {})
     wired, mistakes = resolver.run()
     if not mistakes and (text := mistake_of_parameters(root, wired.parameters)):
-        return [Mistake(resolver.source.file, "parameters", text)]
+        return resolver.source.located([Mistake(resolver.source.file, "parameters", text)])
     return mistakes
 
 
@@ -147,7 +147,7 @@ class _Resolver:
         self._check_time(wired)
         self._check_plants()
         wired = dataclasses.replace(wired, process=process_of(self.source, wired), paced=paced, injection=injection)
-        return wired, collapsed(self.source.mistakes, origin)
+        return wired, self.source.located(collapsed(self.source.mistakes, origin))
 
     # Drivers -------------------------------------------------------------------------------------------
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
-from umo.duration import seconds
+from umo.duration import seconds_of_setting
 from umo.errors import DeclarationError, Mistake, text_of
 from umo.system.packages import package_of, station_of
 from umo.text import cut_repr, did_you_mean
+from umo.toml_lines import line_of, lines_of
 
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry
@@ -30,6 +31,8 @@ class WiringSource:
     """A wiring as written: entries by path, drivers' tables by name, parameters, and what was wrong."""
 
     file: str
+    text: str = ""
+    """What the file has in it."""
     entries: dict[str, Entry] = field(default_factory=dict)
     refused: set[str] = field(default_factory=set)
     """Paths of the entries that are faulty."""
@@ -52,6 +55,16 @@ class WiringSource:
     def mistake(self, key: str, message: str) -> None:
         self.mistakes.append(Mistake(self.file, key, message))
 
+    def located(self, mistakes: Iterable[Mistake]) -> list[Mistake]:
+        """Mistakes, each with the line of its key in the file."""
+        found = list(mistakes)
+        lines = lines_of(self.text) if found and self.text else {}
+        return [self._located(each, line_of(each.key, lines)) for each in found]
+
+    def _located(self, mistake: Mistake, line: int | None) -> Mistake:
+        is_here = line is not None and mistake.file == self.file
+        return replace(mistake, file=f"{self.file}:{line}") if is_here else mistake
+
     def duration(self, key: str, value: Any) -> float | None:
         """In s; None for None, and for what is not a duration above 0, which is a fault."""
         if value is None:
@@ -59,7 +72,7 @@ class WiringSource:
         try:
             if isinstance(value, bool) or not isinstance(value, str | int | float):
                 raise DeclarationError(f'{value!r} is not a duration; write for example "20 ms"')
-            duration = seconds(value)
+            duration = seconds_of_setting(value)
         except DeclarationError as error:
             self.mistake(key, str(error))
             return None
@@ -97,7 +110,8 @@ def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
 
 def _load(source: WiringSource, path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        source.text = path.read_text(encoding="utf-8")
+        return tomllib.loads(source.text)
     except FileNotFoundError:
         source.mistake("", "no such file")
     except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors

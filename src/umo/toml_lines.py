@@ -1,0 +1,56 @@
+"""The lines of the keys in a text of TOML, which Python's parser does not tell. Asked for where a mistake is told."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+LONGEST = 200
+"""Lines of one value at most: behind a longer one no key has a line."""
+_QUOTES = re.compile("[\"']")
+
+
+def lines_of(text: str) -> dict[str, int]:
+    """The line of each key and table, the first if there are several, by its path without quotation marks, such as
+    `wire.z.motor.channel`. `text` is right: it was read before."""
+    found: dict[str, int] = {}
+    table, statement, first = "", "", 1
+    for number, line in enumerate(text.split("\n"), 1):
+        statement += line + "\n"
+        if number - first >= LONGEST:
+            break
+        try:
+            data = tomllib.loads(statement)
+        except ValueError:  # it goes on in the next line
+            continue
+        paths = [*_paths(data, "")]
+        if statement.lstrip().startswith("[") and paths:
+            table = f"{paths[-1]}."
+            found.setdefault(paths[-1], first)
+        else:
+            for path in paths:
+                found.setdefault(table + path, first)
+        statement, first = "", number + 1
+    return found
+
+
+def line_of(key: str, lines: Mapping[str, int]) -> int | None:
+    """The line of a key as a message names it, such as `wire."z.motor".channel`; of one that is missing, that of the
+    nearest table around it. None: there is none."""
+    path = _QUOTES.sub("", key)
+    while path and path not in lines:
+        path = path.rpartition(".")[0]
+    return lines.get(path)
+
+
+def _paths(data: Any, prefix: str) -> Iterator[str]:
+    """Of all keys in a statement, outer ones first."""
+    if isinstance(data, list):
+        for each in data:
+            yield from _paths(each, prefix)
+    elif isinstance(data, dict):
+        for key, value in data.items():
+            yield f"{prefix}{key}"
+            yield from _paths(value, f"{prefix}{key}.")
