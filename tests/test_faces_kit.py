@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from helpers.mirror import Mirror, MirrorClient
 from helpers.tiers import some
 from umo import Quality
 from umo.faces.face import User
-from umo.testing.faces import RULES, TriedFace, try_rule
+from umo.testing.faces import RULES, Seen, TriedFace, try_rule
 from umo.testing.faces.client import Grade
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
@@ -32,6 +33,22 @@ async def client(face: Any, user: str) -> MirrorClient:
 @pytest.mark.parametrize("name", RULES)
 def test_a_face_that_keeps_the_contract_passes(name: str) -> None:
     assert asyncio.run(try_rule(TriedFace("mirror", Mirror, client), RULES[name])) in (None, "")
+
+
+def test_a_computer_that_holds_everything_up_accuses_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    held = 0.0
+
+    class HeldUp(MirrorClient):
+        async def read(self, name: str) -> Seen:
+            nonlocal held
+            held += 10.0
+            return await super().read(name)
+
+    async def held_up(face: Any, user: str) -> MirrorClient:
+        monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: time.monotonic() + held)
+        return HeldUp(face, user)
+
+    assert asyncio.run(try_rule(TriedFace("mirror", Mirror, held_up), RULES["changes"])) is None
 
 
 class Frozen(Mirror):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,10 +16,10 @@ from umo.faces.host import FaceHost
 from umo.objects import Quality
 from umo.system.roles import EVERYBODY
 from umo.testing.faces.client import ForeignClient, Grade, RefusedByFace, Seen
-from umo.testing.faces.tried_machine import LIMIT, STEP, TriedMachine, until
+from umo.testing.faces.tried_machine import LIMIT, STEP, TriedMachine, finishes, until
 
 TOLD_WITHIN = 2.0
-"""Time in s within which a change must reach a client."""
+"""Time in s within which a change must reach a client (`finishes`)."""
 TIME_ERROR = 1.0
 """Largest error of a time in s that is accepted: beyond the machine's own there is that of the looks."""
 FLOOD = 200
@@ -63,13 +63,19 @@ class Rig:
 
     async def sees(self, client: ForeignClient, name: str, condition: Callable[[Seen], bool], what: str) -> Seen:
         """What the client sees once the condition is true; AssertionError after `TOLD_WITHIN`."""
-        seen = await client.read(name)
-        end = time.monotonic() + TOLD_WITHIN
-        while not condition(seen):
-            assert time.monotonic() < end, f"{name}: {what} within {TOLD_WITHIN:g} s, but {seen}"
-            await asyncio.sleep(STEP)
-            seen = await client.read(name)
-        return seen
+        seen = None
+
+        async def look() -> Seen:
+            nonlocal seen
+            while not condition(now := await client.read(name)):
+                seen = now
+                await asyncio.sleep(STEP)
+            return now
+
+        looking = asyncio.create_task(look())
+        if not await finishes(looking, TOLD_WITHIN):
+            raise AssertionError(f"{name}: {what} within {TOLD_WITHIN:g} s, but {seen}")
+        return looking.result()
 
     async def told(self, client: ForeignClient, name: str, value: float | str) -> Seen:
         return await self.sees(client, name, lambda seen: seen.value == value, f"the value {value!r}")
@@ -103,7 +109,7 @@ async def rig_of(subject: TriedFace, mode: Mode = Mode.AUTOMATIC, read_only: boo
         yield Rig(subject, machine, face, said, clients)
 
 
-Check = Callable[[Rig], Awaitable[None]]
+Check = Callable[[Rig], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True)
@@ -136,8 +142,11 @@ async def try_rule(subject: TriedFace, rule: FaceRule) -> str | None:
     if not all(getattr(subject, each) for each in rule.needs):
         return ""
     try:
-        async with rig_of(subject, rule.mode, rule.read_only) as rig, asyncio.timeout(LIMIT):
-            await rule.check(rig)
+        async with rig_of(subject, rule.mode, rule.read_only) as rig:
+            checking = asyncio.create_task(rule.check(rig))
+            if not await finishes(checking):
+                raise AssertionError(f"it is not done within {LIMIT:g} s")
+            checking.result()
     except Exception as error:
         return f"{rule.sentence} It does not hold: {text_of(error)}"
     return None
