@@ -17,7 +17,7 @@ from prometheus_client import generate_latest
 from umo.faces.epics.epics_variables import EpicsVariables, variables_of
 from umo.faces.face import Changes
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
-from umo.faces.mqtt.home_assistant_discovery import TOPICS, device_of, discovery, value_topic
+from umo.faces.mqtt.home_assistant_discovery import TOPICS, device_of, discovery, former_topics, value_topic
 from umo.faces.mqtt.sparkplug_node import SparkplugNode
 from umo.faces.opcua import ua_machinery as machinery
 from umo.faces.opcua.ua_machine import MachineNodes
@@ -227,6 +227,21 @@ def test_an_escape_can_be_undone(one: str, other: str, kept: Callable[[str], boo
 def test_a_path_comes_back_from_its_topic(one: str, other: str) -> None:
     assert (TOPICS.of(one) == TOPICS.of(other)) == (one == other)
     assert TOPICS.path(TOPICS.of(one)) == one
+
+
+def test_the_topics_of_umo_02_at_the_broker_are_those_that_home_assistant_is_told_to_forget() -> None:
+    things = [("sensor", "zone.a_b"), ("sensor", "zone_a.b"), ("tunable", "z.gain"), ("action", "z.go")]
+    machine = machine_of(things, "press 2")
+    run = [f"sensor/umo_press_2/run_{each}" for each in ("mode", "periods", "missed", "execution", "wake")]
+    former = [f"sensor/umo_press_2/{each}" for each in ("zone_a_b", "zone_a_b_")]
+    former += [
+        "number/umo_press_2/tunable_z_gain",
+        *run,
+        "button/umo_press_2/action_z_go",
+        "sensor/umo_press_2/refusal",
+    ]
+    assert former_topics(machine, "ha") == [f"ha/{each}/config" for each in former]
+    assert not set(former_topics(machine, "ha")) & set(discovery(machine, "umo", "ha"))
 
 
 station = st.text(st.characters(blacklist_characters="/\0"), min_size=1, max_size=255) | part.filter(bool)
