@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from helpers.opened_modbus import Start, opened, read, starting, write
 from helpers.peers.modbus_device import PATIENT
@@ -278,9 +279,12 @@ class Registers:
         self.words = list(words)
         self.fails: dict[int, tuple[type[DriverError], bool]] = {}
         self.count = 0
+        self.was_lost = False
+        """Whether the connection is a new one."""
 
     def begin(self, timeout: float) -> bool:
-        return False
+        was_lost, self.was_lost = self.was_lost, False
+        return was_lost
 
     def close(self) -> None: ...
 
@@ -360,6 +364,90 @@ def _write_with_failures(words: list[int], masked: bool, skipping: bool, data: s
 @given(st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8), st.booleans(), st.booleans(), st.data())
 def test_the_same_with_many_more_failures(words: list[int], masked: bool, skipping: bool, data: st.DataObject) -> None:
     _write_with_failures(words, masked, skipping, data)
+
+
+# Several drivers and another master on the same registers ------------------------------------------------
+
+PARTS = {"0": 0x0001, "7:4": 0x00F0, "7:0": 0x00FF, "15:8": 0xFF00, "15:0": 0xFFFF}
+"""Fields of a register, and their bits."""
+addresses, words, names = st.integers(0, 1), st.integers(0, 0xFFFF), st.sampled_from(["one", "other", "masked"])
+
+
+class SharedRegisters(RuleBasedStateMachine):
+    """Registers that two drivers write by what they know and one by function 22, while another master writes them too.
+    A driver knows what it was told last: what the unit has confirmed, or has given where nothing was known."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words = [0x1234, 0xFFFF]
+        shared = list(self.words)
+        self.drivers = {"one": Modbus(), "other": Modbus(), "masked": Modbus(mask_write=True)}
+        self.units = {name: Registers([]) for name in self.drivers}
+        self.known: dict[str, dict[int, int]] = {name: {} for name in self.drivers}
+        for name, driver in self.drivers.items():
+            self.units[name].words = shared
+            driver._connection = self.units[name]  # type: ignore[assignment]
+
+    def _write(self, name: str, address: int, parts: Sequence[str], word: int) -> None:
+        channels = [self.drivers[name].channel(f"holding:{address}.{part}") for part in parts]
+        raws = [(word & PARTS[part]) >> channel.low for part, channel in zip(parts, channels, strict=True)]  # type: ignore[operator]
+        self.drivers[name].write_many(channels, np.array(raws, np.int64))
+
+    def _written(self, name: str, address: int, mask: int, word: int) -> int:
+        """What the register holds after a write of these bits."""
+        known = self.words[address] if name == "masked" else self.known[name].get(address, self.words[address])
+        return known & ~mask | word & mask
+
+    def _confirm(self, name: str, address: int, mask: int, contents: int) -> None:
+        self.words[address] = contents
+        if mask == 0xFFFF:
+            self.known[name].pop(address, None)
+        elif name != "masked":
+            self.known[name][address] = contents
+
+    @rule(
+        name=names, address=addresses, parts=st.sampled_from([*((part,) for part in PARTS), ("0", "15:8")]), word=words
+    )
+    def write_fields_in_one_transfer(self, name: str, address: int, parts: Sequence[str], word: int) -> None:
+        mask, unit = sum(PARTS[part] for part in parts), self.units[name]
+        reads = name != "masked" and mask != 0xFFFF and address not in self.known[name]
+        contents, before = self._written(name, address, mask, word), unit.count
+        self._write(name, address, parts, word)
+        self._confirm(name, address, mask, contents)
+        assert unit.count == before + 1 + reads, "what is known is not read again, what is not known is"
+
+    @rule(name=names, address=addresses, word=words, kind=st.sampled_from([Refused, DriverError]), taken=st.booleans())
+    def fail_to_write_a_field(self, name: str, address: int, word: int, kind: type[DriverError], taken: bool) -> None:
+        """`taken`: the unit did what it was asked, and only its answer has failed."""
+        unit = self.units[name]
+        reads = name != "masked" and address not in self.known[name]
+        unit.fails = {unit.count + 1 + reads: (kind, taken)}
+        contents = self._written(name, address, PARTS["7:4"], word)
+        with pytest.raises(DriverError):
+            self._write(name, address, ["7:4"], word)
+        if taken:
+            self.words[address] = contents
+        if name != "masked":
+            self.known[name].pop(address, None)
+        if kind is DriverError:
+            self.known[name].clear()
+
+    @rule(address=addresses, word=words)
+    def another_master_writes(self, address: int, word: int) -> None:
+        self.words[address] = self.units["one"].words[address] = word
+
+    @rule(name=names)
+    def the_connection_is_lost(self, name: str) -> None:
+        self.units[name].was_lost = True
+        self.known[name].clear()
+
+    @invariant()
+    def the_registers_are_as_the_drivers_and_the_master_left_them(self) -> None:
+        assert self.units["one"].words == self.words
+
+
+TestSharedRegisters = SharedRegisters.TestCase
+TestSharedRegisters.settings = settings(max_examples=30, stateful_step_count=20, deadline=None)
 
 
 # A machine, and a server of pymodbus ---------------------------------------------------------------------

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import combinations
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from prometheus_client import generate_latest
 from umo.faces.epics.epics_variables import EpicsVariables, variables_of
 from umo.faces.face import Changes
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
-from umo.faces.mqtt.home_assistant_discovery import TOPICS, device_of, discovery, value_topic
+from umo.faces.mqtt.home_assistant_discovery import TOPICS, device_of, discovery, former_topics, value_topic
 from umo.faces.mqtt.sparkplug_node import SparkplugNode
+from umo.faces.opcua import ua_machinery as machinery
 from umo.faces.opcua.ua_machine import MachineNodes
+from umo.faces.opcua.ua_machinery import add_identification
 from umo.faces.prometheus import Metrics
 from umo.fleet.fleet_keys import is_station_key, segment
 from umo.presentation.identity import escaped, is_text, is_topic, is_word, unescaped
@@ -28,7 +31,8 @@ Thing = tuple[str, str]
 NEAR = ("a", "b", "_", "__", "-", "/", " ", ":", "+", "#", "%", "ä", "ö", "a\u0308", "ﬁ", "0", "1", "é", "_x00E4_", "x")
 WORDS = (
     "run", "mode", "alarm", "axis", "equipment", "clear", "acknowledge", "PVI", "event", "bdSeq", "machine", "refusal",
-    "stop", "target", "log", "log_", "EURange", "", "Status", "5", "__5", "5a", "State",
+    "stop", "target", "log", "log_", "EURange", "", "Status", "5", "__5", "5a", "State", "Run", "Alarms", "Stop",
+    "SetMode", "LastRefusal", "EquipmentState", "AxisState", "PackML", "Identification", "Run_", "a/shown",
 )  # fmt: skip
 """What looks like an escape, like another name, or like a name that a face has for itself."""
 few = settings(max_examples=40)
@@ -54,13 +58,15 @@ def machine_of(things: Iterable[Thing], station: str = "plant") -> Declaration:
 
 
 class Nodes:
-    """In place of a NodeTree of OPC UA: notes the identifiers."""
+    """In place of a NodeTree of OPC UA: notes the identifiers, and the names by which each is found from the top."""
 
     def __init__(self) -> None:
         self.made: list[str] = []
+        self.ways: dict[str, tuple[tuple[int, str], ...]] = {}
 
-    def object(self, parent: Any, text: str, *more: Any, **about: Any) -> ua.NodeId:
+    def object(self, parent: Any, text: str, name: str, *more: Any, own: int = 1, **about: Any) -> ua.NodeId:
         self.made.append(text)
+        self.ways[text] = (*self.ways.get(str(parent.Identifier), ()), (own, name))
         return ua.NodeId(text, 1)
 
     variable = property = object
@@ -69,16 +75,23 @@ class Nodes:
         self.made += [
             f"{text}/{each}" for each, there in (("InputArguments", given), ("OutputArguments", returned)) if there
         ]
-        return self.object(parent, text)
+        return self.object(parent, text, name, **more)
+
+    def refer(self, *more: Any) -> None: ...
 
     def value_of(self, node: ua.NodeId) -> Any:
         return None
 
 
-def opcua(machine: Declaration) -> list[str]:
+def opcua_nodes(machine: Declaration) -> Nodes:
     tree: Any = Nodes()
-    MachineNodes(tree, machine, ua.NodeId("machines", 1))
-    return [each for each in tree.made if not each.startswith("part:")]
+    nodes = MachineNodes(tree, machine, ua.NodeId("machines", 1))
+    add_identification(tree, nodes.root, {machinery.URI: 2, machinery.DEVICES: 3}, {"Model": "plant"})
+    return cast(Nodes, tree)
+
+
+def opcua(machine: Declaration) -> list[str]:
+    return [each for each in opcua_nodes(machine).made if not each.startswith("part:")]
 
 
 def epics_variables(machine: Declaration) -> EpicsVariables:
@@ -156,6 +169,39 @@ def test_two_things_never_have_one_identity_and_none_depends_on_another(face: st
     assert set(told(machine_of((other, one)))) == set(both)
 
 
+def is_legal(one: Thing, other: Thing) -> bool:
+    """Whether a machine may have both: beside what is not one, a tunable number that is shown or kept too, and numbers
+    of an object (its velocity)."""
+    (near, above), (far, below) = sorted((one, other), key=lambda each: len(each[1]))
+    numbers = {"signal", "tunable"}
+    is_twin = above == below and {near, far} == numbers
+    is_of_object = above != below and far in numbers and near not in {"equipment", "axis", "alarm", "action"}
+    return is_twin or is_of_object or not are_one(one, other)
+
+
+def browse_names(things: Iterable[Thing]) -> dict[str, tuple[tuple[int, str], ...]]:
+    """The names from the machine on by which OPC UA finds each node."""
+    return opcua_nodes(machine_of(things)).ways
+
+
+@settings(max_examples=60)
+@given(st.lists(thing, min_size=1, max_size=3))
+@example([("sensor", "Run.mode")])
+@example([("signal", "Stop"), ("equipment", "Alarms"), ("action", "cell.PackML")])
+@example([("signal", "gain"), ("tunable", "gain"), ("action", "Clear")])
+@example([("sensor", "encoder"), ("signal", "encoder.velocity"), ("action", "SetMode")])
+def test_nodes_of_opc_ua_have_names_that_are_unique_constant_and_of_no_order(things: list[Thing]) -> None:
+    if not all(is_legal(one, other) for one, other in combinations(things, 2)):
+        return
+    together = browse_names(things)
+    assert len(set(together.values())) == len(together)
+    assert browse_names(things[::-1]) == together
+    for kind, path in things:
+        if ({"signal": "tunable", "tunable": "signal"}.get(kind), path) not in things:
+            alone = browse_names([(kind, path)])
+            assert {node: together[node] for node in alone if node in together} | alone == alone
+
+
 @few
 @given(thing, thing)
 def test_an_entry_of_the_tree_of_epics_never_becomes_that_of_another(one: Thing, other: Thing) -> None:
@@ -181,6 +227,21 @@ def test_an_escape_can_be_undone(one: str, other: str, kept: Callable[[str], boo
 def test_a_path_comes_back_from_its_topic(one: str, other: str) -> None:
     assert (TOPICS.of(one) == TOPICS.of(other)) == (one == other)
     assert TOPICS.path(TOPICS.of(one)) == one
+
+
+def test_the_topics_of_umo_02_at_the_broker_are_those_that_home_assistant_is_told_to_forget() -> None:
+    things = [("sensor", "zone.a_b"), ("sensor", "zone_a.b"), ("tunable", "z.gain"), ("action", "z.go")]
+    machine = machine_of(things, "press 2")
+    run = [f"sensor/umo_press_2/run_{each}" for each in ("mode", "periods", "missed", "execution", "wake")]
+    former = [f"sensor/umo_press_2/{each}" for each in ("zone_a_b", "zone_a_b_")]
+    former += [
+        "number/umo_press_2/tunable_z_gain",
+        *run,
+        "button/umo_press_2/action_z_go",
+        "sensor/umo_press_2/refusal",
+    ]
+    assert former_topics(machine, "ha") == [f"ha/{each}/config" for each in former]
+    assert not set(former_topics(machine, "ha")) & set(discovery(machine, "umo", "ha"))
 
 
 station = st.text(st.characters(blacklist_characters="/\0"), min_size=1, max_size=255) | part.filter(bool)

@@ -6,6 +6,7 @@ import json
 import struct
 import subprocess
 import sys
+import tracemalloc
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,8 +18,9 @@ import zstandard
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo.errors import FramesError
-from umo.recording import Recording, mcap_records
+from umo.recording import Recording, mcap_records, recording_scan
 from umo.recording import recording as recording_module
+from umo.recording.block import exact_message
 from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode
 from umo.recording.recording import describe
 from umo.recording.recording_file import RecordingFile
@@ -71,6 +73,11 @@ def head(**about: Any) -> bytes:
     return json.dumps(told | about).encode()
 
 
+def last(first: int = 1 << 40) -> bytes:
+    """A chunk with a sound block, so that all before it is read."""
+    return chunk(mcap_records.message(1, 1, 1, exact_message(block_at_random(LAYOUT, first, 1, 0))))
+
+
 def a_frame_of_gigabytes(path: Path) -> None:
     """1 GB of zeros in 33 kB; the chunk says that it has 1 kB."""
     stream = zstandard.ZstdCompressor(level=1).compressobj(size=1 << 30)
@@ -113,7 +120,7 @@ def a_description_of_many_lists(path: Path) -> None:
 def many_events(path: Path) -> None:
     events = [[n, 1.0, "press", "x" * 100, "", 0, 0, "set"] for n in range(20_000)]
     chunks = [chunk(exact(head(first=i, time=float(i), events=events))) for i in range(60)]
-    path.write_bytes(begun() + b"".join(chunks))
+    path.write_bytes(begun() + b"".join(chunks) + last())
 
 
 def many_blocks(path: Path) -> None:
@@ -121,7 +128,7 @@ def many_blocks(path: Path) -> None:
     for number in range(12):
         rows = b"".join(exact(head(first=100_000 * number + each)) for each in range(99_000))
         found += chunk(rows)
-    path.write_bytes(begun() + found)
+    path.write_bytes(begun() + found + last())
 
 
 def many_messages(path: Path) -> None:
@@ -159,11 +166,46 @@ def an_index_of_many_chunks(path: Path) -> None:
     path.write_bytes(bytes(data) + mcap_records.closing(len(data), 0, [(Opcode.CHUNK_INDEX, row * 1_500_000)]))
 
 
+def an_index_of_chunks_that_are_not_there(path: Path) -> None:
+    indexed(path, 999_000)
+
+
+def many_gaps(path: Path) -> None:
+    write_blocks(path, 2_900_000, 99_000, lambda number: head(first=2 * number))
+
+
+def many_black_boxes(path: Path) -> None:
+    box = [0, 1, 0.0, 0.0, "", 0, ""]
+    write_blocks(path, 40, 1, lambda number: head(first=number, boxes=[box] * 50_000))
+
+
+def indexed(path: Path, count: int) -> None:
+    """A closed file whose summary has so many chunks more than there are."""
+    data, one = begun(), last()
+    at, size = len(data), mcap_records.read_chunk(memoryview(one)[9:], len(one) - 9).size
+    places = range(at, at + count)
+    rows = (mcap_records.chunk_index(ChunkIndex(1, 2, each, len(one), {}, 0, 1, size)) for each in places)
+    first = len(mcap_records.header("umo"))
+    about = mcap_records.metadata_index(first, len(mcap_records.metadata("umo", describe(LAYOUT))), "umo")
+    groups = [(Opcode.CHUNK_INDEX, b"".join(rows)), (Opcode.METADATA_INDEX, about)]
+    path.write_bytes(bytes(data) + one + mcap_records.closing(at + len(one), 0, groups))
+
+
+def write_blocks(path: Path, count: int, together: int, text: Callable[[int], bytes], between: bytes = b"") -> None:
+    """A file with so many blocks, some of them in a chunk."""
+    with open(path, "wb") as file:
+        file.write(begun())
+        for number in range(0, count, together):
+            numbers = range(number, min(number + together, count))
+            file.write(chunk(b"".join(exact(text(each)) for each in numbers)) + between)
+        file.write(last())
+
+
 BOMBS: list[Callable[[Path], None]] = [
     a_frame_of_gigabytes, a_description_of_many_lists, the_largest_content, a_frame_without_a_size, a_huge_schema,
     a_block_of_a_trillion_periods, a_block_as_large_as_allowed, a_deep_description, many_events, many_blocks,
     many_messages, many_small_descriptions, a_mapping_of_many_texts, a_description_of_many_values,
-    an_index_of_many_chunks,
+    an_index_of_many_chunks, an_index_of_chunks_that_are_not_there, many_gaps, many_black_boxes,
 ]  # fmt: skip
 
 
@@ -175,6 +217,53 @@ def test_no_file_takes_more_than_256_megabytes_to_open(tmp_path: Path, bomb: Cal
     print(f"{bomb.__name__}: {path.stat().st_size / 1e6:.1f} MB, {taken / 1e6:.0f} MB of memory")
     assert taken <= MOST, said[-500:]
     assert "told:" in said or "not whole" in said
+
+
+def damaged_places(path: Path, count: int) -> None:
+    write_blocks(path, count, 1, lambda number: head(first=number), between=bytes(16))
+
+
+def repeated_blocks(path: Path, count: int) -> None:
+    write_blocks(path, count, 1, lambda number: head())
+
+
+def missing_chunks(path: Path, count: int) -> None:
+    indexed(path, count)
+
+
+def gaps(path: Path, count: int) -> None:
+    write_blocks(path, count, 500, lambda number: head(first=2 * number))
+
+
+def black_boxes(path: Path, count: int) -> None:
+    box = [0, 1, 0.0, 0.0, "", 0, ""]
+    write_blocks(path, count // 10, 10, lambda number: head(first=number, boxes=[box] * 10))
+
+
+def events(path: Path, count: int) -> None:
+    event = [0, 1.0, "", "", "", 0, 0, ""]
+    write_blocks(path, count // 10, 10, lambda number: head(first=number, events=[event] * 10))
+
+
+@pytest.mark.parametrize("many", [damaged_places, repeated_blocks, missing_chunks, gaps, black_boxes, events])
+def test_what_a_file_has_many_of_takes_next_to_no_memory_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, many: Callable[[Path, int], None]
+) -> None:
+    """Beyond what is told singly: the place of a block or a chunk in an array, or of the summary until it was read."""
+    monkeypatch.setattr(recording_module, "MAX_GAPS", 100)
+    monkeypatch.setattr(recording_scan, "MAX_KEPT", 100 << 10)
+    few, more = 2_000, 4_000
+    taken = []
+    for count in (few, more):
+        many(tmp_path / f"{count}.mcap", count)
+        tracemalloc.start()
+        try:
+            with Recording(tmp_path / f"{count}.mcap") as recording:
+                facts_of(recording)
+            taken.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert (taken[1] - taken[0]) / (more - few) < 120
 
 
 @pytest.mark.full

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,11 +24,12 @@ from umo import load
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError
 from umo.frames.reader import NumberedEvent
-from umo.recording import Recording, mcap_reader
+from umo.recording import Recording, mcap_reader, mcap_records
 from umo.recording import recording as recording_module
 from umo.recording.block import Block
 from umo.recording.copying import join, repair, thin
 from umo.recording.extent import EXTENT
+from umo.recording.mcap_records import McapChannel, Schema
 from umo.recording.part_names import part_name
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.record_settings import RecordSettings
@@ -216,6 +218,49 @@ def test_each_byte_of_each_file_may_flip(bases: dict[str, Base], tmp_path: Path)
             assert not faults(bases[name], tmp_path, [Damage("bit", (at + 0.5) / size, 0.0, at // 3)]), (name, at)
 
 
+def metadata() -> bytes:
+    return mcap_records.metadata("umo", {"first": "0", "stop": "3"})[9:]
+
+
+LENGTHS: dict[str, tuple[bytes, Callable[[memoryview], Any], tuple[int, ...]]] = {
+    "metadata": (metadata(), mcap_records.read_metadata, (0, 7, 11, 20, 25)),
+    "schema": (mcap_records.schema(Schema(1, "a", "b", b"data"))[9:], mcap_records.read_schema, (2, 7, 12)),
+    "channel": (
+        mcap_records.channel(McapChannel(1, "a", "b", 1, {"c": "d"}))[9:], mcap_records.read_channel, (4, 9, 14, 18),
+    ),
+    "statistics": (
+        mcap_records.statistics({1: 5}, schemas=1, channels=1, metadata=1, chunks=1, first=1, last=2)[9:],
+        mcap_records.read_counts, (42,),
+    ),
+    "metadata index": (mcap_records.metadata_index(8, 20, "umo")[9:], mcap_records.read_metadata_index, (16,)),
+}  # fmt: skip
+"""A record, what reads it, and where lengths stand in it."""
+
+
+@pytest.mark.parametrize("kind", LENGTHS)
+@pytest.mark.parametrize("more", [1, 100, 0xFFFF_0000])
+def test_a_length_that_is_greater_than_what_it_is_in_is_an_error(kind: str, more: int) -> None:
+    body, reads, places = LENGTHS[kind]
+    reads(memoryview(body))
+    for at in places:
+        changed = bytearray(body)
+        changed[at : at + 4] = (int.from_bytes(body[at : at + 4], "little") + more).to_bytes(4, "little")
+        with pytest.raises((ValueError, struct.error)):
+            reads(memoryview(changed))
+
+
+@pytest.mark.parametrize("change", [1, -1, 200])
+def test_a_file_whose_periods_have_a_wrong_length_says_so(tmp_path: Path, change: int) -> None:
+    small(path := tmp_path / "run.mcap")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"umo/periods") + len(EXTENT)  # the length of the texts
+    data[at : at + 4] = (int.from_bytes(data[at : at + 4], "little") + change).to_bytes(4, "little")
+    path.write_bytes(data)
+    with Recording(path) as recording:
+        assert any("the metadata 'umo/periods' are damaged: " in text for text in recording.damage)
+        assert not recording.complete
+
+
 # Planted faults of the reader --------------------------------------------------------------------------
 
 
@@ -233,15 +278,12 @@ def _without_extent(patch: pytest.MonkeyPatch) -> None:
 
 
 def _without_order(patch: pytest.MonkeyPatch) -> None:
-    def in_order(self: Any, file: Any) -> list[Any]:
-        return [recording_module._Place(file, at) for at in file.chunks]
-
     def blocks(self: Any, start: Any = None, stop: Any = None, *, full: bool = True) -> Iterator[Block]:
         for place in self._chunks:
             for exact, columns in self._pairs(place):
                 yield recording_module.block_of(self.layout, exact, columns if full else None)
 
-    patch.setattr(Recording, "_in_order", in_order)
+    patch.setattr(recording_module, "in_order", lambda file: file.chunks)
     patch.setattr(Recording, "blocks", blocks)
 
 

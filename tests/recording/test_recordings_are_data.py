@@ -28,6 +28,7 @@ from umo.frames import Reader
 from umo.latency import blackbox
 from umo.page.watched_recording import WatchedRecording
 from umo.page.watched_run import described_twin
+from umo.process import source_files
 from umo.process import station as station_module
 from umo.process.job import Job as RunJob
 from umo.process.job import Plan
@@ -35,7 +36,6 @@ from umo.process.job_facts import job_facts
 from umo.process.station import Station, shipped
 from umo.recording import Recording, flight_folder
 from umo.recording.recording_file import RecordingFile
-from umo.replay import code_given
 from umo.replay.closed_loop import recorded_trial
 from umo.replay.code_given import CodeGiven
 from umo.replay.program import Program
@@ -308,16 +308,35 @@ def test_other_code_is_told(conveyor: MemoryTape, tmp_path: Path) -> None:
     shutil.copytree(shipped()["conveyor"], copy, ignore=shutil.ignore_patterns("__pycache__"))
     given = CodeGiven(str(copy))
     assert Program.of(conveyor, given).code == ""
-    (copy / "more.py").write_text("")
-    assert Program.of(conveyor, given).code.startswith("the code is another than that of the recorded run (SHA-256 ")
+    (copy / "notes.py").write_text("")
+    assert Program.of(conveyor, given).code == "", "no run has read it"
+    with (copy / "control.py").open("a") as file:
+        file.write("\n# another\n")
+    assert Program.of(conveyor, given).code == "the code is another than that of the recorded run (control.py)"
 
 
-def test_code_that_is_too_large_to_be_hashed_is_not_told_as_the_same(
-    conveyor: MemoryTape, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(code_given, "files_hash", lambda *_: "not hashed: more than 2,000 files")
-    told = code_given.hash_told({"files": "not hashed: more than 2,000 files"}, tmp_path)
+def test_code_that_was_not_hashed_is_not_told_as_the_same(conveyor: MemoryTape) -> None:
+    """Of umo 0.2."""
+    job = {name: value for name, value in conveyor.job.items() if name != "sources"}
+    told = Program.of(MemoryTape(conveyor.layout, job)).code
     assert told.startswith("whether the code is that of the recorded run is not known")
+
+
+def test_files_outside_of_the_folder_of_the_code_are_not_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever a recording says that it had read."""
+    seen: list[str] = []
+    monkeypatch.setattr(source_files, "digest_of", lambda file: seen.append(file) or "")
+    sources: dict[Any, Any] = {
+        "/a/press/objects.py": "1",
+        "/a/press/../../etc/passwd": "1",
+        "/etc/passwd": 2,
+        "x": None,
+        "": 1,
+    }
+    assert source_files.other_files({"place": "/a/press", "sources": sources}, tmp_path) == ["objects.py"]
+    assert seen == [str(tmp_path / "objects.py")]
 
 
 PROGRAM = """

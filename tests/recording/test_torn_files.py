@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import random
+import re
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,12 +17,13 @@ from mcap.reader import make_reader
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo.errors import FramesError
-from umo.recording import Recording
+from umo.recording import Recording, mcap_reader
 from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
 from umo.recording.mcap_records import Opcode
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile
+from umo.tables.recording_summary import facts_of
 
 LAYOUT = layout_of(2, 1)
 
@@ -180,6 +182,42 @@ def test_a_sector_that_cannot_be_read_costs_its_chunk(tmp_path: Path, monkeypatc
 
 
 # A full disk --------------------------------------------------------------------------------------------
+
+
+def unreadable(patch: pytest.MonkeyPatch, at: int, size: int) -> None:
+    """Bytes of which none can be read: as with Linux a read ends before them, and one that begins in them fails."""
+    whole = os.pread
+
+    def pread(file: int, length: int, place: int) -> bytes:
+        if at <= place < at + size:
+            raise OSError(errno.EIO, "Input/output error")
+        return whole(file, min(length, at - place) if place < at else length, place)
+
+    patch.setattr(os, "pread", pread)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("sector", first(4, [0, 1, 40, 8, *range(2, 100)]))
+def test_a_sector_that_cannot_be_read_is_told_wherever_it_lies_and_what_is_behind_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sector: int, closed: bool
+) -> None:
+    path = tmp_path / "run.mcap"
+    sizes = written(path, 8)
+    if not closed:
+        os.truncate(path, sizes[-1])
+    monkeypatch.setattr(mcap_reader, "SECTOR", 64)
+    unreadable(monkeypatch, 64 * sector, 64)
+    try:
+        with Recording(path) as recording:
+            told, periods = "\n".join(recording.damage), len(recording.frames())
+            facts_of(recording)
+    except FramesError as error:
+        assert re.search(r"at byte [\d,]+:? .*cannot be read", str(error)), "it is its beginning or its description"
+        assert 64 * sector < sizes[0]
+    else:
+        assert periods >= 24 - 2 * 3
+        assert periods == 24 or "cannot be read" in told
+        assert told or 64 * sector > path.stat().st_size
 
 
 @contextmanager

@@ -158,3 +158,13 @@ def test_commands_after_lost_periods_come_at_their_ticks() -> None:
     tape = MemoryTape(layout_of(), {"station": "conveyor"})
     tape.recorded = blocks
     assert [tick for tick, _ in recorded_trial(tape).commands] == [5, 1, 25, 21]
+
+
+@pytest.mark.parametrize("levels", [60, 900, 100_000])
+def test_a_command_that_is_nested_too_deeply_is_refused_with_its_period(levels: int) -> None:
+    block = block_at_random(layout_of(), 0, 10, 0)
+    nested = b'{"do": "tune", "value": ' + b"[" * levels + b"]" * levels + b"}"
+    tape = MemoryTape(layout_of(), {"station": "conveyor"})
+    tape.recorded = [replace(block, commands=[TakenCommand(1, 4, nested)])]
+    with pytest.raises(NotReplayable, match="the command of period 5 has more than 50 levels"):
+        recorded_trial(tape)

@@ -97,7 +97,7 @@ def repair_file(file: Path) -> int:
         raise FramesError(f"{file} could not be repaired: {text_of(error)}") from None
     with Recording(file, later=False) as recording:
         periods, (_, last) = recording.periods, recording.span
-        missing = "" if not (lost := sum(gap.count for gap in recording.gaps)) else f"; {lost:,} are missing"
+        missing = "" if not (lost := recording.lost) else f"; {lost:,} are missing"
         chunks = recording.chunks
     what = f"{chunks} chunks, {periods} periods"
     if periods:

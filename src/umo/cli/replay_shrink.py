@@ -16,7 +16,7 @@ from typing import Any
 from umo.exit_status import ExitStatus
 from umo.process.station import packaged
 from umo.replay.closed_loop import ClosedShrinking, Trial, recorded_trial
-from umo.replay.code_given import CodeGiven, hash_told
+from umo.replay.code_given import CodeGiven, other_code
 from umo.replay.opening import opened, other_hash_seed
 from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
 from umo.replay.tape import NotReplayable, Tape
@@ -117,7 +117,7 @@ def _shrink(shrinking: Shrinking, file: Path, code: CodeGiven, target: Path, sec
 def _shrink_closed(tape: Tape, file: Path, code: CodeGiven, target: Path | None, seconds: float) -> int:
     shrinking = ClosedShrinking(recorded_trial(tape, code))
     begun = shrinking.trial
-    if changed := hash_told(tape.job, Path(begun.station)):
+    if changed := other_code(tape.job, Path(begun.station)):
         say(changed)
     ended = _searched(shrinking.run, lambda: _counts(shrinking.trial), seconds)
     trial = shrinking.trial

@@ -74,6 +74,10 @@ class WatchedRecording(Watched):
         self.playing, self.speed = False, 1.0
         self.position = self.history.stop
         """The time that is shown, s on the machine's clock."""
+        self._asked: float | None = None
+        """The time that a page has asked for last."""
+        self._answered: float | None = None
+        """The one that was asked for when `read` last showed a time."""
         self._shown_at: float | None = None
         self.read()
 
@@ -109,6 +113,7 @@ class WatchedRecording(Watched):
         if time is None and playing and not self.playing and self.position >= self.history.stop:
             time = self.history.start
         if time is not None:
+            self._asked = time
             self.position = min(max(time, self.history.start), self.history.stop)
             self.jumps += 1
         self.playing, self.speed = playing, min(max(speed, 0.01), MAX_SPEED)
@@ -125,8 +130,9 @@ class WatchedRecording(Watched):
             self.playing = self.position < self.history.stop
         self._heard = now
         if self.position != self._shown_at:
-            self._shown_at = self.position
             self._show(self.position)
+            self._shown_at = self.position
+        self._answered = self._asked
 
     def _show(self, moment: float) -> None:
         _, chunk, row = self._frames.at(moment)
@@ -157,10 +163,7 @@ class WatchedRecording(Watched):
     def description(self) -> dict[str, Any]:
         told = super().description()
         told["signals"] = [as_shown(each) for each in self.entries[len(told["objects"]) :]]
-        files = [
-            {"file": each.path.name, "whole": not each.damage, "lost": sum(gap.count for gap in each.gaps)}
-            for each in self._recordings
-        ]
+        files = [{"file": each.path.name, "whole": not each.damage, "lost": each.lost} for each in self._recordings]
         first = self._recordings[0]
         words = ["umo", "replay", str(first.path.absolute())]
         if self._given and self._station is not None:
@@ -169,7 +172,8 @@ class WatchedRecording(Watched):
         return told | {"recording": {"files": files, "second": SECOND if self._second else "", "replay": replay}}
 
     def _heading(self) -> dict[str, Any]:
-        played = {"time": round(self.position, 6), "playing": self.playing, "speed": self.speed}
+        played = {"time": round(self._shown_at or 0.0, 6), "asked": self._answered}
+        played |= {"playing": self.playing, "speed": self.speed}
         return super()._heading() | {"silent": 0, "box": self._words, "recording": played}
 
     def _facts(self) -> dict[str, str]:

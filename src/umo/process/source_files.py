@@ -54,6 +54,30 @@ def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
     return found
 
 
+def other_files(job: Mapping[str, Any], place: Path) -> list[str] | None:
+    """Names of the files that a recorded run had in the folder of its station, or beside its script, and that differ
+    in `place`. Its wiring does not count, as a recording has it. None: the job does not tell them."""
+    known, where, wiring = job.get("sources"), job.get("place"), job.get("wiring")
+    if not isinstance(known, Mapping) or not known or not isinstance(where, str):
+        return None
+    own = str(wiring.get("file", "")) if isinstance(wiring, Mapping) else ""
+    before, today = _folder_of(Path(where)), _folder_of(place)
+    names = {
+        Path(str(file)).relative_to(before): digest for file, digest in known.items() if _is_below(file, before, own)
+    }
+    return sorted(str(name) for name, digest in names.items() if digest_of(str(today / name)) != digest)
+
+
+def _folder_of(place: Path) -> Path:
+    return place.parent if place.suffix == ".py" else place
+
+
+def _is_below(file: object, folder: Path, wiring: str) -> bool:
+    """Whether it is a file below a folder, by its name alone, and not the wiring."""
+    path = Path(str(file))
+    return file != wiring and ".." not in path.parts and path.is_relative_to(folder)
+
+
 def changed_text(changed: Sequence[ChangedFile]) -> str:
     """The same in words: `it runs the former control.py, which has changed on disk since the start; the next run takes
     it as it is now`; empty: nothing has changed."""

@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from array import array
 from contextlib import suppress
+
+import numpy as np
 
 from umo.recording.block import headed
 from umo.recording.mcap_reader import McapReader
 
 EXACT, COLUMNS = 1, 2
 """The numbers of these channels, in every file: what a file says of channels has no checksum until it is closed."""
+MAX_FIRST = 1 << 62
+"""Numbers of frames are less."""
 REPEATED = "its periods were there before"
 
 
-def in_order(file: McapReader, note: Callable[[int, str], None]) -> list[int]:
-    """Offsets of the chunks in the order of their periods. A file that is not closed may have them in any, or twice;
-    `note` is told the offset of each that is passed over, and why."""
+def in_order(file: McapReader) -> array[int]:
+    """Offsets of the chunks in the order of their periods. A file that is not closed may have them in any, or twice:
+    each that is passed over is damaged."""
     if file.is_whole:
-        return list(file.chunks)
-    firsts: dict[int, int] = {}
+        return file.chunks
+    firsts, offsets = array("q"), array("q")
     for at in file.chunks:
         try:
             found = next(iter(file.messages(at, (EXACT,))), None)
         except ValueError as error:
-            note(at, damaged(error))
+            file.damaged.add(at, damaged(error))
             continue
-        if found is not None and firsts.setdefault(first_of(found.data), at) != at:
-            note(at, REPEATED)
-    return [firsts[first] for first in sorted(firsts)]
+        if found is not None:
+            firsts.append(first_of(found.data))
+            offsets.append(at)
+    _, places = np.unique(np.frombuffer(firsts, np.int64), return_index=True)
+    ordered = np.frombuffer(offsets, np.int64)
+    for at in np.delete(ordered, places).tolist():
+        file.damaged.add(at, REPEATED)
+    return array("q", ordered[places].tobytes())
 
 
 def damaged(error: ValueError) -> str:
@@ -38,5 +47,6 @@ def damaged(error: ValueError) -> str:
 def first_of(exact: memoryview) -> int:
     """The number of the first frame of a block; that of no block if it is damaged, which is told when it is read."""
     with suppress(ValueError, LookupError, TypeError, OverflowError):
-        return int(headed(exact)[0]["first"])
+        first = int(headed(exact)[0]["first"])
+        return first if 0 <= first < MAX_FIRST else -1
     return -1

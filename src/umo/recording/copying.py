@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 
 from umo.errors import FramesError, text_of
@@ -61,32 +60,31 @@ class _Joined:
         """Time of the first frame of the last block, s."""
         self.ended = False
         """Whether the end of the run was seen."""
-        self.damage = [text for file in files for text in self._told(file)]
-        """What is damaged, in sentences, as far as the files were read."""
-
-    @staticmethod
-    def _told(file: McapReader) -> Iterator[str]:
-        yield from file.metadata.get(DAMAGE, {}).values()
-        torn = file.size if file.is_whole else file.end  # behind it lies what is being written
-        for each in file.damaged:
-            if each.at < torn:
-                yield f"{file.path.name}, at byte {each.at:,}: {each.why} (before it was copied)"
+        self.more_damage: list[str] = []
+        """What is damaged beside places of the files, in sentences."""
 
     def chunks(self) -> Iterator[PackedChunk]:
         for file in self._files:
-            note = partial(self._note, file)
-            for at in in_order(file, note):
+            for at in in_order(file):
                 try:
                     content = file.chunk(at)
                     if self._see(content):
                         yield repacked(file.raw(at), content)
                     else:
-                        note(at, REPEATED)
+                        file.damaged.add(at, REPEATED)
                 except (ValueError, LookupError, TypeError, OverflowError) as error:  # its periods are missing
-                    note(at, damaged(ValueError(text_of(error))))
+                    file.damaged.add(at, damaged(ValueError(text_of(error))))
 
-    def _note(self, file: McapReader, at: int, why: str) -> None:
-        self.damage.append(f"{file.path.name}, at byte {at:,}: {why} (before it was copied)")
+    @property
+    def damage(self) -> list[str]:
+        """What is damaged, in sentences, as far as the files were read."""
+        return [*(text for file in self._files for text in self._told(file)), *self.more_damage]
+
+    @staticmethod
+    def _told(file: McapReader) -> Iterator[str]:
+        yield from file.metadata.get(DAMAGE, {}).values()
+        torn = file.size if file.is_whole else file.end  # behind it lies what is being written
+        yield from (f"{text} (before it was copied)" for text in file.damaged.sentences(file.path.name, torn))
 
     def _see(self, content: bytes) -> bool:
         """Take in what the blocks of a chunk say of themselves; false if its periods were there before."""
@@ -118,7 +116,7 @@ class _Joined:
         """What the new file says of its periods, and of those that are missing."""
         extent = self.extent
         told = [] if extent is None else [(EXTENT, extent.texts)]
-        return told + ([(DAMAGE, damage_texts(self.damage))] if self.damage else [])
+        return told + ([(DAMAGE, damage_texts(damage))] if (damage := self.damage) else [])
 
 
 def join(parts: Sequence[Path], path: Path) -> None:
@@ -186,7 +184,7 @@ def repair(path: Path) -> bool:
 
 def _of_repaired(file: McapReader, joined: _Joined) -> Metadata:
     if not file.is_whole and not joined.ended:
-        joined.damage.append(f"{not_closed(file.path.name, joined.time)} (before it was repaired)")
+        joined.more_damage.append(f"{not_closed(file.path.name, joined.time)} (before it was repaired)")
     followed = {name: text for name, text in file.metadata.get(EXTENT, {}).items() if name == FOLLOWED}
     return [(name, texts | followed if name == EXTENT else texts) for name, texts in joined.metadata]
 

@@ -14,16 +14,19 @@ import resource
 import stat
 import struct
 import zlib
+from array import array
 from collections.abc import Container, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import zstandard
 
 from umo.errors import FramesError
 from umo.recording import mcap_records
+from umo.recording.damaged_places import DamagedPlaces
 from umo.recording.mcap_records import ChunkHead, ChunkPlace, McapChannel, Opcode, Schema
 
 MAX_CONTENT = 64 << 20
@@ -39,6 +42,8 @@ MAX_WINDOW = 8 << 20
 """Bytes that a decompressor may hold beside its result."""
 PIECE = 1 << 20
 """Bytes that are read at once where much is."""
+SECTOR = 4096
+"""Bytes that cannot be read together where one cannot."""
 COMPRESSION = b"\x04\0\0\0zstd"
 """How the name of the compression stands in a chunk, behind 28 bytes of its body."""
 HELD = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
@@ -54,11 +59,13 @@ class McapMessage(NamedTuple):
     data: memoryview
 
 
-class Damaged(NamedTuple):
-    """A place of a file that cannot be read."""
+class Unreadable(ValueError):
+    """A sector of the disk cannot be read."""
 
-    at: int
-    why: str
+    def __init__(self, at: int, error: OSError) -> None:
+        super().__init__(f"it cannot be read: {error.strerror}")
+        self.at = at
+        """Offset of what was to be read."""
 
 
 class McapReader:
@@ -70,7 +77,11 @@ class McapReader:
         try:
             self.size = os.fstat(self._file).st_size
             """Bytes of the file when it was opened; what is written later is not read."""
-            if self._at(0, len(mcap_records.MAGIC)) != mcap_records.MAGIC:
+            try:
+                magic = self._at(0, len(mcap_records.MAGIC))
+            except Unreadable as error:
+                raise FramesError(f"{path}, at byte 0: {error}") from None
+            if magic != mcap_records.MAGIC:
                 raise FramesError(f"{path} is not a recording: it is no MCAP file")
             self._begin()
         except BaseException:
@@ -81,18 +92,20 @@ class McapReader:
         self.metadata: dict[str, dict[str, str]] = {}
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, McapChannel] = {}
-        self.chunks: list[int] = []
+        self.chunks: array[int] = array("q")
         """Offsets of the chunks, in the order in which they lie in the file."""
-        self.damaged: list[Damaged] = []
-        """Chunks of which not even the head is sound."""
+        self.damaged = DamagedPlaces()
+        """What is damaged, as far as it was read."""
         self.counts: dict[int, int] = {}
         """The number of messages of each channel, where the file is closed."""
         self.end = len(mcap_records.MAGIC)
         """Offset at which its last sound record ends."""
         self._held = 0
-        with suppress(OSError):
+        try:
             self.is_whole = self._read_summary()
             """Whether it was closed, and its summary is sound."""
+        except Unreadable as error:
+            self.damaged.add(error.at, str(error))
         if not self.is_whole:
             self._held = 0
             self._walk()
@@ -118,36 +131,42 @@ class McapReader:
         self._data_end = start - mcap_records.DATA_END_BYTES
         try:
             places = self._summary(start, footer)
+        except Unreadable:
+            raise
         except (ValueError, struct.error):  # another program's
             return False
-        for place in sorted(places, key=lambda each: each.at):
-            self._take(place)
+        rows = np.frombuffer(places, np.uint64).reshape(-1, len(ChunkPlace._fields))
+        for row in np.argsort(rows[:, ChunkPlace._fields.index("at")], kind="stable"):
+            self._take(ChunkPlace(*rows[row].tolist()))
         return True
 
-    def _summary(self, start: int, footer: int) -> list[ChunkPlace]:
-        places = []
+    def _summary(self, start: int, footer: int) -> array[int]:
+        """Read it; the places of the chunks one after the other: a million of them take 40 MB."""
+        places, most = array("Q"), MAX_CHUNKS * len(ChunkPlace._fields)
         for at, opcode, length in self._records(start, footer):
             if opcode in (Opcode.CHUNK_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS) and length < PIECE:
                 body = memoryview(self._at(at + mcap_records.HEAD.size, length))
                 if opcode == Opcode.STATISTICS:
                     self.counts = mcap_records.read_counts(body)
                 elif opcode == Opcode.CHUNK_INDEX:
-                    places.append(mcap_records.read_chunk_index(body))
+                    places.extend(mcap_records.read_chunk_index(body))
                 else:
                     self._take_metadata(*mcap_records.read_metadata_index(body))
             elif opcode in HELD:
                 self._hold(at, opcode, length)
-            if len(places) > MAX_CHUNKS:
+            if len(places) > most:
                 raise FramesError(f"{self.path} is damaged: it says that it has more than {MAX_CHUNKS} chunks")
         return places
 
     def _take_metadata(self, at: int, length: int, name: str) -> None:
-        found = next(self._records(at, self._data_end), None)
-        if found != (at, Opcode.METADATA, length - mcap_records.HEAD.size):
-            self.damaged.append(Damaged(at, f"the metadata {name!r} are not there"))
-            return
-        with suppress(ValueError, struct.error):  # whoever needs them finds that they are not there
+        try:
+            found = next(self._records(at, self._data_end), None)
+            if found != (at, Opcode.METADATA, length - mcap_records.HEAD.size):
+                self.damaged.add(at, f"the metadata {name!r} are not there")
+                return
             self._hold(*found)
+        except (ValueError, struct.error) as error:
+            self.damaged.add(at, f"the metadata {name!r} are damaged: {error}")
 
     def _take(self, place: ChunkPlace) -> None:
         """Take over a chunk of the summary, if it is there."""
@@ -157,7 +176,7 @@ class McapReader:
             if (head.first, head.last, head.size, length) != (place.first, place.last, place.size, place.length):
                 raise ValueError("it is another one than the summary says")
         except ValueError as error:
-            self.damaged.append(Damaged(place.at, str(error)))
+            self.damaged.add(place.at, str(error))
         else:
             self.chunks.append(place.at)
 
@@ -166,12 +185,20 @@ class McapReader:
     def _walk(self) -> None:
         """Find its records from the beginning on; behind damage the next chunk is looked for."""
         at = self.end
-        while at < self.size and len(self.chunks) < MAX_CHUNKS:
-            found = next(self._records(at, self.size), None)
-            if found is None or not self._is_known(*found):
+        while at < self.size:
+            if len(self.chunks) >= MAX_CHUNKS:
+                self.damaged.add(at, f"no more than {MAX_CHUNKS:,} chunks are read")
+                return
+            found, why = None, "are no record"
+            try:
+                found = next(self._records(at, self.size), None)
+                is_known = found is not None and self._is_known(*found)
+            except Unreadable:
+                is_known, why = False, "cannot be read"
+            if found is None or not is_known:
                 end = self._next_chunk(at + 1)
-                if self.chunks or end < self.size:
-                    self.damaged.append(Damaged(at, f"{end - at} bytes are no record"))
+                if self.chunks or end < self.size or why == "cannot be read":
+                    self.damaged.add(at, f"{end - at} bytes {why}")
                 at = end
                 continue
             _, opcode, length = found
@@ -181,7 +208,7 @@ class McapReader:
             self.end = at
 
     def _is_known(self, at: int, opcode: int, length: int) -> bool:
-        """Take over a record; false if it is none that a recording has."""
+        """Take over a record; false if it is none that a recording has. Unreadable."""
         try:
             if opcode == Opcode.CHUNK:
                 self.head(at)
@@ -190,6 +217,8 @@ class McapReader:
                 self._hold(at, opcode, length)
             elif opcode == Opcode.MESSAGE_INDEX and not self._is_message_index(at, length):
                 return False
+        except Unreadable:
+            raise
         except (ValueError, struct.error):
             return False
         return opcode in (*HELD, Opcode.CHUNK, Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.DATA_END, Opcode.FOOTER)
@@ -205,8 +234,9 @@ class McapReader:
     def _next_chunk(self, at: int) -> int:
         """Offset of the next chunk from an offset on; the end of the file: there is none."""
         back = mcap_records.HEAD.size + 28
+        length = SECTOR
         while at < self.size:
-            piece = self._at(at, PIECE + back + len(COMPRESSION))
+            piece = self._readable(at, length + back + len(COMPRESSION))
             place = piece.find(COMPRESSION, back)
             while place >= 0:
                 if piece[place - back] == Opcode.CHUNK:
@@ -214,16 +244,35 @@ class McapReader:
                         self.head(at + place - back)
                         return at + place - back
                 place = piece.find(COMPRESSION, place + 1)
-            at += PIECE
+            at += min(len(piece), length) or SECTOR - at % SECTOR
+            length = min(2 * length, PIECE)
         return self.size
 
     # Reading -------------------------------------------------------------------------------------------
 
     def _at(self, at: int, length: int) -> bytes:
-        """Bytes at an offset, as far as they are there."""
+        """Bytes at an offset, as far as they are there. Unreadable."""
         if self._file < 0:
             raise FramesError(f"{self.path} was closed")
-        return os.pread(self._file, max(min(length, self.size - at), 0), at)
+        end, data = min(at + length, self.size), b""
+        while at + len(data) < end:
+            try:
+                more = os.pread(self._file, end - at - len(data), at + len(data))
+            except OSError as error:
+                if error.errno != errno.EIO:
+                    raise
+                raise Unreadable(at, error) from None
+            if not more:  # it was cut meanwhile
+                break
+            data += more
+        return data
+
+    def _readable(self, at: int, length: int) -> bytes:
+        """Bytes at an offset, of which more cannot be read those of its sector alone; none if it cannot be read."""
+        for most in (length, SECTOR - at % SECTOR):
+            with suppress(Unreadable):
+                return self._at(at, most)
+        return b""
 
     def _records(self, at: int, end: int) -> Iterator[tuple[int, int, int]]:
         """Offset, opcode and length of body of the records up to an offset, as far as they are there as a whole."""
@@ -263,7 +312,7 @@ class McapReader:
     def is_sound(self) -> bool:
         """Whether all of a closed file is as it was written, by the checksum of its data; reads all of it. Files of umo
         0.2 have no such checksum, and count as sound."""
-        with suppress(ValueError), _unreadable_is_damaged():
+        with suppress(ValueError):
             end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
             if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
                 return False
@@ -273,11 +322,10 @@ class McapReader:
 
     def head(self, at: int) -> ChunkHead:
         """The head of the chunk at an offset. ValueError if it is damaged."""
-        with _unreadable_is_damaged():
-            found = next(self._records(at, self.size), None)
-            if found is None or found[1] != Opcode.CHUNK:
-                raise ValueError("there is no whole chunk")
-            begin = memoryview(self._at(at + mcap_records.HEAD.size, mcap_records.CHUNK_HEAD_BYTES))
+        found = next(self._records(at, self.size), None)
+        if found is None or found[1] != Opcode.CHUNK:
+            raise ValueError("there is no whole chunk")
+        begin = memoryview(self._at(at + mcap_records.HEAD.size, mcap_records.CHUNK_HEAD_BYTES))
         try:
             head = mcap_records.read_chunk(begin, found[2])
         except struct.error:
@@ -294,8 +342,7 @@ class McapReader:
     def chunk(self, at: int) -> bytes:
         """The content of the chunk at an offset. ValueError if it is damaged."""
         head = self.head(at)
-        with _unreadable_is_damaged():
-            data = self._at(at + mcap_records.HEAD.size + head.begin, head.length)
+        data = self._at(at + mcap_records.HEAD.size + head.begin, head.length)
         content = content_of(head, data)
         if len(content) != head.size or zlib.crc32(content) != head.checksum:
             raise ValueError("its checksum does not fit")
@@ -321,17 +368,6 @@ class McapReader:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
-
-
-@contextmanager
-def _unreadable_is_damaged() -> Iterator[None]:
-    """ValueError where a sector of the disk cannot be read."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno != errno.EIO:
-            raise
-        raise ValueError(f"it cannot be read: {error.strerror}") from None
 
 
 def _opened(path: Path) -> int:

@@ -178,28 +178,36 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
         at = body + length
 
 
-def read_string(body: memoryview, at: int) -> tuple[str, int]:
-    """A string at an offset, and where it ends. ValueError if it is not there as a whole."""
+def read_part(body: memoryview, at: int) -> tuple[memoryview, int]:
+    """What follows its length at an offset, and where it ends. ValueError if it is not there as a whole."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if end > len(body):
-        raise ValueError("a text is cut short")
-    return str(body[at + 4 : end], "utf-8"), end
+        raise ValueError("a length is greater than what it is in")
+    return body[at + 4 : end], end
+
+
+def read_string(body: memoryview, at: int) -> tuple[str, int]:
+    text, end = read_part(body, at)
+    return str(text, "utf-8"), end
 
 
 def read_mapping(body: memoryview, at: int) -> tuple[dict[str, str], int]:
-    end = at + 4 + int.from_bytes(body[at : at + 4], "little")
-    at, texts = at + 4, dict[str, str]()
-    while at < end:
+    rows, end = read_part(body, at)
+    place, texts = 0, dict[str, str]()
+    while place < len(rows):
         if len(texts) >= MAX_TEXTS:
             raise ValueError(f"a mapping has more than {MAX_TEXTS} texts")
-        key, at = read_string(body, at)
-        texts[key], at = read_string(body, at)
-    return texts, at
+        key, place = read_string(rows, place)
+        texts[key], place = read_string(rows, place)
+    return texts, end
 
 
 def read_metadata(body: memoryview) -> tuple[str, dict[str, str]]:
     name, at = read_string(body, 0)
-    return name, read_mapping(body, at)[0]
+    texts, end = read_mapping(body, at)
+    if end != len(body):
+        raise ValueError("a length is less than what it is of")
+    return name, texts
 
 
 def read_channel(body: memoryview) -> McapChannel:
@@ -213,8 +221,7 @@ def read_schema(body: memoryview) -> Schema:
     (number,) = struct.unpack_from("<H", body)
     name, at = read_string(body, 2)
     encoding, at = read_string(body, at)
-    (size,) = struct.unpack_from("<I", body, at)
-    return Schema(number, name, encoding, bytes(body[at + 4 : at + 4 + size]))
+    return Schema(number, name, encoding, bytes(read_part(body, at)[0]))
 
 
 class ChunkHead(NamedTuple):
@@ -263,9 +270,7 @@ def read_chunk_index(body: memoryview) -> ChunkPlace:
 
 def read_counts(body: memoryview) -> dict[int, int]:
     """The number of messages of each channel, of the statistics."""
-    (size,) = struct.unpack_from("<I", body, _STATISTICS.size)
-    rows = body[_STATISTICS.size + 4 : _STATISTICS.size + 4 + size]
-    return dict(_INDEX_ROW.iter_unpack(rows))
+    return dict(_INDEX_ROW.iter_unpack(read_part(body, _STATISTICS.size)[0]))
 
 
 def read_metadata_index(body: memoryview) -> tuple[int, int, str]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import zlib
+from array import array
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -38,6 +40,8 @@ SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOP
 """What is kept from period 0 on, also where the rest of old files is not."""
 MALFORMED = "its description is malformed"
 """Why a file does not say what was run."""
+MAX_GAPS = 10_000
+"""Gaps that are told singly, the first ones."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,28 @@ class _Place(NamedTuple):
 
     file: McapReader
     at: int
+
+
+class _Places(Sequence[_Place]):
+    """Where the chunks of all files lie, in order: each takes 12 bytes of memory."""
+
+    def __init__(self, files: Sequence[McapReader]) -> None:
+        self._files, self._file_of, self._offsets = files, array("I"), array("q")
+        for number, file in enumerate(files):
+            offsets = in_order(file)
+            self._offsets += offsets
+            self._file_of += array("I", [number]) * len(offsets)
+
+    def __len__(self) -> int:
+        return len(self._offsets)
+
+    def __getitem__(self, number: Any) -> Any:
+        """One place, by its number."""
+        return _Place(self._files[self._file_of[number]], self._offsets[number])
+
+    def starting(self, number: int) -> Iterator[_Place]:
+        """Those from a number on."""
+        return (self[each] for each in range(number, len(self)))
 
 
 class Recording:
@@ -78,16 +104,7 @@ class Recording:
         except BaseException:
             self.close()
             raise
-        self._noted: dict[tuple[Path, int], str] = {}
-        self._chunks = [place for file in self._files for place in self._in_order(file)]
-
-    def _in_order(self, file: McapReader) -> list[_Place]:
-        """The chunks of a file in the order of their periods."""
-        return [_Place(file, at) for at in in_order(file, lambda at, why: self._note(_Place(file, at), why))]
-
-    def _note(self, place: _Place, why: str) -> None:
-        """Remember what is damaged; each place once."""
-        self._noted.setdefault((place.file.path, place.at), f"{place.file.path.name}, at byte {place.at:,}: {why}")
+        self._chunks = _Places(self._files)
 
     def _add(self, path: Path) -> None:
         """Add a later part, if it is of the same run. One that was cut in its first write has nothing."""
@@ -131,7 +148,7 @@ class Recording:
     @cached_property
     def complete(self) -> bool:
         """Whether it has all frames, entries, commands and events from its first frame on, up to the end of the run."""
-        return not self.damage and self._scan.is_exact and not self.gaps and self.ended
+        return not self.damage and self._scan.is_exact and not self.lost and self.ended
 
     @cached_property
     def damage(self) -> list[str]:
@@ -145,8 +162,7 @@ class Recording:
 
     def _damage_of(self, file: McapReader) -> list[str]:
         name, seen = file.path.name, self._scan.files.get(file.path, FileScan())
-        told = [f"{name}, at byte {each.at:,}: {each.why}" for each in file.damaged]
-        told += [text for (path, _), text in self._noted.items() if path == file.path]
+        told = list(file.damaged.sentences(name, file.size))
         extent = _extent_of(file)
         if not file.is_whole:
             told.append(not_closed(name, seen.time if seen.blocks else None))
@@ -191,11 +207,11 @@ class Recording:
         s on the cycle's clock. `full`: with the columns that replay does not need. A damaged chunk is passed over: its
         frames are lost for the block that follows (`damage`, `lost_at_end`)."""
         expected: int | None = None
-        for place in self._chunks[self._before(start) :]:
+        for place in self._chunks.starting(self._before(start)):
             for exact, columns in self._pairs(place):
                 block = block_of(self.layout, exact, columns if full else None)
                 if expected is not None and block.first < expected:
-                    self._note(place, REPEATED)
+                    place.file.damaged.add(place.at, REPEATED)
                     continue
                 if expected is not None and block.first > expected + block.lost:
                     block = replace(block, lost=block.first - expected)
@@ -230,9 +246,14 @@ class Recording:
 
     @cached_property
     def black_boxes(self) -> list[BlackBox]:
-        """Where periods were missed and why, one in 10 s at most, and how a run ended that has failed; in order."""
-        kept = self._scan.kept_boxes
-        return [box for head in self._heads() for box in head.boxes] if kept is None else kept
+        """Where periods were missed and why, one in 10 s at most, and how a run ended that has failed; in order. Of
+        more than some 10,000 the last ones; `black_box_count` counts all."""
+        return list(self._scan.kept_boxes)
+
+    @property
+    def black_box_count(self) -> int:
+        """Number of its black boxes."""
+        return self._scan.boxes
 
     @cached_property
     def commands(self) -> list[TakenCommand]:
@@ -249,10 +270,10 @@ class Recording:
         """Number of its commands: counted without reading them."""
         return self._scan.commands
 
-    @cached_property
-    def block_starts(self) -> list[tuple[float, int]]:
-        """Of each block its time in s on the machine's clock, and how many frames it has."""
-        return list(zip(self._scan.times, self._scan.counts, strict=True))
+    @property
+    def block_starts(self) -> tuple[Any, Any]:
+        """Of each block its time in s on the machine's clock, and how many frames it has: two arrays."""
+        return np.array(self._scan.times), np.array(self._scan.counts)
 
     @property
     def periods(self) -> int:
@@ -271,9 +292,23 @@ class Recording:
     @cached_property
     def gaps(self) -> list[LostFrames]:
         """The frames that are missing: those between the first and the last one, and what the files say that they had
-        before and after."""
-        gaps = [LostFrames(*each) for each in self._scan.gaps(self._told_first)]
-        return [*gaps, LostFrames(self._scan.stop or 0, self.lost_at_end)] if self.lost_at_end else gaps
+        before and after. The first 10,000; `gap_count` counts all."""
+        return list(islice(self._gaps(), MAX_GAPS))
+
+    def _gaps(self) -> Iterator[LostFrames]:
+        yield from (LostFrames(*each) for each in self._scan.gaps(self._told_first))
+        if self.lost_at_end:
+            yield LostFrames(self._scan.stop or 0, self.lost_at_end)
+
+    @cached_property
+    def gap_count(self) -> int:
+        """Number of gaps."""
+        return sum(1 for _ in self._gaps())
+
+    @cached_property
+    def lost(self) -> int:
+        """Number of frames that are missing in all gaps."""
+        return sum(gap.count for gap in self._gaps())
 
     @property
     def end(self) -> NumberedEvent | None:
@@ -340,7 +375,7 @@ class Recording:
                     about, rest = headed(exact)
                     head = BlockHead.of(about, len(exact) - len(rest))
                 if stop is not None and head.first < stop:
-                    self._note(place, REPEATED)
+                    place.file.damaged.add(place.at, REPEATED)
                     continue
                 stop = head.first + head.periods
                 yield place, head
@@ -350,7 +385,7 @@ class Recording:
         try:
             found = place.file.messages(place.at, (EXACT, COLUMNS))
         except ValueError as error:
-            self._note(place, damaged(error))
+            place.file.damaged.add(place.at, damaged(error))
             return
         rest = {message.sequence: message.data for message in found if message.channel == COLUMNS}
         for message in found:
@@ -365,7 +400,7 @@ class Recording:
 
     def _time(self, number: int) -> float:
         """The time at which a chunk begins; of a damaged one that of the next."""
-        for place in self._chunks[number:]:
+        for place in self._chunks.starting(number):
             for exact, _ in self._pairs(place):
                 return float(headed(exact)[0]["time"])
         return float("inf")
@@ -405,7 +440,7 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
     """What the file says of itself, and the layout of its frames."""
     about = file.metadata.get(METADATA)
     if about is None:
-        damaged = f": {file.damaged[0].why}" if file.damaged else ""
+        damaged = "".join(f": at byte {each.at:,} {each.why}" for each in islice(file.damaged, 1))
         raise FramesError(f"{file.path} is not a recording of umo, or its description is damaged{damaged}")
     if (version := about.get("version")) not in (FORMAT, OLD_FORMAT):
         raise FramesError(f"{file.path} is of version {version}, this umo reads versions {OLD_FORMAT} and {FORMAT}")

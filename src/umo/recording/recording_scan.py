@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from sys import getsizeof
 from typing import Any, NamedTuple
 
 from umo.errors import FramesError
 from umo.frames.reader import NumberedEvent
 from umo.recording.block import BlackBox, boxes_of, events_lost_of, events_of
+from umo.recording.chunk_order import MAX_FIRST
 
 MAX_BLOCKS = 3_000_000
 """Blocks of a recording, at most: a month of seconds."""
-MAX_KEPT = 16 << 20
-"""Bytes of events and black boxes, as they stand in the file, that are held; beyond them they are read anew."""
+MAX_KEPT = 32 << 20
+"""Bytes of events that are held, and of black boxes, about; beyond them events are read anew, and black boxes are
+those that came last."""
+OVERHEAD = 1 << 10
+"""Bytes for which each of these counts beside its texts."""
 
 
 class BlockHead(NamedTuple):
@@ -31,7 +37,7 @@ class BlockHead(NamedTuple):
     @classmethod
     def of(cls, about: Mapping[str, Any], size: int) -> BlockHead:
         head = cls(int(about["first"]), int(about["count"]), float(about["time"]), about, size)
-        if not 0 <= head.first < 1 << 62 or not 0 < head.periods < 1 << 32:
+        if not 0 <= head.first < MAX_FIRST or not 0 < head.periods < 1 << 32:
             raise ValueError("it has no periods")
         return head
 
@@ -75,9 +81,13 @@ class RecordingScan:
     end: NumberedEvent | None = None
     """The event of the end of the run, the last one."""
     kept_events: list[NumberedEvent] | None = field(default_factory=list)
-    kept_boxes: list[BlackBox] | None = field(default_factory=list)
     """None: they are too many to be held."""
-    _kept: int = 0
+    boxes: int = 0
+    """How many black boxes there are."""
+    kept_boxes: deque[BlackBox] = field(default_factory=deque)
+    """The last ones."""
+    _events_size: int = 0
+    _boxes_size: int = 0
 
     def add(self, head: BlockHead, path: Path) -> None:
         if len(self.firsts) >= MAX_BLOCKS:
@@ -94,16 +104,23 @@ class RecordingScan:
         events, boxes = head.events, head.boxes
         self.events += len(events)
         self.end = next((each for each in reversed(events) if each.event.is_end), self.end)
-        if events or boxes:
-            self._keep(events, boxes, head.size)
+        self.boxes += len(boxes)
+        self._keep_events(events)
+        self._keep_boxes(boxes)
 
-    def _keep(self, events: list[NumberedEvent], boxes: list[BlackBox], size: int) -> None:
-        self._kept += size
-        if self._kept > MAX_KEPT:
-            self.kept_events = self.kept_boxes = None
-        if self.kept_events is not None and self.kept_boxes is not None:
+    def _keep_events(self, events: list[NumberedEvent]) -> None:
+        self._events_size += sum(_size(each.event.text, each.event.path, each.event.who) for each in events)
+        if self._events_size > MAX_KEPT:
+            self.kept_events = None
+        if self.kept_events is not None:
             self.kept_events += events
-            self.kept_boxes += boxes
+
+    def _keep_boxes(self, boxes: list[BlackBox]) -> None:
+        self.kept_boxes += boxes
+        self._boxes_size += sum(_size(each.text, each.reason) for each in boxes)
+        while self._boxes_size > MAX_KEPT and len(self.kept_boxes) > 1:
+            oldest = self.kept_boxes.popleft()
+            self._boxes_size -= _size(oldest.text, oldest.reason)
 
     @property
     def first(self) -> int | None:
@@ -124,3 +141,8 @@ class RecordingScan:
             if expected is not None and first > expected:
                 yield expected, first - expected
             expected = first + count
+
+
+def _size(*texts: object) -> int:
+    """Bytes of memory of what has these texts, about. A malformed one may have other things."""
+    return OVERHEAD + sum(getsizeof(each) for each in texts)

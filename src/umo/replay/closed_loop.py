@@ -11,7 +11,7 @@ import json
 import os
 import select
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -33,6 +33,8 @@ MORE = 1.25
 """Times the recorded duration after which a trial ends: the error may come later."""
 PATIENCE = 120.0
 """Wall-clock time in s of a trial at most."""
+MAX_LEVELS = 50
+"""Lists and tables in each other in a command, at most: a test that is written has it as a text of Python."""
 FAULT = "fault"
 """The option that injects faults."""
 
@@ -124,7 +126,7 @@ def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
     if made.station is None:
         raise NotReplayable("--closed runs a station, and not a program")
     initial = dict(about.get("initial", {}))
-    commands = [(tick, found) for tick, data in _taken(tape) if (found := _plain(data)) is not None]
+    commands = [(tick, found) for tick, data in _taken(tape) if (found := _content(tick, data)) is not None]
     ends = [event.time for event in events_of(tape) if event.is_end]
     fixed = {
         "seed": initial.get("seed", 0), "fault_seed": job.get("fault_seed"), "kept": initial.get("kept", {}),
@@ -221,12 +223,29 @@ def _taken(tape: Tape) -> Iterator[tuple[int, bytes]]:
             yield numbers[max(each.period - first, 0)], each.data
 
 
-def _plain(data: bytes) -> Mapping[str, Any] | None:
+def _content(tick: int, data: bytes) -> Mapping[str, Any] | None:
+    """The content of a command that was taken at a tick; None: it was none. NotReplayable of one that is nested too
+    deeply to be written into a test."""
     try:
         found = json.loads(data)
+        level = [found]
+        for _ in range(MAX_LEVELS):
+            level = [inner for each in level for inner in _within(each)]
+        if level:
+            raise RecursionError
+    except RecursionError:
+        raise NotReplayable(
+            f"the command of period {tick} has more than {MAX_LEVELS} levels of lists or tables"
+        ) from None
     except ValueError:
         return None
     return found if isinstance(found, dict) else None
+
+
+def _within(found: object) -> Collection[Any]:
+    if isinstance(found, dict):
+        return found.values()
+    return found if isinstance(found, list) else ()
 
 
 def _received(ready: int) -> bytes:

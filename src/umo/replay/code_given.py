@@ -10,17 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from umo.process.job import MAIN_MODULE, Job, functions_of
-from umo.process.job_facts import files_hash
+from umo.process.source_files import other_files
 from umo.process.station import Station, find, packaged
 from umo.replay.recorded_wiring import files_among, recorded_wiring
 from umo.replay.tape import NotReplayable
 from umo.signature import parameters_of
-from umo.text import in_a_line, printable
+from umo.text import in_a_line, printable, some
 from umo.wiring.parameters import flag
 from umo.wiring.run_options import WIRING_OPTIONS, driver_options
 
-SHOWN_HASH = 12
-"""Digits of a hash that are shown."""
 FORM = "FILE.py:MACHINE:APPLICATION"
 
 
@@ -118,13 +116,9 @@ def _wiring(job: Job, station: Station | None) -> Any:
     return Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
 
 
-def hash_told(recorded: Mapping[str, Any], place: Path) -> str:
+def other_code(recorded: Mapping[str, Any], place: Path) -> str:
     """A remark if the files of the code are others than in the recorded run; "": they are the same."""
-    before, today = str(recorded.get("files") or "not recorded"), files_hash(place, lambda: 0.0)
-    if not before.isalnum() or not today.isalnum():
-        return "whether the code is that of the recorded run is not known: its files were not hashed"
-    if before == today:
-        return ""
-    return (
-        f"the code is another than that of the recorded run (SHA-256 {before[:SHOWN_HASH]}, today {today[:SHOWN_HASH]})"
-    )
+    others = other_files(recorded, place)
+    if others is None:
+        return "whether the code is that of the recorded run is not known: it has no hashes of its files"
+    return f"the code is another than that of the recorded run ({printable(in_a_line(some(others)))})" if others else ""

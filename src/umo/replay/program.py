@@ -13,7 +13,7 @@ from umo.errors import OptionError, UmoError, WiringError, text_of
 from umo.objects import Compound
 from umo.objects.numbers import numbers_of
 from umo.process.job import Plan
-from umo.replay.code_given import NOTHING_GIVEN, CodeGiven, hash_told, job_of
+from umo.replay.code_given import NOTHING_GIVEN, CodeGiven, job_of, other_code
 from umo.replay.tape import NotReplayable, Tape
 from umo.text import did_you_mean
 from umo.wiring import Wired
@@ -47,7 +47,7 @@ class Program:
             why = str(error.mistakes[0]) if isinstance(error, WiringError) and error.mistakes else text_of(error)
             raise NotReplayable(f"the machine of the recording cannot be made: {why}") from error
         loop = partial(drive, application=plan.application)
-        return cls(plan.machine, plan.wired, loop, plan.name, job.manual, hash_told(tape.job, plan.place))
+        return cls(plan.machine, plan.wired, loop, plan.name, job.manual, other_code(tape.job, plan.place))
 
     def set(self, settings: Mapping[str, object]) -> None:
         """Let numbers have other values than in the recording. OptionError for one that there is not, or a value that

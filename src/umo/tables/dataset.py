@@ -77,11 +77,12 @@ def attributes(about: Mapping[str, Any]) -> dict[str, Any]:
 def _about(recording: Recording, bare: int) -> dict[str, Any]:
     about = recording.about
     told = {name: about[name] for name in ("station", "wiring", "period", "started") if about.get(name) is not None}
-    lost, damage = sum(gap.count for gap in recording.gaps), "\n".join(recording.damage)
+    lost, damage = recording.lost, "\n".join(recording.damage)
     if damage:
         log.warning("%s", damage)
     boxes = "\n".join(f"{box.time:g} s: {box.text or box.reason}" for box in recording.black_boxes)
     return told | {
         "periods_lost": lost, "damage": damage, "periods_without_values": bare, "black_boxes": boxes,
+        "black_box_count": recording.black_box_count,
         "recording": str(recording.path),
     }  # fmt: skip

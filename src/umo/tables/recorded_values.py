@@ -59,7 +59,7 @@ class RecordedValues:
 
     def look_for_damage(self) -> None:
         """Reads the whole recording once more, where that was not done yet."""
-        self.lost = sum(gap.count for gap in self.recording.gaps)
+        self.lost = self.recording.lost
         self.damage = self.recording.damage
 
     @property
@@ -92,10 +92,10 @@ class RecordedValues:
     @property
     def periods(self) -> int:
         """Number of the periods between the times, a block more at most at each end: counted without reading them."""
-        starts = self.recording.block_starts
-        ends = [*(time for time, _ in starts[1:]), np.inf]
+        times, counts = self.recording.block_starts
+        ends = np.append(times[1:], np.inf)
         low, high = -np.inf if self.start is None else self.start, np.inf if self.stop is None else self.stop
-        return sum(count for (time, count), end in zip(starts, ends, strict=True) if time < high and end > low)
+        return int(counts[(times < high) & (ends > low)].sum())
 
     def share(self, time: float) -> float:
         """How much lies before a time, 0 to 1."""

@@ -31,6 +31,7 @@ def write_parquet(values: RecordedValues, file: Path, progress: TellTime) -> int
     told = {"station": about.get("station"), "wiring": about.get("wiring"), "started": about.get("started")}
     told["objects"] = rows.objects().to_pylist()
     told["black_boxes"] = [box._asdict() for box in values.recording.black_boxes]
+    told["black_box_count"] = values.recording.black_box_count
     beside = _Beside(values.recording.blocks(full=False) if items is None else iter(()), len(values.layout.tunables))
     with pq.ParquetWriter(
         file, VALUES.with_metadata({"umo": json.dumps(told, default=str)}), compression="zstd"

@@ -38,13 +38,15 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "last": last,
         "periods": recording.periods,
         "shrunk_from": about.get(SHRUNK),
-        "lost": sum(gap.count for gap in recording.gaps),
+        "lost": recording.lost,
+        "gap_count": recording.gap_count,
         "gaps": [[gap.first, gap.count] for gap in recording.gaps],
         "objects": len(recording.layout.objects),
         "signals": len(recording.layout.signals),
         "events": recording.events_told,
         "events_lost": recording.events_lost,
         "commands": recording.commands_taken,
+        "black_box_count": recording.black_box_count,
         "black_boxes": [box._asdict() for box in recording.black_boxes],
         "end": end and {"time": end.time, "text": end.text, "state": str(end.state)},
         "whole": recording.is_whole and not recording.damage,
@@ -64,7 +66,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     period = float(facts["period"] or 0.0)
     each = f" of {duration(period)}" if period else ""
     none = "none known, see damage" if facts["damage"] else "none"
-    lost = none if not facts["lost"] else f"{facts['lost']:,} in {count_of(len(facts['gaps']), 'gap')}"
+    lost = none if not facts["lost"] else f"{facts['lost']:,} in {count_of(facts['gap_count'], 'gap')}"
     end, lost_events = facts["end"], facts["events_lost"]
     last = "not in it" if end is None else f"{end['text']} ({end['state']}, at {end['time']:g} s)"
     versions = ", ".join(f"{name} {facts['versions'][name]}" for name in NAMED if name in facts["versions"])
@@ -80,7 +82,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("values of", f"{count_of(facts['objects'], 'object')}, {count_of(facts['signals'], 'signal')}"),
         ("events", f"{facts['events']:,}" + (f", {lost_events:,} were lost" if lost_events else "")),
         ("commands", f"{facts['commands']:,}"),
-        ("black boxes", _boxes(facts["black_boxes"])),
+        ("black boxes", _boxes(facts["black_boxes"], facts["black_box_count"])),
         ("end", last),
         ("replay", "from period 0 on" if facts["replayable"] else f"not possible: {facts['not_replayable']}"),
         ("file", f"{'whole' if facts['whole'] else 'not whole (umo record --repair)'}, {size}"),
@@ -104,10 +106,10 @@ def _few(damage: list[str]) -> list[str]:
     return [*([f"{more} more places"] if more > 0 else []), *damage[-MAX_DAMAGE:]]
 
 
-def _boxes(boxes: list[dict[str, Any]]) -> str:
+def _boxes(boxes: list[dict[str, Any]], count: int) -> str:
     """How many there are, and what the last one shows; empty: there are none."""
     if not boxes:
         return ""
     last = boxes[-1]
     why = " ".join(last["text"].splitlines()[-1:]) or last["reason"]
-    return f"{len(boxes):,} (umo why --file), the last one at {last['time']:g} s: {why}"
+    return f"{count:,} (umo why --file), the last one at {last['time']:g} s: {why}"

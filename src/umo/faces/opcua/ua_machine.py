@@ -14,10 +14,15 @@ from umo.cycle.client_commands import Mode
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
 from umo.faces.opcua.ua_values import is_switch, type_of, unit_of
-from umo.presentation.identity import Identities, is_text
+from umo.presentation.identity import Identities, escaped, is_text
 
+RUN, ALARMS, REFUSAL = "Run", "Alarms", "LastRefusal"
+EQUIPMENT, AXIS, UNIT = "EquipmentState", "AxisState", "PackML"
+"""Names of nodes of umo's own, beside those of the machine."""
 IDENTITIES = Identities(".", ":", is_text, frozenset({"machine", "refusal"}))
 """Identifiers of nodes. What belongs to a node has its identifier, a slash and a name."""
+PARTS = Identities(".", ":", is_text, frozenset({RUN, ALARMS}))
+"""Identifiers of parts; two folders of umo's own have such ones."""
 ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
 """Data types of the arguments of actions by their kinds; the others are texts."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
@@ -34,6 +39,9 @@ COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
     ("AcknowledgeAlarms", "acknowledge alarm", (PATH,), "Acknowledge alarms."),
 )
 """Methods of the machine: name, command, arguments, meaning."""
+OF_PARTS = frozenset({EQUIPMENT, AXIS, UNIT})
+OF_THE_MACHINE = OF_PARTS | {RUN, ALARMS, REFUSAL, *(name for name, *_ in COMMANDS)}
+"""Names of umo's own nodes in each part, and in the machine."""
 ALARM_COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
     ("Reset", "reset alarm", (), "Reset it, if it is latched."),
     ("Shelve", "shelve", (argument("Time", O.Double, "s"),), "Put it away for a time."),
@@ -70,13 +78,18 @@ def acknowledging(alarm: str) -> Called:
     return Called("acknowledge alarm", alarm, {}, arguments=optional)
 
 
+def browse_name(path: str) -> str:
+    """The name of what has this path, within its part: never that of a node of umo's own."""
+    part, _, name = path.rpartition(".")
+    return escaped(name, is_text, OF_PARTS if part else OF_THE_MACHINE)
+
+
 class MachineNodes:
     """`machines`: the node Objects/Machines of OPC 40001-1."""
 
     def __init__(self, tree: NodeTree, machine: Declaration, machines: ua.NodeId) -> None:
         self._tree, self._machine = tree, machine
-        self.values: list[AttributeValue] = []
-        """Where the value of each item stands, by its number."""
+        self._tuned = {item.path for item in machine.of_kind(ItemKind.TUNABLE)}
         self.texts: dict[int, AttributeValue] = {}
         """ValueAsText of those items that have it."""
         self.writable: dict[ua.NodeId, FaceItem] = {}
@@ -89,24 +102,32 @@ class MachineNodes:
         """Objects, parts, signals by their paths."""
         self.root = tree.object(machines, "machine", machine.station, reference=O.Organizes, description=machine.wiring)
         self._parts: dict[str, ua.NodeId] = {"": self.root}
+        self._folders: dict[str, ua.NodeId] = {}
         self.refusal = tree.variable(
-            self.root, "refusal", "LastRefusal", O.BaseDataVariableType, O.String,
+            self.root, "refusal", REFUSAL, O.BaseDataVariableType, O.String,
             description="The last command that was refused: whose, and why.",
         )  # fmt: skip
-        for item in machine.items:
-            self._add(item)
+        nodes = {item.number: self._add(item) for item in sorted(machine.items, key=_depth)}
+        self.values: list[AttributeValue] = [tree.value_of(nodes[item.number]) for item in machine.items]
+        """Where the value of each item stands, by its number."""
         for action in machine.actions:
             self._add_action(action)
         for name, do, given, text in COMMANDS:
             self._add_command(self.root, f"command:{do}", (name, do, given, text), None if given else "")
 
     def part(self, path: str) -> ua.NodeId:
-        """The object of a compound; "": the machine."""
+        """The object of a compound; "": the machine. What is below an object (its velocity) is below its variable."""
         if path not in self._parts:
-            above, _, name = path.rpartition(".")
-            self._parts[path] = self._tree.object(self.part(above), IDENTITIES.of(path, "part"), name)
+            above = self.part(path.rpartition(".")[0])
+            self._parts[path] = self._tree.object(above, PARTS.of(path, "part"), browse_name(path))
             self.by_path.setdefault(path, self._parts[path])
         return self._parts[path]
+
+    def _folder(self, name: str) -> ua.NodeId:
+        """A folder of umo's own in the machine."""
+        if name not in self._folders:
+            self._folders[name] = self._tree.object(self.root, f"part:{name}", name)
+        return self._folders[name]
 
     def alarm_of(self, node: ua.NodeId) -> str | None:
         """The alarm whose object this is; None: of none."""
@@ -114,23 +135,26 @@ class MachineNodes:
 
     # Items -------------------------------------------------------------------------------------------------
 
-    def _add(self, item: FaceItem) -> None:
+    def _add(self, item: FaceItem) -> ua.NodeId:
         parent, name = self._place(item)
         node = (self._state if item.states else self._number)(parent, name, item)
-        self.values.append(self._tree.value_of(node))
         if item.name == item.path:
-            self.by_path[item.path] = node
+            self.by_path[item.path] = self._parts[item.path] = node
         if item.writable:
             self.writable[node] = item
+        return node
 
     def _place(self, item: FaceItem) -> tuple[ua.NodeId, str]:
         """Parent and name of its variable."""
         if item.kind is ItemKind.ALARM:
             return self._alarm(item), "State"
         if item.kind in (ItemKind.EQUIPMENT, ItemKind.AXIS):
-            return self.part(item.path), "EquipmentState" if item.kind is ItemKind.EQUIPMENT else "AxisState"
-        above, _, name = item.path.rpartition(".")
-        return self.part("Run" if item.kind is ItemKind.RUN else above), name
+            return self.part(item.path), EQUIPMENT if item.kind is ItemKind.EQUIPMENT else AXIS
+        if item.kind is ItemKind.RUN:
+            return self._folder(RUN), item.path
+        name = browse_name(item.path)
+        is_twin = item.kind is ItemKind.SIGNAL and item.path in self._tuned
+        return self.part(item.path.rpartition(".")[0]), f"{name}/shown" if is_twin else name
 
     def _number(self, parent: ua.NodeId, name: str, item: FaceItem) -> ua.NodeId:
         bounds = [-inf if item.minimum is None else item.minimum, inf if item.maximum is None else item.maximum]
@@ -172,7 +196,7 @@ class MachineNodes:
         """The object of an alarm in the folder Alarms, named by its path."""
         about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
         own = IDENTITIES.of(item.path, "condition")
-        node = self._tree.object(self.part("Alarms"), own, item.path, description=about)
+        node = self._tree.object(self._folder(ALARMS), own, IDENTITIES.part(item.path), description=about)
         self.alarms[item.path] = node
         given = (*EVENT, *COMMENT)
         method = self._tree.method(
@@ -193,14 +217,17 @@ class MachineNodes:
 
     def _add_action(self, action: Mapping[str, Any]) -> None:
         path, arguments = str(action["path"]), action["arguments"]
-        above, _, name = path.rpartition(".")
         given = [argument(each["name"], ARGUMENT_TYPES.get(each["kind"], O.String), _about(each)) for each in arguments]
         text = str(action.get("help") or "")
-        node = self._tree.method(
-            self.part(above), IDENTITIES.of(path, "action"), name, given, (RESULT,), description=text
-        )
+        part, name = self.part(path.rpartition(".")[0]), browse_name(path)
+        node = self._tree.method(part, IDENTITIES.of(path, "action"), name, given, (RESULT,), description=text)
         kinds = {each["name"]: each["kind"] for each in arguments}
         self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")), tuple(arguments))
+
+
+def _depth(item: FaceItem) -> int:
+    """An object stands before what is below it."""
+    return item.path.count(".")
 
 
 def _about(each: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from asyncua import Node, ua
 
 from umo.faces.face_declaration import Declaration
-from umo.faces.opcua.ua_machine import IDENTITIES, Called, MachineNodes
+from umo.faces.opcua.ua_machine import IDENTITIES, UNIT, Called, MachineNodes
 from umo.faces.opcua.ua_tree import NodeTree, O, put
 from umo.operation.packml import PACKML, PackMLState
 
@@ -69,7 +69,7 @@ class PackMLUnits:
         text = IDENTITIES.of(path, "packml")
         parent = Node(self._server.iserver.isession, nodes.part(str(unit["part"])))
         kind = ua.NodeId(BASE_TYPE, self._namespace)
-        name = ua.QualifiedName("PackML", tree.namespace)
+        name = ua.QualifiedName(UNIT, tree.namespace)
         made = await parent.add_object(tree.id(text), name, objecttype=kind, instantiate_optional=False)
         tree.adopt([made.nodeid, *await _below(made)])
         tree.refer(ua.NodeId(OBJECTS, self._namespace), made.nodeid, O.Organizes)

@@ -20,13 +20,12 @@ INT64_BITS = 63
 
 
 class NodeTree:
-    """Adds nodes with texts as identifiers. Names that a parent has already get an ending."""
+    """Adds nodes with texts as identifiers. Whoever adds them gives names that their parents do not have yet."""
 
     def __init__(self, space: AddressSpace, nodes: NodeManagementService, namespace: int) -> None:
         self._space, self._nodes = space, nodes
         self.namespace = namespace
         self._made: list[ua.NodeId] = []
-        self._names: set[tuple[ua.NodeId, str]] = set()
 
     def id(self, text: str) -> ua.NodeId:
         return ua.NodeId(text, self.namespace)
@@ -108,7 +107,7 @@ class NodeTree:
                 if reference.NodeId not in made and (other := self._space.get(reference.NodeId)) is not None:
                     other.references[:] = [each for each in other.references if each.NodeId != node]
             del self._space[node]
-        self._made, self._names = [], set()
+        self._made = []
 
     def _add(
         self,
@@ -123,10 +122,6 @@ class NodeTree:
         description: str = "",
     ) -> ua.NodeId:
         """`kind`: the type; `own`: the namespace of its name, if that is another; `reference`: from its parent."""
-        names = self._names
-        while (parent, name) in names:
-            name += "_"
-        names.add((parent, name))
         item = ua.AddNodesItem()
         item.RequestedNewNodeId = self.id(text)
         item.BrowseName = ua.QualifiedName(name, self.namespace if own is None else own)

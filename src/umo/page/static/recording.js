@@ -6,6 +6,7 @@ import { clockText, wallDay, wallTime } from "./presentation.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 60];
 const STEP = 0.01;  // s that the slider and the keys [ and ] move
+const PATIENCE = 2000;  // ms that a chosen time stands before the server shows it: another page may have chosen one since
 
 /** @typedef {import("./feed.js").Feed} Feed */
 
@@ -17,6 +18,9 @@ export class RecordingBar {
     this._events = "";
     /** @type {number | null} The time that the hand on the slider has chosen, until the server shows it. */
     this._held = null;
+    this._heldUntil = 0;
+    /** @type {(() => void)[]} What waits until the server shows the chosen time. */
+    this._waiting = [];
     this._play = el("button", { textContent: "Play", title: "Play from this time on (P)", onclick: () => this.toggle() });
     this._slider = el("input", { type: "range", step: String(STEP), "aria-label": "Time of the recording", oninput: () => this.seek(Number(this._slider.value)) });
     this._marks = el("div", { className: "recording-marks" });
@@ -38,6 +42,7 @@ export class RecordingBar {
   /** @param {number} time */
   seek(time) {
     this._held = time;
+    this._heldUntil = performance.now() + PATIENCE;
     this._send(time, false);
     this._tell(time);
   }
@@ -64,11 +69,11 @@ export class RecordingBar {
     this._slider.min = String(start);
     this._slider.max = String(stop);
     setText(this._play, played.playing ? "Pause" : "Play");
-    if (this._held !== null && Math.abs(played.time - this._held) < STEP) this._held = null;
-    if (this._held === null || played.playing) {
-      this._held = null;
+    if (played.asked === this._held || performance.now() > this._heldUntil || played.playing) this._held = null;
+    if (this._held === null) {
       this._slider.value = String(played.time);
       this._tell(played.time);
+      for (const goOn of this._waiting.splice(0)) goOn();
     }
     this._mark(start, stop);
   }
@@ -100,7 +105,11 @@ export class RecordingBar {
     }));
   }
 
+  /** Once the server shows the time that was chosen. @returns {Promise<void>} */
+  _isShown() { return this._held === null ? Promise.resolve() : new Promise((resolve) => this._waiting.push(resolve)); }
+
   async _copy() {
+    await this._isShown();
     const shown = Number((this._feed.state?.time ?? 0).toFixed(9));  // of the period that is shown, at or before the slider
     const command = `${this._feed.description?.recording?.replay} --at ${shown}s`;
     try {

@@ -166,7 +166,7 @@ declare namespace Page {
     misses?: [number, number][];
     full: boolean;
     /** Of a recording: the time that is shown, s on the station's clock. */
-    recording?: { time: number; playing: boolean; speed: number };
+    recording?: { time: number; asked: number | null; playing: boolean; speed: number };
     values: Record<number, number[]>;
   }
 
