@@ -204,6 +204,32 @@ def lines(node: ast.AST) -> Iterator[ast.AST]:
 KINDS: dict[str, Change] = {
     each.__name__: each for each in (order, width, sign, scale, time, buffer, state, life, lines)
 }
+ANY_KIND = {"answers", "kind of errors", "range"}
+"""Rules that any change may break: nothing works, another exception than an OSError is raised, levels are wrong."""
+RIGHT_RULES = {
+    "order": {"one beyond", "directions", "block read", "block write", "block failures", "reopen", "look"},
+    "width": {"one beyond", "reading", "garbled answer", "short answer", "answer in pieces", "look", "long run"},
+    "sign": {"one beyond", "block read", "block write", "reading", "reset", "look"},
+    "scale": {"one beyond", "directions", "block read", "block write", "old answer"},
+    "time": {"timeout", "one deadline", "patience", "late answer", "look", "idle"},
+    "buffer": {
+        "one beyond", "directions", "block read", "block write", "block buffers", "block failures", "short answer",
+        "garbled answer", "answer in pieces", "error answer",
+    },
+    "state": {
+        "block failures", "reset", "reopen", "reset after failure", "timeout", "late answer", "old answer", "vanish",
+        "two clients", "fresh", "look", "levels kept",
+    },
+    "life": {
+        "block failures", "initialise", "reset", "finalise", "reopen", "reset after failure", "timeout", "late answer",
+        "vanish", "look", "levels kept", "idle", "descriptors", "end",
+    },
+    "lines": {
+        "channels", "one beyond", "directions", "block failures", "timeout", "one deadline", "late answer",
+        "old answer", "short answer", "garbled answer", "error answer", "vanish", "look", "watchdog", "idle",
+    },
+}  # fmt: skip
+"""The rules that are right to catch a mutant of this kind, beside those for any kind."""
 
 
 def _with(node: Any, **fields: Any) -> ast.AST:
@@ -362,6 +388,12 @@ def equivalent() -> dict[str, str]:
     return dict(zip(lines[::2], map(str.strip, lines[1::2]), strict=True))
 
 
+def rightly_caught(mutant: Generated, certificate: Certificate) -> bool:
+    """Whether the certificate names a rule that is right for the kind, or a call that hangs, which any rule names."""
+    right = ANY_KIND | RIGHT_RULES[mutant.kind]
+    return any(each.rule in right or "did not end within" in each.why for each in certificate.failed)
+
+
 STAGED = (("channel", "value", "block", "lifecycle", "general"), tuple(THEMES))
 """Themes of rules that are tried first, as they take little time, and if these are kept."""
 CYCLES = 300
@@ -369,11 +401,16 @@ CYCLES = 300
 
 
 def judged(mutant: Generated) -> Certificate:
-    """The certificate of a mutant; of the quick rules alone if one of these is broken."""
+    """The certificate of a mutant, of the first stage that fails: the quick rules, all of them with a bounded number of
+    cycles, the long run in its whole length."""
     for themes in STAGED:
         rules = [rule.id for rule in all_rules() if rule.theme in themes]
-        with mutant.correct.subject(mutant.driver()) as subject:
-            certificate = conform(subject, only=rules, cycles=CYCLES)
+        certificate = _certificate(mutant, rules, CYCLES)
         if not certificate.passed:
-            break
-    return certificate
+            return certificate
+    return _certificate(mutant, ["long run"], None)
+
+
+def _certificate(mutant: Generated, rules: list[str], cycles: int | None) -> Certificate:
+    with mutant.correct.subject(mutant.driver()) as subject:
+        return conform(subject, only=rules, cycles=cycles)

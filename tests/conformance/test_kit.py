@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from random import Random
@@ -37,6 +37,10 @@ from umo.testing.conformance import (
     runner,
 )
 from umo.testing.conformance.budget import Budget, CallTime
+from umo.testing.conformance.leak_rules import _grows
+from umo.testing.conformance.level_rules import Witness
+from umo.testing.conformance.relay import Traffic
+from umo.testing.conformance.rule_context import RuleContext
 
 
 def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
@@ -405,6 +409,30 @@ def test_after_the_device_was_away_a_driver_may_bring_outputs_to_their_defaults_
     assert not wrong or "to 7 in a read of back:out:0, after the device was away" in found.why
 
 
+class Answers:
+    """A line on which a request is carried out until its answer comes, not sooner."""
+
+    def __init__(self, carried_out: Callable[[], object]) -> None:
+        self.carried_out = carried_out
+
+    @contextmanager
+    def counting(self, answers: bool = False) -> Iterator[Traffic]:
+        yield Traffic()
+        if answers:
+            self.carried_out()
+
+
+def test_a_level_that_moves_by_a_request_of_a_look_is_seen_also_if_the_look_does_not_wait_for_it() -> None:
+    levels = [0]
+    line: Any = Answers(lambda: levels.append(7))
+    subject = replace(simulated(), levels=lambda text: levels[-1:], line=line, make=Simulated)
+    context = RuleContext(subject)
+    witness = Witness(context, context.new(), None)
+    with witness.looking():
+        context.watch.doing = "look"
+    assert witness.seen == "valve went from 0 to 7 in a look"
+
+
 # Status, causes, time ---------------------------------------------------------------------------------------
 
 
@@ -484,6 +512,33 @@ def test_what_the_plan_promises_is_tried_whatever_the_rules_save(seed: int) -> N
             tried.add(rule.id)
             now += random.uniform(0.2, 1.0) * pace.of(rule.cost)
     assert set(plan.least) - set(plan.left_out) <= tried
+
+
+@pytest.mark.parametrize("device", [0.001, 0.01])
+def test_a_run_ends_within_its_budget_though_every_rule_takes_longer_than_planned(device: float) -> None:
+    now = 0.0
+    budget = Budget(120.0, all_rules(), clock=lambda: now)
+    pace = CallTime(opening=10 * device, transfer=device, wait=0.2, channels=6, connecting=device)
+    plan = budget.plan(pace, cycles=None)
+    assert not plan.left_out and plan.full > 120.0
+    for rule in all_rules():
+        if rule.theme == "general" or budget.begin(rule):
+            now += 1.05 * pace.of(rule.cost)
+            while rule.cost.more and budget.has(device):
+                now += device
+    assert 110.0 < now <= 120.0
+
+
+def test_what_measures_memory_leaves_time_for_its_rounds() -> None:
+    now = 0.0
+    context = RuleContext(simulated(), None, Budget(2.0, all_rules(), clock=lambda: now))
+
+    def call() -> None:
+        nonlocal now
+        now += 0.01
+
+    assert _grows(context, call, "calls") == "3 rounds of 50 calls"
+    assert now < 2.01
 
 
 class StartsWithEachConnection(Careful):

@@ -11,6 +11,8 @@ from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
 """Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
+FINAL_SHARE = 0.03
+"""Share of the budget that is kept for the end: the last rules may take longer than planned too."""
 SAFETY_FACTOR = 1.15
 """Factor on times that were measured from a few calls: they are no more exact than this."""
 LONG_RUN_TRANSFERS = 70_000
@@ -91,7 +93,7 @@ class Budget:
     """The time that is left, for the rule that is tried now."""
 
     def __init__(self, seconds: float, rules: Sequence[Rule], clock: Callable[[], float] = monotonic) -> None:
-        self._clock = clock
+        self.clock = clock
         self._end = clock() + seconds
         self._seconds = seconds
         self._rules = rules
@@ -100,7 +102,7 @@ class Budget:
         self._unpromised: frozenset[str] = frozenset()
         """Rules that will not fit, as the plan says."""
         self._kept = 0.0
-        """Time in s for the rules that are tried at any rate."""
+        """Time in s for the rules that are tried at any rate, and for the end."""
         self.left_out: list[str] = []
         """Rules that did not fit."""
         self.parts: list[str] = []
@@ -117,14 +119,15 @@ class Budget:
             most = more if cycles is None else min(more, cycles * transfer * pace.channels)
             shown[rule.id] = self._least[rule.id] + most
         self._kept = sum(pace.of(rule.cost) for rule in self._rules if rule.theme == ALWAYS)
+        self._kept += FINAL_SHARE * self._seconds
         plan = TimePlan(pace, max(0.0, self._left), dict(self._least), shown)
         self._unpromised = frozenset(plan.left_out)
         return plan
 
     @property
     def _left(self) -> float:
-        """Time in s, without that of the rules that are tried at any rate."""
-        return self._end - self._clock() - self._kept
+        """Time in s, without what is kept."""
+        return self._end - self.clock() - self._kept
 
     def begin(self, rule: Rule) -> bool:
         """Whether the rule fits; if so, `more` is for it from now on. One that was promised fits also if those before
@@ -138,7 +141,7 @@ class Budget:
             return False
         spare = max(0.0, left - least - sum(self._least[each] for each in behind))
         share = SPARE_SHARES.get(rule.id, SPARE_SHARE)
-        self._until = self._clock() + least + share * spare
+        self._until = self.clock() + least + share * spare
         return True
 
     @property
@@ -153,4 +156,4 @@ class Budget:
 
     def has(self, seconds: float) -> bool:
         """Whether it may do more that takes so long."""
-        return self._clock() + seconds < self._until
+        return self.clock() + seconds < self._until

@@ -33,7 +33,8 @@ def channels(context: RuleContext) -> None:
 
 def _check_unknown(context: RuleContext, driver: Driver[Any]) -> None:
     """A driver may take any text. One that does not must not take a part of a text for the whole."""
-    taken = [text for text in (UNKNOWN, *(text + UNKNOWN[-1] for text in context.channels[:1])) if _takes(driver, text)]
+    longer = [each for text in context.channels[:1] for each in (text + UNKNOWN[-1], UNKNOWN[-1] + text)]
+    taken = [text for text in (UNKNOWN, *longer) if _takes(driver, text)]
     if taken and UNKNOWN not in taken:
         raise RuleBroken(f"the channel {taken[0]!r} was taken for {context.channels[0]!r}")
 

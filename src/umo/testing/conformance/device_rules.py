@@ -142,10 +142,11 @@ def _right(context: RuleContext, probe: Probe, after: str) -> None:
         context.expect(probe, output, output.other(number), f"write({output.other(number)}) since {after}")
 
 
-@rule(Cost(opens=3, each=9, calls=14))
+@rule(Cost(opens=3, each=17, calls=14))
 def two_clients(context: RuleContext) -> str | None:
     """A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes
-    stays when the other writes something else, and is what the other reads."""
+    stays when the other writes something else, and is what the other reads. Reset and initialise reach the default from
+    there."""
     with context.opened() as first:
         context.use(first)  # a device may be in use from the first transfer on
         second = context.new()
@@ -157,6 +158,7 @@ def two_clients(context: RuleContext) -> str | None:
                 if not context.subject.sole_writer:
                     _side_by_side(context, first, second)
                     _read_back(context, first, second)
+                    _to_defaults(context, first, second)
             context.must_work(first, "a second client is there")
         finally:
             error = context.failure(context.leave, second)
@@ -211,6 +213,17 @@ def _read_back(context: RuleContext, first: Probe, second: Probe) -> None:
         if not there:
             why = f"{text} reads {found}, as the driver has written, but another client has written {raw} since"
             raise RuleBroken(f"{why} {SOLE_WRITER}")
+
+
+def _to_defaults(context: RuleContext, first: Probe, second: Probe) -> None:
+    """The default is what the first client has written last, and another client has written since."""
+    for output in context.visible:
+        for call in (first.reset, first.initialize):
+            first.write(output.channel, output.default)
+            for raw in (output.default, output.other()):  # the second may send changes only
+                second.write(output.channel, raw)
+            call(output.channel, output.default)
+            context.expect(first, output, output.default, f"{context.watch.doing}, which another client had moved")
 
 
 def _join(context: RuleContext, second: Probe) -> None:

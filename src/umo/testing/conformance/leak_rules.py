@@ -39,6 +39,8 @@ TIMED_CALLS = 300
 """Calls of each kind that are timed at most."""
 ROUNDS, MAX_ROUNDS = 3, 9
 """Measurements of memory: a cache may still fill in the first ones. There are more if it grew in each of them."""
+MAX_WARMING = 1.0
+"""Time in s of the calls before the first measurement, at most."""
 CACHE_FILLING_CALLS = 5000
 """Calls after which a cache is full, if there is time for so many."""
 CYCLES = 1000
@@ -135,7 +137,6 @@ def _open_and_cut(context: RuleContext) -> Probe:
 
 def _garble(context: RuleContext, probe: Probe) -> None:
     """Answers in which every byte is wrong, or the last one, and that to an earlier request."""
-    probe.timeout = context.haste
     for call in context.transfers(probe)[:4:2]:
         earlier = context.traffic(context.insist, call).answer
         for spoil in (
@@ -144,8 +145,9 @@ def _garble(context: RuleContext, probe: Probe) -> None:
             lambda answer: earlier,  # noqa: B023
         ):
             context.failure(context.insist, call)
+            probe.timeout = context.haste
             context.spoiled(spoil, False, call)
-    probe.timeout = context.patience
+            probe.timeout = context.patience
 
 
 def _counts(context: RuleContext, goal: dict[str, int] | None) -> dict[str, int]:
@@ -276,9 +278,10 @@ def _without_a_device(context: RuleContext, line: Tap) -> str:
 def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: LeakLimit = LeakLimit()) -> str:
     """RuleBroken if memory is left over; else what was measured."""
     most = CYCLES if context.cycles is None else max(10, min(CYCLES, context.cycles // ROUNDS))
-    began, count = monotonic(), 0
-    while count < min(each.fewest, most) or (count < most and context.budget.more and monotonic() - began < 1.0):
-        repeat()  # warm, and how many fit
+    began, took, count = context.budget.clock(), 0.0, 0
+    while count < min(each.fewest, most) or (count < most and took < MAX_WARMING and context.budget.has(ROUNDS * took)):
+        repeat()  # warm, and how many fit so often again
+        took = context.budget.clock() - began
         count += 1
     allowed = FREE_GROWTH + each.size * count
     growths: list[int] = []

@@ -159,7 +159,7 @@ class Witness:
     def looking(self) -> Iterator[None]:
         """A call that writes nothing. What moves before it, the device itself has moved."""
         context, before = self.context, self._levels()
-        with context.counted() as traffic:
+        with context.counted(answers=True) as traffic:  # a look may send a request and not wait for its end
             yield
         doing = context.watch.doing
         for output, writes in self._writes.items():

@@ -13,7 +13,7 @@ from umo.testing.conformance.pulses import constant
 from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.spoiling import recovers, values
+from umo.testing.conformance.spoiling import first_only, recovers, values
 from umo.testing.conformance.subject import Output
 
 IDLE_TIME = 0.1
@@ -33,7 +33,7 @@ def retry(context: RuleContext) -> str | None:
         ("found the connection closed", lambda answer: b"", True),
         ("got a garbled answer", lambda answer: bytes(each ^ 0x95 for each in answer), False),
     ]
-    opening = _opening(context)
+    opening = _opening(context)  # a greeting before the second attempt is answered, or it is never made: `first_only`
     tried = False
     with context.opened() as probe:
         with line.counting() as traffic:
@@ -46,7 +46,7 @@ def retry(context: RuleContext) -> str | None:
                 continue
             tried = True
             for what, change, hangup in faults:
-                traffic = _counted(context, probe, number, lambda: line.spoiling(_first_only(change), hangup=hangup))  # noqa: B023
+                traffic = _counted(context, probe, number, lambda: line.spoiling(first_only(change), hangup=hangup))  # noqa: B023
                 _check_once(context, traffic, usual, opening, what)
         _check_refused(context, probe, opening)
         if context.subject.outputs:
@@ -82,17 +82,6 @@ def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[]
     return traffic
 
 
-def _first_only(change: Change) -> Change:
-    """A greeting that comes before the second attempt is answered, or the attempt is never made."""
-    seen: list[bytes] = []
-
-    def once(answer: bytes) -> bytes:
-        seen.append(answer)
-        return change(answer) if len(seen) == 1 else answer
-
-    return once
-
-
 def _check_once(context: RuleContext, traffic: Traffic, usual: list[Traffic], opening: list[bytes], what: str) -> None:
     """RuleBroken if a request was sent more often than usual."""
     kinds = list(zip(*(each.requests for each in usual), strict=False))
@@ -123,11 +112,11 @@ def _count(requests: Sequence[bytes], alike: Sequence[bytes]) -> int:
 
 def _check_refused(context: RuleContext, probe: Probe, opening: list[bytes]) -> None:
     """A request that the device answers with an error is sent as often as one that it carries out."""
+    probe.timeout = context.patience
     for text in context.subject.refused:
         for number, call in enumerate(context.refused_calls(probe, text)[::2]):
             writes = number or Direction.INPUT not in probe.channel(text).direction
             usual = _usual_of(context, probe, bool(writes))
-            probe.timeout = context.patience
             refused = [_asked_in_vain(context, call) for _ in range(REFERENCE_CALLS)]
             alike = [each.requests[0] for each in refused if each.requests]
             if usual is not None and alike:

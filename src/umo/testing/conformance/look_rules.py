@@ -15,18 +15,21 @@ AT_ONCE = 0.1
 """Time in s that a look may take."""
 LOOK_TIMEOUT = 1.0
 """Timeout in s of the driver meanwhile: a look that waits would wait ten times as long as it may."""
+SLOW_ANSWER = 0.3
+"""Time in s after which a slow device answers: less than the timeout."""
 LOOKS = 10
 """Looks for a device that is silent, in succession."""
 LOOK_INTERVAL = 0.005
 """Time in s between two looks: a period."""
 
 
-@rule(Cost(each=5, calls=10, connects=6, waits=5, sleeps=1.2))
+@rule(Cost(each=5, calls=15, connects=8, waits=6, sleeps=1.6))
 def look(context: RuleContext) -> str | None:
     """Looking for a device that does not answer (`look`) waits for nothing, does not find it, says so in the end,
-    and raises nothing but an OSError; when it is back it is found, and the next transfers give true values."""
+    and raises nothing but an OSError; when it is back it is found, also if its answer takes a part of the timeout, and
+    the next transfers give true values."""
     kinds = [context.line.silent] if context.subject.line is not None else []
-    tried = False
+    tried = goes_on = False
     with context.opened() as probe:
         for away in (*kinds, context.loss):
             before = values(context, probe)
@@ -35,11 +38,14 @@ def look(context: RuleContext) -> str | None:
                     continue
                 tried = True
                 _looks_in_vain(context, probe)
-                _decides(context, probe)
-            _is_found(context, probe)
+                goes_on |= _decides(context, probe)
+            _is_found(context, probe, context.patience)
             expected = before if away in kinds else values(context, probe)  # it may have lost its levels
             recovers(context, probe, expected, "it was found by a look")
             context.insist(context.transfers(probe)[-1])
+            _is_found(context, probe, context.patience, "answers transfers")
+        if goes_on and kinds:
+            _finds_a_slow_one(context, probe)
     if not tried:
         raise NotTried("no transfer fails without an answer")
     return None if _has_its_own(probe) else "the driver does not look: a transfer is tried, which may wait"
@@ -82,21 +88,38 @@ def _look_in_vain(context: RuleContext, probe: Probe) -> bool | None:
     return found
 
 
-def _decides(context: RuleContext, probe: Probe) -> None:
-    """Looks for a device that stays away come to an end."""
+def _decides(context: RuleContext, probe: Probe) -> bool:
+    """Looks for a device that stays away come to an end; whether one has said that it is not known yet."""
     probe.timeout = context.haste
-    end = monotonic() + context.patience
+    end, goes_on = monotonic() + context.patience, False
     while _look_in_vain(context, probe) is None:
+        goes_on = True
         if monotonic() > end:
             limit = duration(context.patience)
             raise RuleBroken(f"look has not found out for {limit} that the device does not answer: it returns None")
         sleep(LOOK_INTERVAL)
+    return goes_on
 
 
-def _is_found(context: RuleContext, probe: Probe) -> None:
-    probe.timeout = context.patience
+def _is_found(context: RuleContext, probe: Probe, timeout: float, how: str = "answers again") -> None:
+    probe.timeout = timeout
     end = monotonic() + context.patience
     while context.look(probe) is not True:
         if monotonic() > end:
-            raise RuleBroken(f"the device answers again, and look has not found it for {duration(context.patience)}")
+            raise RuleBroken(f"the device {how}, and look has not found it for {duration(context.patience)}")
         sleep(LOOK_INTERVAL)
+
+
+def _finds_a_slow_one(context: RuleContext, probe: Probe) -> None:
+    """A look that says "not known yet" goes on for the timeout: an answer that takes some of it is found."""
+
+    def slow(answer: bytes) -> bytes:
+        sleep(SLOW_ANSWER)
+        return answer
+
+    with context.line.silent():
+        _fails(context, probe)
+    with context.line.spoiling(slow):
+        how = f"answers after {duration(SLOW_ANSWER)}, with a timeout of {duration(LOOK_TIMEOUT)}"
+        _is_found(context, probe, LOOK_TIMEOUT, how)
+    context.must_work(probe, "it was found by a look")

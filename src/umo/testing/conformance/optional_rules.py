@@ -28,6 +28,8 @@ AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
 """Times in s after which a level that has come is read."""
 UNFED = 1.5
 """Times of the watchdog after which it has run out."""
+TOO_LONG = 1e9
+"""Time in s that no watchdog has: 31 years."""
 FEEDS = 6
 """Requests within the time of a watchdog that is not to run out."""
 
@@ -209,10 +211,10 @@ def _is_plain(value: Any) -> bool:
     return value is None or isinstance(value, str | bool | int | float) or hasattr(value, "dtype")
 
 
-@rule(Cost(each=1, watchdogs=7))
+@rule(Cost(each=1, calls=1, watchdogs=7))
 def watchdog(context: RuleContext) -> str | None:
     """Armed with a time, the watchdog of the circuit lets go of the outputs after that time without a request, and not
-    before; each call of `watchdog` sets the time anew."""
+    before; each call of `watchdog` sets the time anew. `check_watchdog` refuses what the circuit cannot take."""
     seconds = context.subject.watchdog
     if type(context.new().driver).watchdog is Driver.watchdog:
         raise NotTried("the driver has no watchdog of its circuit")
@@ -222,6 +224,7 @@ def watchdog(context: RuleContext) -> str | None:
     long = 2 * UNFED * seconds
     with context.opened() as probe:
         try:
+            _check_limits(context, probe)
             longer = _arm(probe, long) is None
             if longer:
                 _drive(context, probe)
@@ -245,6 +248,13 @@ def _arm(probe: Probe, seconds: float) -> OSError | None:
     except OSError as error:
         return error
     return None
+
+
+def _check_limits(context: RuleContext, probe: Probe) -> None:
+    """A time that is taken can be armed: without a limit it would wrap in the circuit."""
+    refusal = context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, TOO_LONG)
+    if refusal is None and (error := _arm(probe, TOO_LONG)) is not None:
+        raise RuleBroken(f"check_watchdog takes {TOO_LONG:g} s, and then {context.watch.doing} fails: {text_of(error)}")
 
 
 def _drive(context: RuleContext, probe: Probe) -> None:

@@ -32,10 +32,10 @@ WAITING_FUNCTIONS = {
 """Functions in C in which drivers wait for their devices."""
 
 
-@rule(Cost(calls=18, connects=4, waits=4, sleeps=1.3))
+@rule(Cost(calls=20, connects=6, waits=6, sleeps=1.3))
 def idle(context: RuleContext) -> str | None:
-    """No processor time is used for waiting: not while the device is silent or away, not between calls, not after
-    `close`."""
+    """No processor time is used for waiting: not while the device is silent or away or its connection has ended, not
+    between calls, not after `close`."""
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with context.opened() as probe:
@@ -45,7 +45,8 @@ def idle(context: RuleContext) -> str | None:
         if context.subject.line is not None:
             probe.timeout = max(context.haste, IDLE_TIME)
             for call in context.transfers(probe)[:4:2]:
-                _quiet(context, partial(context.unanswered, call), "")
+                for hangup in (False, True):
+                    _quiet(context, partial(context.spoiled, lambda answer: b"", hangup, call), "")
         if context.subject.line is not None or context.subject.gone is not None:
             _quiet_while_away(context, probe)
     _quiet(context, lambda: sleep(IDLE_TIME), "after close")
@@ -76,7 +77,7 @@ def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
         shares.append(_share(context, before, took))
         if took < IDLE_TIME / 2 or shares[-1] < MAX_SHARE:  # one that ends at once does not wait
             return
-    when = when or f"in {context.watch.doing}, while the device was silent"
+    when = when or f"in {context.watch.doing}, while the device was silent or its connection ended"
     raise RuleBroken(f"{min(shares):.0%} of a processor was used {when}")
 
 

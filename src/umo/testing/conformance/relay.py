@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from time import monotonic, sleep
 from typing import Self
 
@@ -40,7 +41,7 @@ class AnswerMode:
     holding: bool = False
     """Whether they are kept, to be delivered late."""
     splitting: bool = False
-    """Whether each comes in three pieces."""
+    """Whether each comes in four pieces: the first byte and the last one are pieces of their own."""
     step: float = 0.0
     """Time in s between the bytes of an answer that trickles."""
     endless: float = 0.0
@@ -258,8 +259,9 @@ class Relay(ABC):
         elif mode.step:
             tapped.trickle, tapped.next_due = answer, monotonic() + mode.step
         elif mode.splitting:
-            for piece in (answer[:1], answer[1 : len(answer) // 2], answer[max(1, len(answer) // 2) :]):
-                self._put(tapped, tapped.driver, piece)
+            ends = sorted({0, 1, len(answer) // 2, len(answer) - 1, len(answer)})
+            for start, end in pairwise(ends):
+                self._put(tapped, tapped.driver, answer[start:end])
                 sleep(PIECE_INTERVAL)
         elif not mode.endless:  # it began before the mode ended
             self._put(tapped, tapped.driver, answer)

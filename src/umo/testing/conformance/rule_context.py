@@ -239,10 +239,10 @@ class RuleContext(OutputObserver):
             call(*arguments)
         return traffic
 
-    def counted(self) -> AbstractContextManager[Traffic]:
-        """The traffic within a block; none is seen without a line."""
+    def counted(self, answers: bool = False) -> AbstractContextManager[Traffic]:
+        """The traffic within a block, as `Tap.counting`; none is seen without a line."""
         line = self.subject.line
-        return nullcontext(Traffic()) if line is None else line.counting()
+        return nullcontext(Traffic()) if line is None else line.counting(answers)
 
     def fail_some(self, probe: Probe) -> None:
         """Calls that fail, by whatever means there are; NotTried without any."""

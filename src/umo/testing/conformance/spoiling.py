@@ -35,6 +35,17 @@ class Spoilt:
     """Nothing is left of the answer by which the driver could know a value: a call that succeeds made it up."""
 
 
+def first_only(change: Change) -> Change:
+    """Changes the first answer alone."""
+    seen: list[bytes] = []
+
+    def once(answer: bytes) -> bytes:
+        seen.append(answer)
+        return change(answer) if len(seen) == 1 else answer
+
+    return once
+
+
 def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = False) -> str | None:
     """Reads and a write with each of the answers; `structured`: only answers that have a structure."""
     tried, plain = set(), set()

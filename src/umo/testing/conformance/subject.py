@@ -46,7 +46,8 @@ class Output:
 
     @cached_property
     def samples(self) -> tuple[int, ...]:
-        """Levels to try: the default, both ends, powers of two and their neighbours, every value of every byte."""
+        """Levels to try: the default, both ends, one with both signs, powers of two and their neighbours, every value
+        of every byte."""
         return _levels(self.least, self.greatest, self.default)
 
     @cached_property
@@ -114,13 +115,16 @@ class Subject:
 
 
 def _levels(least: int, greatest: int, default: int) -> tuple[int, ...]:
-    """Levels of the range, no one twice: the default, the ends, a shuffled mixture of the others."""
+    """Levels of the range, no one twice: the default, the ends, one with both signs in turn, a shuffled mixture of the
+    others."""
     if greatest - least < FEW_LEVELS:
         mixed = list(range(least, greatest + 1))
     else:
         mixed = [*_powers(least, greatest), *_bytes(least, greatest)]
     Random(1998).shuffle(mixed)
-    return tuple(dict.fromkeys((default, greatest, least, *mixed)))
+    positive = min(greatest, -least) // 3
+    mirrored = (positive, -positive) if positive > 0 else ()
+    return tuple(dict.fromkeys((default, greatest, least, *mirrored, *mixed)))
 
 
 def _powers(least: int, greatest: int) -> Iterator[int]:

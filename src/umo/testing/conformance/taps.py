@@ -50,7 +50,7 @@ class Tap(Relay):
             self.await_answer(spoiled)
 
     def split(self) -> AbstractContextManager[None]:
-        """Each answer comes in three pieces."""
+        """Each answer comes in pieces, the first and the last one of one byte."""
         return self._in(AnswerMode(splitting=True))
 
     def trickling(self, step: float) -> AbstractContextManager[None]:
@@ -100,8 +100,9 @@ class Tap(Relay):
             self._return()
 
     @contextmanager
-    def unreachable(self) -> Iterator[bool]:
-        """Nothing answers a request to connect, as if a cable were cut; False if this kind of line cannot do so."""
+    def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
+        """Nothing answers a request to connect, as if a cable were cut, for the block or so many seconds; False if this
+        kind of line cannot do so."""
         yield False
 
     def heal(self) -> None:

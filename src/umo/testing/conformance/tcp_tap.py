@@ -7,6 +7,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from threading import Timer
 
 from umo.testing.conformance.taps import Tap
 
@@ -25,17 +26,21 @@ class TcpTap(Tap):
         self.host, self.port = "127.0.0.1", 0
 
     @contextmanager
-    def unreachable(self) -> Iterator[bool]:
-        """A listener whose queue is full: Linux lets requests to connect get lost then."""
+    def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
+        """A listener whose queue is full: Linux lets requests to connect get lost then, and repeats them after 1 s."""
         if not sys.platform.startswith("linux"):
             yield False
             return
         self._go()
         address = self.host, self.port
+        back = Timer(seconds or 0.0, self._return)
         try:
             self._full = [socket.create_server(address, backlog=0), socket.create_connection(address, MAX_CONNECTING)]
+            if seconds is not None:
+                back.start()
             yield True
         finally:
+            back.cancel()
             self._return()
 
     def _appear(self) -> None:

@@ -12,6 +12,7 @@ from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import first_only
 
 T = TypeVar("T")
 TRIES = 3
@@ -20,8 +21,10 @@ TRICKLE_TIMEOUT = 0.3
 """Timeout in s of a call whose answer trickles, so that two waits in place of one can be told."""
 TRICKLE_STEP = 0.7
 """Share of the timeout between two bytes that trickle."""
-MAX_DELAY = 2.0
-"""Delay in s at most of an answer that a longer timeout waits for; it is twice the short timeout."""
+LEAST_DELAY, MAX_DELAY = 0.15, 2.0
+"""Delay in s of an answer that a timeout of twice this time waits for; in between it is twice the short timeout."""
+CONNECTING_DELAY = 0.1
+"""Time in s after which a request to connect is answered, once it is repeated."""
 
 
 @rule(Cost(opens=5, calls=14, connects=10, waits=16))
@@ -111,7 +114,7 @@ def one_deadline(context: RuleContext) -> None:
     steady = max(context.haste, TRICKLE_TIMEOUT)
 
     def half(answer: bytes) -> bytes:
-        sleep(0.9 * steady)
+        sleep(0.8 * steady)
         return answer[: len(answer) // 2]
 
     with context.opened() as probe:
@@ -129,30 +132,49 @@ def one_deadline(context: RuleContext) -> None:
         raise NotTried("no call was answered")
 
 
-@rule(Cost(opens=2, calls=4, waits=8))
+@rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2))
 def patience(context: RuleContext) -> str | None:
-    """A longer `timeout`, set after `open`, holds at once: initialise and reset get one."""
-    delay = min(2 * context.haste, MAX_DELAY, context.patience / 2)
+    """What is answered within `timeout` is taken: an answer that takes half of it, a connection that takes its time. A
+    longer one, set after `open`, holds at once: initialise and reset get one."""
+    delay = min(max(LEAST_DELAY, 2 * context.haste), MAX_DELAY, context.patience / 2)
     quick = min(context.haste, delay / 2)
-
-    def slow(answer: bytes) -> bytes:
-        sleep(delay)
-        return answer
-
-    line = context.line
     with context.leaving(context.new()) as probe:
         hurried = _open_in_a_hurry(probe, context, quick)
         probe.timeout = context.patience
         for text in context.channels:
             probe.initialize(text, context.default(text))
-        with line.spoiling(slow):
-            for call in context.transfers(probe)[::-2]:  # the last is a reset
-                probe.timeout = quick
-                probe.timeout = context.patience
-                if (error := context.failure(call)) is not None:
-                    times = f"a timeout of {duration(context.patience)} and an answer after {duration(delay)}"
-                    raise RuleBroken(f"{context.watch.doing} failed with {times}: {text_of(error)}") from error
+        for call in context.transfers(probe)[::-2]:  # the last is a reset
+            probe.timeout = quick
+            probe.timeout = 2 * delay
+            if (error := _failure_when_late(context, call, delay)) is not None:
+                times = f"a timeout of {duration(2 * delay)} and an answer after {duration(delay)}"
+                raise RuleBroken(f"{context.watch.doing} failed with {times}: {text_of(error)}") from error
+    _connects_late(context)
     return None if hurried else f"open needs more than {duration(quick)}: it was opened with the longer timeout"
+
+
+def _failure_when_late(context: RuleContext, call: DriverCall, delay: float) -> OSError | None:
+    """The error of a call whose first answer is late, each time."""
+
+    def late(answer: bytes) -> bytes:
+        sleep(delay)
+        return answer
+
+    for _ in range(TRIES):
+        with context.line.spoiling(first_only(late)):
+            if (error := context.failure(call)) is None:
+                break
+    return error
+
+
+def _connects_late(context: RuleContext) -> None:
+    """Requests to connect get lost for a short time, and are repeated by the kernel."""
+    probe = context.new()
+    with context.leaving(probe), context.line.unreachable(CONNECTING_DELAY):
+        for call in (probe.open, context.transfers(probe)[0]):
+            if (error := context.failure(call)) is not None:
+                within = f"a timeout of {duration(context.patience)}, and connecting took about 1 s"
+                raise RuleBroken(f"{context.watch.doing} failed with {within}: {text_of(error)}") from error
 
 
 def _open_in_a_hurry(probe: Probe, context: RuleContext, timeout: float) -> bool:
