@@ -62,10 +62,14 @@ def other_files(job: Mapping[str, Any], place: Path) -> list[str] | None:
         return None
     own = str(wiring.get("file", "")) if isinstance(wiring, Mapping) else ""
     before, today = _folder_of(Path(where)), _folder_of(place)
-    names = {
-        Path(str(file)).relative_to(before): digest for file, digest in known.items() if _is_below(file, before, own)
-    }
-    return sorted(str(name) for name, digest in names.items() if digest_of(str(today / name)) != digest)
+    found = []
+    for file, digest in known.items():
+        if _is_below(file, before, own):
+            name = Path(str(file)).relative_to(before)
+            there = place if str(file) == where else today / name  # a script may have another name
+            if digest_of(str(there)) != digest:
+                found.append(str(name))
+    return sorted(found)
 
 
 def _folder_of(place: Path) -> Path:
