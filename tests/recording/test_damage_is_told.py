@@ -451,7 +451,7 @@ def test_a_chunk_has_one_second_of_the_run_at_most(tmp_path: Path) -> None:
         assert recording.chunks == 6 and recording.frames().tobytes() == whole.frames.tobytes()
         for number in range(recording.chunks):
             times = np.concatenate([block.frames["time"] for block in recording.chunk(number)])
-            assert times[-1] - times[0] <= 1.0 + 1e-9
+            assert len(times) <= 1000 and times[-1] - times[0] < 1.0
 
 
 def test_a_chunk_has_one_megabyte_at_most(tmp_path: Path) -> None:

@@ -69,8 +69,8 @@ class RecordingFile:
         self._writer = McapWriter(path, metadata, schemas, channels)
         self._sequence = 0
         self._extent: Extent | None = None
-        self._longest = CHUNK_TIME
-        """s of a chunk, at most: less where more would be too large."""
+        self._longest = CHUNK_TIME - float(layout.about.get("period") or 0.001) / 2
+        """s from the first period of a chunk to its last one, at most: less where more would be too large."""
         self.path = path
 
     @property
@@ -138,7 +138,8 @@ class RecordingFile:
 
 
 def _within(block: Block, longest: float) -> tuple[Block, Block | None]:
-    """The beginning of a block that takes this time in s at most, or one period, and the rest of it."""
+    """The beginning of a block, with this time in s from its first period to its last one at most, or one period, and
+    the rest of it."""
     times = block.frames["time"]
     row = int(np.searchsorted(times, times[0] + longest, side="right"))
     row = max(row, 1)
