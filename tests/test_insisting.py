@@ -232,7 +232,7 @@ class Child:
     def status(self) -> int:
         """The exit status; the child must end by itself."""
         self.wait_status: int | None = None
-        until(self.has_ended, 20.0)
+        until(self.has_ended)
         return os.waitstatus_to_exitcode(self.wait_status)
 
     def has_ended(self) -> bool:
@@ -285,7 +285,7 @@ def test_code_that_passes_over_what_ends_it_is_ended_by_further_signals(tmp_path
         child.send(signal.SIGTERM)
         return False
 
-    until(insist, 20.0)
+    until(insist)
     assert child.wait_status is not None
     assert os.waitstatus_to_exitcode(child.wait_status) == 128 + signal.SIGTERM
     (line,) = case.told.read_text().splitlines()
@@ -480,7 +480,7 @@ def test_however_many_signals_come_and_when_the_outputs_are_reset(tmp_path: Path
             child.send(chance.choice([signal.SIGINT, signal.SIGTERM]))
         return False
 
-    until(insist, 30.0)
+    until(insist)
     assert child.wait_status is not None
     status = os.waitstatus_to_exitcode(child.wait_status)
     assert_reset(case.file)

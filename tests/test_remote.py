@@ -285,8 +285,8 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
             until(lambda: station.sorter.diverter.read() == "ON" and station.sorter.belt.setpoint.read() > 0.2)
             client.send_signal(signal.SIGKILL)
             client.communicate()
-            until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0, 5.0)
-            until(lambda: station.reader.holder == "", 5.0)
+            until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0)
+            until(lambda: station.reader.holder == "")
             texts = [event.text for event in station.events]
             assert texts.count("dead-man timeout") == 2  # the actuator, and the action by itself
             assert any("it was not renewed" in text for text in texts)

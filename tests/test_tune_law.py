@@ -232,10 +232,10 @@ def test_a_killed_client_leaves_the_old_output_and_the_law_in_control(running: A
     command = [sys.executable, "-m", "umo_command", "tune-law", "tank", "servo", "--step", "20%", "--within", "500"]
     client = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
     try:
-        until(lambda: running.valve.read() > 45.0, 20.0)
+        until(lambda: running.valve.read() > 45.0)
         client.send_signal(number)
-        until(lambda: running.valve.read() < 40.0, 5.0)
-        until(lambda: abs(running.level.read() - 150.0) < 5.0 and abs(running.valve.read() - 30.0) < 2.0, 20.0)
+        until(lambda: running.valve.read() < 40.0)
+        until(lambda: abs(running.level.read() - 150.0) < 5.0 and abs(running.valve.read() - 30.0) < 2.0)
     finally:
         client.kill()
         client.wait(10)
