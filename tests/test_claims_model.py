@@ -127,7 +127,11 @@ def test_every_state_that_the_table_reaches_keeps_the_invariants(kind: Kind) -> 
 PERIOD = 2.0**-24
 """s; sums are exact, and no absence of a driver lasts so long that its device is initialised again by itself."""
 SURE = {Quality.GOOD: GOOD, Quality.STALE: STALE, Quality.BAD: BAD}
-CLIENT = {CommandState.DONE: True, CommandState.REFUSED: REFUSED, CommandState.FAILED: FAILED}
+CLIENT: dict[CommandState, Answer] = {
+    CommandState.DONE: True,
+    CommandState.REFUSED: REFUSED,
+    CommandState.FAILED: FAILED,
+}
 """Answers to a client's commands."""
 
 
@@ -225,35 +229,35 @@ class Rig:
     def let_go(self) -> Answer:
         return self.ask("let go", self.valve.path)
 
-    def dead_man(self) -> Answer:
+    def dead_man(self) -> None:
         self.life += 1.0
         self.look("")
 
-    def equipment_fails(self, level: int) -> Answer:
+    def equipment_fails(self, level: int) -> None:
         self.machine.fail(self.levels[level], TaskFailed("it was asked to"))
 
-    def clear(self) -> Answer:
+    def clear(self) -> None:
         self.m.cycle.clear()
 
-    def reset(self) -> Answer:
+    def reset(self) -> None:
         self.m.around.reset()
 
     def acknowledge(self) -> Answer:
         return self.m.around.acknowledge()
 
-    def rest(self) -> Answer:
+    def rest(self) -> None:
         self.resting.begin()
 
-    def go_on(self) -> Answer:
+    def go_on(self) -> None:
         self.resting.end()
 
     def initialized_again(self) -> Answer:
         return None if self.image.initialize_again(self.slot) is None else FAILED
 
-    def breaks(self, broken: bool) -> Answer:
+    def breaks(self, broken: bool) -> None:
         self.box.broken = OSError("cut") if broken else None
 
-    def begin(self, ticks: int, conditions: Sequence[int]) -> Answer:
+    def begin(self, ticks: int, conditions: Sequence[int]) -> None:
         self.m.conditions = list(conditions)
         if ticks:
             self.ticks = ticks
@@ -327,7 +331,7 @@ class Rig:
             if event.text.startswith("command expired"):
                 found.append("expired")
             elif event.text.startswith("inhibited"):
-                found.append(f"inhibited {re.search(r'lock .', event.text)[0]}")
+                found += [f"inhibited {lock}" for lock in re.findall("lock .", event.text)]
         return sorted(found)
 
 
