@@ -1,15 +1,20 @@
-"""Counts the tables of docs/machines.md: what is a machine's own, and what umo carries. `make docs` calls it.
+"""Counts what a machine costs, and what the core is made of.
 
-A line is a line of a file that is not empty. The library's lines are those of the functions of umo that a run in
-virtual time calls, without the station's own and without the command line.
+    python tools/count.py        the tables of docs/machines.md: what is a machine's own, and what umo carries
+    python tools/count.py core   what `umo.cycle` is made of, printed: each count with its rule, below
+
+`make docs` calls the first. A line is a line of a file that is not empty. The lines of the library are those of its
+functions that a run in virtual time calls, without the station's own and without the command line.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import re
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -148,6 +153,113 @@ def with_tables(page: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+# What the core is made of -------------------------------------------------------------------------------
+
+CORE = SOURCE / "cycle"
+PROGRAMS = {"stations", "testing", "cli"}
+"""Rooms of programs that use what the others have."""
+KNOWN = {
+    "suspension": r"suspen|^resuming$",
+    "rates": r"^Rate(Map|d.*)?$|^rated_|^Part(Clock|Machine)$|^WHOLE$|^of_part$|^due_(in|out)puts$|^urgent$|^hasten$",
+    "faults": r"in_fault|fault_of|EquipmentFault|EquipmentState|Containment",
+}
+"""A file knows one of these if a name in its code, also an import's, matches."""
+SCALING = re.compile(r"[*/] *[\w.>\[\]-]*resolution|(multiply|divide)\(.*resolution")
+SCALING_ROOMS = ("cycle", "objects", "recording", "generate")
+
+
+def core_counts() -> Iterator[tuple[str, int, str]]:
+    """What is counted, the number, and where."""
+    trees = {file: ast.parse(file.read_text("utf-8")) for file in sorted(SOURCE.rglob("*.py"))}
+    core = {file: tree for file, tree in trees.items() if CORE in file.parents}
+    for number, name in sorted(_members(core.values()), reverse=True)[:5]:
+        yield f"members of {name}", number, "names of its body and attributes of self that it sets, without __names__"
+    for capability, pattern in KNOWN.items():
+        files = [file for file, tree in trees.items() if not PROGRAMS & set(file.relative_to(SOURCE).parts)
+                 and any(re.search(pattern, name) for name in _names(trees[file]))]  # fmt: skip
+        yield f"files in which {capability} are known", len(files), ", ".join(file.stem for file in files)
+    yield "Protocols of the core", _protocols(core.values()), f"of the library: {_protocols(trees.values())}"
+    branches = {file.stem: number for file, tree in core.items() if (number := _branches(tree))}
+    yield "branches on `synchronous`", sum(branches.values()), ", ".join(f"{name} {n}" for name, n in branches.items())
+    ways = sorted(name for tree in core.values() for name in _ways_to_a_default(tree))
+    yield "ways to a default", len(ways), ", ".join(ways)
+    scalings = Counter(file.name for file in _scaling_files() for line in _scalings(file))
+    yield "scalings", scalings.total(), ", ".join(f"{name} {number}" for name, number in scalings.items())
+    yield "lines of the core in Python", lines(*core), "not empty"
+    yield "lines of the core in C", lines(*CORE.glob("*.c"), *CORE.glob("*.h")), "not empty"
+
+
+def _members(trees: Iterable[ast.AST]) -> Iterator[tuple[int, str]]:
+    """Their number and the name of each class."""
+    for node in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+        names = {each.name for each in node.body if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef)}
+        fields = (each for each in node.body if isinstance(each, ast.Assign | ast.AnnAssign))
+        names |= {
+            each.id for field in fields for each in ast.walk(field) if isinstance(each, ast.Name) and _is_set(each)
+        }
+        attributes = (each for each in ast.walk(node) if isinstance(each, ast.Attribute) and _is_set(each))
+        names |= {each.attr for each in attributes if isinstance(each.value, ast.Name) and each.value.id == "self"}
+        yield len([name for name in names if not name.startswith("__")]), node.name
+
+
+def _is_set(node: ast.Name | ast.Attribute) -> bool:
+    return isinstance(node.ctx, ast.Store)
+
+
+def _names(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        found = [getattr(node, name, None) for name in ("id", "attr", "arg", "name", "module")]
+        yield from (part for name in found if isinstance(name, str) for part in name.split("."))
+
+
+def _protocols(trees: Iterable[ast.AST]) -> int:
+    classes = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    return sum(any("Protocol" in ast.unparse(base) for base in each.bases) for each in classes)
+
+
+def _branches(tree: ast.AST) -> int:
+    """The places where a condition asks whether an object is synchronous, or in the set of those that are not."""
+    conditions = [condition for node in ast.walk(tree) for condition in _conditions(node)]
+    asked = (each for condition in conditions for each in ast.walk(condition))
+    words = {"synchronous", "asynchronous"}
+    return len({each for each in asked if getattr(each, "attr", None) in words or getattr(each, "id", None) in words})
+
+
+def _conditions(node: ast.AST) -> list[ast.expr]:
+    if isinstance(node, ast.If | ast.IfExp | ast.While):
+        return [node.test]
+    if isinstance(node, ast.comprehension):
+        return node.ifs
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return [node.operand]
+    return node.values if isinstance(node, ast.BoolOp) else []
+
+
+def _ways_to_a_default(tree: ast.AST) -> Iterator[str]:
+    """The functions that make a default pending by what is made for that."""
+    makes = {"set_default", "_at_default"}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.name not in makes:
+            calls = (each.func for each in ast.walk(node) if isinstance(each, ast.Call))
+            if any(getattr(each, "attr", "") in makes for each in calls):
+                yield node.name
+
+
+def _scaling_files() -> list[Path]:
+    return [
+        file
+        for room in SCALING_ROOMS
+        for file in sorted((SOURCE / room).rglob("*.[pc]*"))
+        if file.suffix in (".py", ".c")
+    ]
+
+
+def _scalings(file: Path) -> list[str]:
+    """The lines of code in which something is multiplied or divided by a resolution."""
+    found = [line for line in file.read_text("utf-8").splitlines() if SCALING.search(line)]
+    return [line for line in found if re.search(r"=|return|multiply|divide", line)]
+
+
 def _head(columns: list[str]) -> list[str]:
     return [_row(columns[0], columns[1:]), "| --- " * len(columns) + "|"]
 
@@ -157,5 +269,10 @@ def _row(what: str, cells: Sequence[object]) -> str:
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__).parse_args()
-    PAGE.write_text(with_tables(PAGE.read_text("utf-8")), "utf-8")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=["machines", "core"], default="machines")
+    if parser.parse_args().what == "core":
+        for what, number, where in core_counts():
+            print(f"{number:6,}  {what} ({where})")
+    else:
+        PAGE.write_text(with_tables(PAGE.read_text("utf-8")), "utf-8")
