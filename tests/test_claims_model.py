@@ -415,22 +415,24 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "an expiry is not armed": (CommandStage.accept, "command.written = self._image.clock.now", "pass"),
     "what a client holds expires": (Command.has_expired, "and not self.client", ""),
     "what is let go stays where it is": (
-        CommandStage.release_from_client, "self._image.bring_to_rest(slots)", "pass"
+        CommandStage.release_from_client, "self._image.settle(slots, Way.SEND)", "pass"
     ),
     "work goes on with what a client holds": (
-        Resting.end, "image.command(item._slot, value)", "image.pending[item._slot] = value"
+        Resting.end, "image.go_on(item._slot, value)", "image.pending[item._slot] = value"
     ),
     "what holds is acknowledged": (Inhibition.acknowledge, "if not self.held:", "if True:"),
     "an owed default is forgotten": (Image._keep_unsent, "if at_default", "if False"),
     "a rate counts for an owed default": (Image._was_reset, "self.stepped[slot] = inf", "pass"),
-    "a Vector asks nobody": (Image.write_many, "np.count_nonzero(self.columns.restrictions[slots])", "False"),
+    "a Vector asks nobody": (Image._take_many, "np.count_nonzero(self.columns.restrictions[slots])", "False"),
     "an interlock does not stop the program": (Command.admits, 'each.interlock.effect == "stop"', "False"),
     "a default is refused": (Command.admits, "if value == self.default:", "if False:"),
     "restrictions outlast a fault": (
         CommandStage.free, "self._restrict([slot for fault in faults for slot in fault.slots])", "pass"
     ),
     "an interlock during a fault is not told": (CommandStage.free, "each.reason is not None:", "False:"),
-    "what was written is lost with a device": (Image.was_initialized_again, "self.pending[slot] = pending", "pass"),
+    "what was written is lost with a device": (
+        Image._goes_on_from_default, "self._give_default(slot)", "self._give_default(slot); self.set_default(slot)"
+    ),
     "each attempt is the first one": (Image._is_sent_again, "self.unconfirmed.setdefault(slot, now)", "now"),
     "it latches before the first period": (CommandStage._interlocked, "self._image.clock.number > 0", "True"),
     "a late output does not expire": (CommandStage.expire, "self._expired(", "len("),

@@ -155,14 +155,8 @@ class Output:
         return self._take(value) if answer is True else answer
 
     def write_vector(self, value: int) -> Answer:
-        """The same by a Vector. An asynchronous one is sent what is pending then, whether it was taken or not."""
-        answer = self._admits(value)
-        if answer is True:
-            self._write(value)
-        if self.kind.synchronous or answer == STOPS or self._send():
-            return answer
-        # As it is: True although the device did not accept it, where equipment contains the failure.
-        return answer if self._fail() is None else FAILED
+        """The same by a Vector."""
+        return self.write(value)
 
     def client_writes(self, value: int) -> Answer:
         if self.rank >= Rank.INTERLOCK:
@@ -305,12 +299,14 @@ class Output:
 
     def _send_part(self) -> Answer:
         """What is urgent does not wait until the part is due."""
+        accepted: Answer = True
         if self.due <= 0:
             self.due += self.kind.every
-            if self._guard(self.holds) == FAILED or self._send_period() == FAILED:
-                return FAILED  # as it is: True where equipment contains the failure
+            if self._guard(self.holds) == FAILED or (accepted := self._send_period()) == FAILED:
+                return FAILED
         self.urgent = self.urgent and self.at != self.pending
-        return self._send_period() if self.urgent else True
+        sent = self._send_period() if self.urgent else True
+        return accepted if sent is True else sent
 
     def _send_period(self) -> Answer:
         if not self.kind.synchronous:

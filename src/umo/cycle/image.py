@@ -277,21 +277,30 @@ class Image(Slots):
         return failures
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
-        """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
-        actuator that is inhibited stays as it is."""
+        """Many written at once; their ranges were checked. `each` lists the same slots, all synchronous or none.
+        Whether all were taken, and sent where that is at once: an actuator that is inhibited stays as it is."""
+        free = self._take_many(slots, each, values)
+        if not each or self.items[each[0]].synchronous:
+            return free is None
+        taken = each if free is None else [slot for slot, yes in zip(each, free, strict=True) if yes]
+        return self.update_some(taken) and free is None
+
+    def _take_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> list[bool] | None:
+        """Which were taken; None: all."""
         pending, writes = self.columns.pending, self.writes
         if writes is None:
             if not np.count_nonzero(self.columns.restrictions[slots]):
                 pending[slots] = values
-                return True
+                return None
         elif writes.write_many(slots, values):
-            return True
-        taken, before = np.array(self.commands.accept_many(each, values)), pending[slots].copy()
+            return None
+        free = self.commands.accept_many(each, values)
+        taken, before = np.array(free), pending[slots].copy()
         if writes is not None:
             for number in np.flatnonzero(taken).tolist():
                 writes.note(each[number], before[number], values[number])
         pending[slots] = np.where(taken, values, before)
-        return bool(taken.all())
+        return None if all(free) else free
 
     def reset_some(self, slots: Iterable[int]) -> None:
         failures = [failure for slot, failure in self.settle(slots, Way.RESET).items() if not self._resets_again(slot)]

@@ -265,18 +265,19 @@ class Period:
         if self._laws.stale:
             self._laws.choose()
         self._sample_parts([block for part in (*due, *late) for block in part.inputs])
+        accepted = True
         failed: list[Failure] = []
         for part in (*due, *late):
             self._control_part(part, in_turn=part not in late)
             try:
-                self._image.update(part.outputs, 0.0)  # a slew rate counts from the last step
+                accepted &= self._image.update(part.outputs, 0.0)  # a slew rate counts from the last step
             except DriverError as error:
                 failed += error.failures
         if self._settling:
             self._settle()
         if failed:
             raise DriverError("could not be written", failed)
-        return self._send_urgent()
+        return self._send_urgent() and accepted
 
     def _sample_parts(self, blocks: Sequence[Block]) -> None:
         """Guards are evaluated on what was read."""

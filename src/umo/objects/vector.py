@@ -106,7 +106,8 @@ class Vector(Generic[A]):
         """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
 
         `where`: booleans of shape (n,); objects where it is False are not written. Default: all are written.
-        True: all accepted unchanged; False: some were clamped (limits="clamp") or are inhibited by an interlock.
+        True: all accepted unchanged; False: some were clamped (limits="clamp"), are inhibited by an interlock, or
+        were not accepted by their device (asynchronous ones).
         Synchronous: sent by the next `update`. Asynchronous: sent at once.
         """
         if self._objects[0].direction is not Direction.OUTPUT:
@@ -116,8 +117,6 @@ class Vector(Generic[A]):
             return self._write_some(slots, values, self.mask(where))
         numbers, taken = self._levels(values) if slots.limits is None else slots.limits.check(self._objects, values)
         free = slots.image.write_many(slots.slots, slots.all_slots, numbers)
-        if not self._objects[0].synchronous:
-            slots.image.update_some(slots.all_slots)
         return taken and free
 
     def mask(self, where: BoolArray) -> BoolArray:
@@ -134,8 +133,6 @@ class Vector(Generic[A]):
             numbers, taken = slots.limits.check(self._objects, np.where(where, given, slots.limits.minimum))
         each = [slot for slot, wanted in zip(slots.all_slots, where.tolist(), strict=True) if wanted]
         free = slots.image.write_many(np.array(each, np.int64), each, numbers[where])
-        if not self._objects[0].synchronous:
-            slots.image.update_some(each)
         return taken and free
 
     def sample(self) -> bool:
