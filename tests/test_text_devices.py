@@ -137,7 +137,7 @@ def test_a_machine_runs_on_a_scpi_supply_and_is_reset(scpi: Supply) -> None:
     )
     wiring = {
         "drivers": {
-            "supply": {"type": "umo.drivers.text:Text", "port": scpi.port, "channels": SUPPLY, "timeout": 5} | SCPI
+            "supply": {"type": "umo.drivers.text:Text", "port": scpi.port, "channels": SUPPLY, "timeout": "5 s"} | SCPI
         },
         "wire": {
             "voltage": {"driver": "supply", "channel": "volt1"},

@@ -418,6 +418,8 @@ ALLOWED = {
     "testing/conformance/relay.py: self._thread.join": OWN_THREAD,
     "testing/conformance/runner.py: outcome.result": ENDED,
     "testing/conformance/tcp_tap.py: self._listener.accept": ASKED_FIRST,
+    "testing/faces/face_rules.py: checking.result": ENDED,
+    "testing/faces/face_rules.py: looking.result": ENDED,
     "testing/faces/face_rules.py: serving.result": ENDED,
     "testing/replays.py: subprocess.run": SESSION,
 }

@@ -35,10 +35,10 @@ def seconds(duration: str | float) -> float:
 
 
 def seconds_of_setting(duration: str | float) -> float:
-    """The same of a setting: a number of 1 or more has a unit, as `period = 50` is in ms for one and in s for another.
-    DeclarationError with both."""
+    """The same of a setting: a whole number of 1 or more has a unit, as `period = 50` is in ms for one and in s for
+    another; 50.0 is in s. DeclarationError with both."""
     found = seconds(duration)
-    if found >= 1 and not isinstance(duration, str):
+    if found >= 1 and isinstance(duration, int):
         raise DeclarationError(f'{duration!r} has no unit: write "{duration} ms" or "{duration} s"')
     return found
 

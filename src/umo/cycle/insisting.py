@@ -49,7 +49,9 @@ ROOMS = ("alarms", "control", "cycle", "drivers", "objects", "operation", "plant
 itself."""
 DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")
 """Files of umo's drivers."""
-CALLERS = tuple(f"cycle/{name}.py" for name in ("absence", "image", "off_cycle", "phases", "stand_ins", "transfer"))
+CALLERS = tuple(
+    f"cycle/{name}.py" for name in ("absence", "image", "off_cycle", "phase_times", "stand_ins", "transfer")
+)
 """Files of umo from which drivers are called."""
 INSTALLED = ("numpy", "pint", "typer", "click", "rich", "pydantic", "_pytest", "pluggy", "coverage")
 """Packages that are installed and have no code of a machine."""
