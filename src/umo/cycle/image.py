@@ -97,11 +97,11 @@ class Image(Slots):
 
     # A whole period ------------------------------------------------------------------------------------
 
-    def sample(self, blocks: Sequence[Block]) -> bool:
-        """Read the sensors of these blocks, one transfer each. A failure does not stop the others."""
+    def sample(self, blocks: Sequence[Block] | None = None) -> bool:
+        """Read the sensors of these blocks, default: of all, one transfer each. A failure does not stop the others."""
         failures: list[Failure] = []
         now = self.clock.now
-        for block in blocks:
+        for block in self.inputs if blocks is None else blocks:
             block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)
@@ -135,13 +135,13 @@ class Image(Slots):
         self.sampled_good = None if self.unconfirmed else good
         return good
 
-    def update(self, blocks: Sequence[Block], dt: float | None = None) -> bool:
-        """Send the actuators of these blocks, written or not since the last period; one transfer each. `dt`: the time
-        in s that a slew rate counts; 0: from the last step. Default: since the last period."""
+    def update(self, blocks: Sequence[Block] | None = None, dt: float | None = None) -> bool:
+        """Send the actuators of these blocks, default: of all, written or not since the last period; one transfer each.
+        `dt`: the time in s that a slew rate counts; 0: from the last step. Default: since the last period."""
         failures: list[Failure] = []
         now = self.clock.now
         dt = self.clock.dt if dt is None else dt
-        for block in blocks:
+        for block in self.outputs if blocks is None else blocks:
             unconverted: Set[int] = NO_SLOTS
             try:
                 block.give(now, dt)

@@ -86,7 +86,7 @@ class Period:
         """Whether a period was sampled and not updated yet."""
         self._clock.on_tick = self._tick
         self._late = outputs == AT_NEXT_TICK
-        self._send: Callable[[], bool] = partial(image.update, groups.whole.outputs)
+        self._send: Callable[[], bool] = image.update
         self.sample_all: Callable[[], bool]
         """RECEIVE to GUARD of all groups, for the first sample."""
         self.sample: Callable[[], bool]
@@ -95,9 +95,11 @@ class Period:
     def bind(self) -> None:
         """Choose the calls that this machine needs; to be called when everything is attached."""
         self._image.before_tick = self._before_tick if self.before_tick else self.finish
+        if self._groups.parts:
+            self._send = partial(self._image.update, self._groups.whole.outputs)
         if self.before_send:
             self._send = partial(self._send_and_note, self._send)
-        self.sample_all = self._guarded(partial(self._image.sample, self._image.inputs))
+        self.sample_all = self._guarded(self._image.sample)
         sample = self._begun(self._guarded(self._sample_groups) if self._groups.parts else self.sample_all)
         self.sample = partial(self._send_and_sample, sample) if self._late else sample
         if self._groups.parts:
