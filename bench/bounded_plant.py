@@ -17,7 +17,7 @@ from umo.alarms import Alarm, Low
 from umo.control import Servo, next_period
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
-from umo.cycle.image import Way
+from umo.cycle.image import ToDefault
 from umo.drivers.simulated import Simulated
 from umo.frames import published
 from umo.frames.memory import RunDescriptors
@@ -227,9 +227,9 @@ class Rig:
         self._began = self.were_reset = 0.0
         settle = image.settle
 
-        def watched(slots: Any, way: Way) -> Any:
+        def watched(slots: Any, way: ToDefault) -> Any:
             failures = settle(slots, way)
-            if way is Way.RESET:
+            if way is ToDefault.RESET:
                 self.were_reset = thread_time() - self._began
             return failures
 

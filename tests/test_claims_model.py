@@ -415,7 +415,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "an expiry is not armed": (CommandStage.accept, "command.written = self._image.clock.now", "pass"),
     "what a client holds expires": (Command.has_expired, "and not self.client", ""),
     "what is let go stays where it is": (
-        CommandStage.release_from_client, "self._image.settle(slots, Way.SEND)", "pass"
+        CommandStage.release_from_client, "self._image.settle(slots, ToDefault.SEND)", "pass"
     ),
     "work goes on with what a client holds": (
         Resting.end, "image.go_on(item._slot, value)", "image.pending[item._slot] = value"

@@ -10,7 +10,7 @@ import pytest
 from helpers.machines import actuator, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, TaskFailed, connect
 from umo.control import next_period
-from umo.cycle.image import Way
+from umo.cycle.image import ToDefault
 from umo.operation import PackML
 from umo.testing import Scripted
 
@@ -67,8 +67,8 @@ class Rig:
         image: Any = self.connection.machine.image
         settle = image.settle
 
-        def counted(slots: Any, way: Way) -> Any:
-            self.calls += way is Way.RESET
+        def counted(slots: Any, way: ToDefault) -> Any:
+            self.calls += way is ToDefault.RESET
             return settle(slots, way)
 
         image.settle = counted

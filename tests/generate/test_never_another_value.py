@@ -25,12 +25,12 @@ class Side(Enum):
     RIGHT = "right"
 
 
-class Way(Enum):
+class ToDefault(Enum):
     UP = "up"
     DOWN = "down"
 
-    def turned(self) -> Way:
-        return Way.DOWN if self is Way.UP else Way.UP
+    def turned(self) -> ToDefault:
+        return ToDefault.DOWN if self is ToDefault.UP else ToDefault.UP
 
 
 class Level(IntEnum):
@@ -483,7 +483,7 @@ class TruthOfALevel(Program):
 @refused("")
 class MethodOfAState(Program):
     def begin(self) -> None:
-        self.way = Way.UP
+        self.way = ToDefault.UP
 
     def control(self) -> None:
         self.way = self.way.turned()
@@ -549,12 +549,12 @@ class StatesOfOneType(Program):
 @equal
 class StatesInTuples(Program):
     def begin(self) -> None:
-        self.one, self.other = (Side.LEFT, 1.0), (Way.UP, 2.0)
+        self.one, self.other = (Side.LEFT, 1.0), (ToDefault.UP, 2.0)
 
     def control(self) -> None:
         self.one = (Side.RIGHT, self.u)
-        self.other = (Way.UP, self.u)
-        self.c = (self.one[0] is Side.RIGHT) + 2 * (self.other[0] is Way.UP)
+        self.other = (ToDefault.UP, self.u)
+        self.c = (self.one[0] is Side.RIGHT) + 2 * (self.other[0] is ToDefault.UP)
 
 
 # A bool is no number for an object ----------------------------------------------------------------------------------

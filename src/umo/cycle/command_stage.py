@@ -19,7 +19,7 @@ import numpy as np
 
 from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
 from umo.cycle.events import Event, Paths, of_several
-from umo.cycle.image import Image, Way
+from umo.cycle.image import Image, ToDefault
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.drivers.contract import Direction
@@ -189,7 +189,7 @@ class CommandStage:
             self.by_slot[slot].client = ""
         self._taken_by_clients.difference_update(slots)
         self._restrict(slots)
-        self._image.settle(slots, Way.SEND)
+        self._image.settle(slots, ToDefault.SEND)
 
     def _known(self, slot: int) -> Command:
         """The command of an actuator, also of one without a guard."""
@@ -230,7 +230,7 @@ class CommandStage:
         """The actuators of these, which are held, go to their defaults in stop order; those that failed, by slot."""
         slots = sorted({slot for fault in faults for slot in fault.slots}, key=self.place.__getitem__)
         self._image.transfer.note_each(slots, Kind.INTERLOCKED)
-        return self._image.settle(slots, Way.RESET)
+        return self._image.settle(slots, ToDefault.RESET)
 
     def free(self, faults: Sequence[Inhibition]) -> None:
         """Their actuators may be written again, unless an interlock inhibits them: one that began to do so during the
@@ -381,7 +381,7 @@ class CommandStage:
             self._image.transfer.note_each(slots, Kind.EXPIRED)
             self.events.add(partial(_commands_expired, now, self._image.items, slots, expires), logged=True)
         if sent:
-            self._image.settle(sent, Way.SEND)
+            self._image.settle(sent, ToDefault.SEND)
         return found
 
     def expire(self) -> None:

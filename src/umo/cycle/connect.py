@@ -19,7 +19,7 @@ from umo.cycle.attempts import Attempts
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
-from umo.cycle.image import Image, Way
+from umo.cycle.image import Image, ToDefault
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine
@@ -415,7 +415,7 @@ class connect(Generic[C]):
     def _reset_once(self, slots: list[int]) -> list[Failure]:
         failures = []
         self._waiting = set(slots)
-        for slot, failure in self.image.settling(slots, Way.RESET):
+        for slot, failure in self.image.settling(slots, ToDefault.RESET):
             if failure is None:
                 self._waiting.discard(slot)
             else:

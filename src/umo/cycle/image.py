@@ -31,7 +31,7 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 
 
-class Way(Enum):
+class ToDefault(Enum):
     """What moves an actuator when it is brought to its default."""
 
     RESET = auto()
@@ -303,7 +303,9 @@ class Image(Slots):
         return None if all(free) else free
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failures = [failure for slot, failure in self.settle(slots, Way.RESET).items() if not self._resets_again(slot)]
+        failures = [
+            failure for slot, failure in self.settle(slots, ToDefault.RESET).items() if not self._resets_again(slot)
+        ]
         if failures:
             self.fail("could not be reset", failures)
 
@@ -337,7 +339,7 @@ class Image(Slots):
             if item.synchronous or item._max_age is not None:
                 self._goes_on_from_default(slot)
             else:
-                self.settle([slot], Way.IS_THERE)
+                self.settle([slot], ToDefault.IS_THERE)
             return
         if (conditioner := self.conditioners.get(slot)) is not None:
             conditioner.begin()
@@ -354,24 +356,24 @@ class Image(Slots):
             self.set_quality(slot, Quality.STALE)
 
     def initialize(self, slot: int) -> Failure | None:
-        return self.settle([slot], Way.INITIALIZE).get(slot)
+        return self.settle([slot], ToDefault.INITIALIZE).get(slot)
 
     # To the defaults -----------------------------------------------------------------------------------
 
-    def settle(self, slots: Iterable[int], way: Way) -> dict[int, Failure]:
+    def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
         """Bring actuators to their defaults, which nothing else does: no write of them is in force any more, and their
         defaults are pending, before the first is moved. The sensors among them are reset or initialised by their
         driver. What failed, by slot: one failure never stops the rest."""
         return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
 
-    def settling(self, slots: Iterable[int], way: Way) -> Iterator[tuple[int, Failure | None]]:
+    def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
         """The same, each as soon as it was moved: where it is interrupted it is known who waits still."""
         slots = list(slots)
         for slot in slots:
             if self.items[slot].direction is Direction.OUTPUT:
                 self.commands.rest(slot)
                 self.set_default(slot)
-                if way is not Way.SEND:
+                if way is not ToDefault.SEND:
                     self._give_default(slot)
         return _MOVES[way](self, slots)
 
@@ -425,9 +427,9 @@ class Image(Slots):
         return failed
 
 
-_MOVES: Mapping[Way, Callable[[Image, Sequence[int]], Iterator[tuple[int, Failure | None]]]] = {
-    Way.RESET: Image._reset,
-    Way.INITIALIZE: Image._initialize,
-    Way.SEND: Image._send,
-    Way.IS_THERE: Image._is_there,
+_MOVES: Mapping[ToDefault, Callable[[Image, Sequence[int]], Iterator[tuple[int, Failure | None]]]] = {
+    ToDefault.RESET: Image._reset,
+    ToDefault.INITIALIZE: Image._initialize,
+    ToDefault.SEND: Image._send,
+    ToDefault.IS_THERE: Image._is_there,
 }

@@ -10,15 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from heapq import heapify, heappop, heappush
 from types import MethodType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from umo.cycle.clock import Clock
 from umo.cycle.image import Image
 from umo.objects import Node
 from umo.wiring.rates import WHOLE, Rate, RateMap
-
-if TYPE_CHECKING:
-    from umo.cycle.machine import ConnectedMachine
 
 
 class PartClock(Clock):
@@ -149,7 +146,7 @@ class MachineOfGroup:
     """The machine, seen from compounds of one rate (`umo.objects.link.Machine`). `period` in s: of their laws, which
     may act on a controller. Default: the clock's."""
 
-    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
+    def __init__(self, machine: Any, clock: Clock, period: float | None = None) -> None:
         self.whole, self._clock = machine, clock
         self.period = clock.period if period is None else period
 

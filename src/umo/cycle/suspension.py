@@ -17,7 +17,7 @@ import numpy as np
 
 from umo.cycle.columns import ASKED, FREE
 from umo.cycle.events import Event, Paths
-from umo.cycle.image import Way
+from umo.cycle.image import ToDefault
 from umo.cycle.sequences import Sequences, one_period
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Atomic, Compound, atoms, walk
@@ -172,7 +172,7 @@ class Suspension:
             else:
                 what = STOPPED
             found[what].append(slot)
-        image.settle(found[STOPPED], Way.SEND)
+        image.settle(found[STOPPED], ToDefault.SEND)
         self._tell_what_drives(found)
 
     def _away_from_defaults(self) -> list[int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from umo.cycle.image import Way
+from umo.cycle.image import ToDefault
 from umo.objects import Actuator, Compound, atoms
 from umo.objects.paths import is_within
 
@@ -33,7 +33,7 @@ class Resting:
             left = image.pending[item._slot]
             if left != item._default_value() and item.when_suspended != "hold":
                 self._left[place] = left
-                image.settle((item._slot,), Way.SEND)
+                image.settle((item._slot,), ToDefault.SEND)
 
     def end(self) -> None:
         """The work goes on."""

@@ -18,7 +18,7 @@ from umo.presentation.digits import number_text
 from umo.presentation.value_text import value_text
 from umo.replay.player import Player
 from umo.replay.result import Difference, Replayed
-from umo.replay.tape import JournalEntry, Period
+from umo.replay.tape import JournalEntry, TapedPeriod
 
 MAX_SIGNALS = 8
 """Signals that a difference names at most."""
@@ -126,12 +126,12 @@ class Comparison:
         entries: list[JournalEntry] = rows.tolist()
         return entries
 
-    def _same_entries(self, period: Period) -> bool:
+    def _same_entries(self, period: TapedPeriod) -> bool:
         if self._order is None and self._journal.entries == period.journal:
             return True
         return _in_order(self._entries()) == _in_order(period.entries)
 
-    def _find(self, frame: Frame, period: Period, raws: Any) -> Difference | None:
+    def _find(self, frame: Frame, period: TapedPeriod, raws: Any) -> Difference | None:
         if frame.number != period.number:
             return self._difference(period, "", f"tick {period.number}", f"tick {frame.number}")
         recorded, replayed = _in_order(period.entries), _in_order(self._entries())
@@ -154,7 +154,7 @@ class Comparison:
                 return self._difference(period, "", _whole(what, before), _whole(what, now))
         return None
 
-    def _difference(self, period: Period, path: str, recorded: str, replayed: str) -> Difference:
+    def _difference(self, period: TapedPeriod, path: str, recorded: str, replayed: str) -> Difference:
         machine = self._machine
         places = tuple(filter(None, machine.sequences.places))
         signals = tuple(self._signals(period))
@@ -176,7 +176,7 @@ class Comparison:
         except Exception:  # of a linearization of the user's
             return f"raw {raw}"
 
-    def _signals(self, period: Period) -> list[str]:
+    def _signals(self, period: TapedPeriod) -> list[str]:
         recorded = period.signals
         frame = self._machine.frame
         replayed = {each.path: value for each, value in zip(frame.signals, frame.signal_values, strict=False)}

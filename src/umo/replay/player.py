@@ -13,7 +13,7 @@ from typing import Any
 from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.drivers.contract import IntArray, WaitEnded
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
-from umo.replay.tape import JournalEntry, Period, Periods
+from umo.replay.tape import JournalEntry, Periods, TapedPeriod
 
 CAUSE = "it failed in the recording"
 """The text of an error of a driver that is replayed."""
@@ -27,14 +27,14 @@ class Player:
     def __init__(self, periods: Periods, initial: Sequence[int]) -> None:
         """`initial`: the raw integers when the recording began."""
         self._periods = periods
-        self._coming: Iterator[Period] = iter(periods)
+        self._coming: Iterator[TapedPeriod] = iter(periods)
         self.raws: Any = list(initial)
         """The raw integers of the last period that was played; at first those of the beginning."""
-        self.period: Period | None = None
+        self.period: TapedPeriod | None = None
         """The period that is being played; None: before the first and after the last one."""
-        self._begun: Period | None = None
+        self._begun: TapedPeriod | None = None
         """The period that has begun, while the one before was not shown yet."""
-        self.next: Period | None = next(self._coming, None)
+        self.next: TapedPeriod | None = next(self._coming, None)
         """The period that comes after that; None: the tape ends."""
         self.journal: Journal | None = None
         """The journal of the replay; None: it has not begun."""
@@ -59,7 +59,7 @@ class Player:
 
     # Periods -------------------------------------------------------------------------------------------
 
-    def connect(self, journal: Journal | None, first: Period) -> None:
+    def connect(self, journal: Journal | None, first: TapedPeriod) -> None:
         """The first sample is made, while connecting."""
         self.journal, self.period = journal, first
 
@@ -68,7 +68,7 @@ class Player:
         self.journal = journal
         self._begin(None)
 
-    def tick(self) -> Period:
+    def tick(self) -> TapedPeriod:
         """The timer is read: the period that begins. WaitEnded at the end of the tape."""
         if self.journal is None:
             raise WaitEnded
@@ -83,7 +83,7 @@ class Player:
             self._begun = period
         return period
 
-    def _begin(self, period: Period | None) -> None:
+    def _begin(self, period: TapedPeriod | None) -> None:
         self.period = period
         self._used.clear()
         self.seen.clear()

@@ -89,7 +89,7 @@ def events_of(tape: Tape) -> list[Any]:
     return [getattr(each, "event", each) for each in tape.events]
 
 
-class Period:
+class TapedPeriod:
     """One recorded period."""
 
     __slots__ = (
@@ -153,10 +153,10 @@ class Period:
         return int(self.raws[slot])
 
 
-def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> Period:
+def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> TapedPeriod:
     """The first sample, which was made while connecting, in the form of a period."""
     entries = np.frombuffer(bytes.fromhex(initial.get("entries", "")), ENTRY)
-    return Period((0, 0.0, 0, 0, NEVER, NEVER), np.array(raws, np.int64), entries, (np.empty(0), 0), False)
+    return TapedPeriod((0, 0.0, 0, 0, NEVER, NEVER), np.array(raws, np.int64), entries, (np.empty(0), 0), False)
 
 
 class Periods:
@@ -168,7 +168,7 @@ class Periods:
         """The commands that were taken and are still to be handed on, by number."""
         self.ended = ""
 
-    def __iter__(self) -> Iterator[Period]:
+    def __iter__(self) -> Iterator[TapedPeriod]:
         last = 0.0
         for block in self._tape.blocks():
             if block.lost:
@@ -192,7 +192,7 @@ class Periods:
                 yield period
         self.ended = str(getattr(self._tape, "damaged_end", ""))
 
-    def _periods(self, block: TapeBlock) -> Iterator[tuple[Period, int]]:
+    def _periods(self, block: TapeBlock) -> Iterator[tuple[TapedPeriod, int]]:
         frames, entries = block.frames, block.entries
         names = ("number", "time", "missed", "taken", "sampled", "updated")
         rows = zip(*(frames[name].tolist() for name in names), strict=True)
@@ -203,4 +203,4 @@ class Periods:
         for number, row in enumerate(rows):
             own = entries[at : at + counts[number]]
             at += counts[number]
-            yield Period(row, raws[number], own, (frames, number), full), lost[number]
+            yield TapedPeriod(row, raws[number], own, (frames, number), full), lost[number]
