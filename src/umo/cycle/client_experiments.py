@@ -6,13 +6,14 @@ alone is in.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from umo.errors import PathError
 from umo.objects import Action, Compound, Node, walk
 from umo.objects.action import actions_on
 from umo.objects.laws import has_loops, law_named, laws_in, laws_of
+from umo.objects.node import outwards
 from umo.text import did_you_mean, some
 
 NAMES = ("experiment", "law")
@@ -44,7 +45,7 @@ class Loops:
         self._around: dict[str, list[FoundLoop]] = {}
         """Those whose compound or an end of which is at or below a path."""
         for loop in self._known:
-            for path in dict.fromkeys(path for node in (loop.part, *loop.ends) for path in _outwards(node)):
+            for path in dict.fromkeys(each._path for node in (loop.part, *loop.ends) for each in outwards(node)):
                 self._around.setdefault(path, []).append(loop)
         self._actions: dict[str, tuple[Any, Mapping[str, Action]]] = {}
         """Those that were asked for, by path, with the law that each is on."""
@@ -112,13 +113,6 @@ def _loops_of(part: Compound, path: str, law: Any) -> list[FoundLoop]:
 def _found(part: Compound, path: str, law: Any, name: str, ends: Iterable[Any]) -> FoundLoop:
     nodes = tuple(each for each in ends if isinstance(each, Node))  # the other end may be an inner law
     return FoundLoop(part, path, law, name, nodes)
-
-
-def _outwards(node: Node | None) -> Iterator[str]:
-    """The paths of an object and of the compounds around it."""
-    while node is not None:
-        yield node._path
-        node = node._parent
 
 
 def loop_at(root: Compound, place: str) -> FoundLoop:

@@ -7,7 +7,7 @@ goes on. What no declared equipment contains ends the run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -23,6 +23,7 @@ from umo.cycle.sequences import Task
 from umo.errors import DriverError, EquipmentFault, Failure, text_later
 from umo.objects import Actuator, Atomic, Compound, Interlock, Node, Quality, atoms, walk
 from umo.objects.keywords import IN_MANUAL
+from umo.objects.node import outwards
 from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
 from umo.text import in_a_line, some
@@ -170,14 +171,9 @@ class Containment:
             return ()
         found = self._around.get(node)
         if found is None:
-            found = self._around[node] = tuple(self._find_around(node))
+            known = (self._by_id.get(id(each)) for each in outwards(node))
+            found = self._around[node] = tuple(each for each in known if each is not None)
         return found
-
-    def _find_around(self, node: Node | None) -> Iterator[Equipment]:
-        while node is not None:
-            if (found := self._by_id.get(id(node))) is not None:
-                yield found
-            node = node._parent
 
     # Into a fault --------------------------------------------------------------------------------------
 

@@ -26,11 +26,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import monotonic_ns
-from typing import NoReturn, cast
+from typing import NoReturn, TypeVar, cast
 
 from umo.cycle.acting_laws import ActingLaws
 from umo.cycle.clock import Clock, WallClock
-from umo.cycle.columns import Block
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Events
 from umo.cycle.frame import Observer
@@ -41,6 +40,8 @@ from umo.cycle.sequences import Sequences
 from umo.drivers.contract import Direction
 from umo.errors import DriverError, Failure
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
+
+T = TypeVar("T")
 
 
 class Period:
@@ -94,11 +95,10 @@ class Period:
 
     def bind(self) -> None:
         """Choose the calls that this machine needs; to be called when everything is attached."""
-        self._image.before_tick = self._before_tick if self.before_tick else self.finish
+        self._image.before_tick = preceded(self.before_tick, self.finish)
         if self._groups.parts:
             self._send = partial(self._image.update, self._groups.whole.outputs)
-        if self.before_send:
-            self._send = partial(self._send_and_note, self._send)
+        self._send = preceded(self.before_send, self._send)
         self.sample_all = self._guarded(self._image.sample)
         sample = self._begun(self._guarded(self._sample_groups) if self._groups.parts else self.sample_all)
         self.sample = partial(self._send_and_sample, sample) if self._late else sample
@@ -112,11 +112,6 @@ class Period:
     def _tick(self) -> None:
         self.open = True
         self.began = monotonic_ns()
-
-    def _before_tick(self) -> None:
-        for call in self.before_tick:
-            call()
-        self.finish()
 
     def finish(self) -> None:
         """Before the wait for the next tick: SHOW a period that was not shown, since it failed or nobody called
@@ -137,8 +132,7 @@ class Period:
         """RECEIVE and GUARD around a SAMPLE, as far as the machine has them."""
         asynchronous = (item for item in self._image.items if not item.synchronous)
         guarded = self._commands.by_slot or any(item.direction is Direction.OUTPUT for item in asynchronous)
-        if self.receiving:
-            sample = partial(self._receive_and_sample, sample)
+        sample = preceded(self.receiving, sample)
         return partial(self._then_guard, sample) if guarded else sample
 
     def _begun(self, sample: Callable[[], bool]) -> Callable[[], bool]:
@@ -153,11 +147,6 @@ class Period:
             return sample()
 
         return timeless
-
-    def _receive_and_sample(self, sample: Callable[[], bool]) -> bool:
-        for call in self.receiving:
-            call()
-        return sample()
 
     def _sample_groups(self) -> bool:
         """Where nobody calls `update`, those of parts are read all the same."""
@@ -215,11 +204,6 @@ class Period:
 
     # update() ------------------------------------------------------------------------------------------
 
-    def _send_and_note(self, send: Callable[[], bool]) -> bool:
-        for call in self.before_send:
-            call()
-        return send()
-
     def _update(self) -> bool:
         try:
             accepted = self._send()
@@ -266,7 +250,11 @@ class Period:
             part.clock.measure()
         if self._laws.stale:
             self._laws.choose()
-        self._sample_parts([block for part in (*due, *late) for block in part.inputs])
+        sample = partial(self._image.sample, [block for part in (*due, *late) for block in part.inputs])
+        if self._commands.by_slot:
+            self._then_guard(sample)
+        else:
+            sample()
         accepted = True
         failed: list[Failure] = []
         for part in (*due, *late):
@@ -280,17 +268,6 @@ class Period:
         if failed:
             raise DriverError("could not be written", failed)
         return self._send_urgent() and accepted
-
-    def _sample_parts(self, blocks: Sequence[Block]) -> None:
-        """Guards are evaluated on what was read."""
-        try:
-            self._image.sample(blocks)
-        except DriverError as unread:
-            if self._commands.by_slot:
-                go_on(unread, self._commands.evaluate, "could not be read or reset")
-            raise
-        if self._commands.by_slot:
-            self._commands.evaluate()
 
     def _control_part(self, part: PartGroup, in_turn: bool) -> None:
         """Its sequences, in its own periods only, then its laws."""
@@ -320,6 +297,19 @@ class Period:
             self._events.tell()
         if self.observers:
             self._show()
+
+
+def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Callable[[], T]:
+    """A function that makes these calls and then the last one; that one itself where there are none."""
+    if not calls:
+        return last
+
+    def in_turn() -> T:
+        for call in calls:
+            call()
+        return last()
+
+    return in_turn
 
 
 def go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
 from umo.cycle.acting_laws import ActingLaws
@@ -10,7 +10,8 @@ from umo.cycle.directory import Directory
 from umo.cycle.equipment import Containment, Equipment
 from umo.cycle.not_awaited import expects_errors
 from umo.errors import forget_frames
-from umo.objects import Compound, Node
+from umo.objects import Compound
+from umo.objects.node import outwards
 from umo.user_code import refuse_exit
 
 METHODS = ("begin", "supervise", "note_faults", "describe")
@@ -48,7 +49,7 @@ class Supervisors:
         for path, law in directory.having(*METHODS):
             law.begin(path)
             self.all.append(law)
-            for node in _outwards(law.part):
+            for node in outwards(law.part):
                 self._within.setdefault(id(node), []).append(law)
 
     def note_faults(self, faults: Iterable[Equipment]) -> None:
@@ -81,9 +82,3 @@ class Supervisors:
             self._equipment.contain(law.part, error)
         forget_frames(error)
         return True
-
-
-def _outwards(node: Node | None) -> Iterator[Node]:
-    while node is not None:
-        yield node
-        node = node._parent

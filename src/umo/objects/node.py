@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NoReturn, SupportsIndex
 
@@ -87,3 +87,10 @@ class Node(DeclaredAttributes):
             )
         self._parent = parent
         self._name = name
+
+
+def outwards(node: Node | None) -> Iterator[Node]:
+    """An object and the compounds around it, the innermost first."""
+    while node is not None:
+        yield node
+        node = node._parent
