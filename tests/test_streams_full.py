@@ -9,6 +9,7 @@ import logging
 import os
 import pty
 import re
+import select
 import signal
 import socket
 import subprocess
@@ -27,16 +28,23 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="de
 F_SETPIPE_SZ = 1031
 
 
+MAX_MOVING = 0.1
+"""Time in s in which a busy kernel passes on what a terminal was given, which makes room for more."""
+
+
 def filled(write_end: int) -> int:
     """Fill what leads to a reader that does not read; the number of bytes. It blocks from now on."""
     os.set_blocking(write_end, False)
+    room = select.poll()
+    room.register(write_end, select.POLLOUT)
     count = 0
-    with suppress(BlockingIOError):
-        while True:
-            count += os.write(write_end, bytes(512))
-    with suppress(BlockingIOError):
-        while True:
-            count += os.write(write_end, b"\0")
+    while True:
+        for size in (512, 1):
+            with suppress(BlockingIOError):
+                while True:
+                    count += os.write(write_end, bytes(size))
+        if not room.poll(MAX_MOVING * 1e3):
+            break
     os.set_blocking(write_end, True)
     return count
 
