@@ -179,7 +179,8 @@ def test_the_table_of_a_run_points_at_umo_why_where_periods_were_missed() -> Non
 
 def test_the_table_of_a_run_shows_times_as_everything_else_does() -> None:
     console = Console(width=80, record=True, file=StringIO())
-    statistics = Statistics()
+    statistics = Statistics(capacity=1)
+    statistics._times[:] = 20
     statistics.periods = 3
     console.print(RunSummary(statistics, Outcome(simulated=0.004), elapsed=0.000_25).table("umo run"))
     assert "4 ms in 250 µs, 16 x real time" in console.export_text()

@@ -4,6 +4,7 @@ import contextlib
 import math
 import subprocess
 import sys
+from itertools import product
 
 import pytest
 from hypothesis import given
@@ -25,6 +26,15 @@ from umo.wiring.source import WiringSource
 @pytest.mark.parametrize("unit", ["V", "um", "deg", "count", "sampling_period", "mm/s", "degC", "percent"])
 def test_units_are_pints_and_the_sampling_period(unit):
     assert check_unit(unit) == unit
+
+
+def test_what_is_made_of_the_usual_units_is_accepted_without_pint_and_known_to_it(monkeypatch):
+    usual = sorted(units._USUAL)
+    made = [*usual, *(f"{one}{sign}{other}" for one, other in product(usual, repeat=2) for sign in "*/")]
+    parse = units.registry().parse_units
+    monkeypatch.setattr(units, "registry", lambda: pytest.fail("pint was asked"))
+    for unit in made:
+        assert parse(units._checked_unit.__wrapped__(unit)) is not None
 
 
 @pytest.mark.parametrize("unit", ["parsnip", "m s)", "V(", "furlong per"])

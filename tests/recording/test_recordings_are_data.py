@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib import metadata
 from importlib.abc import MetaPathFinder
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -448,8 +449,9 @@ def test_a_station_that_a_package_installs_is_found_by_its_recorded_name(
     (installed.parent / "__init__.py").write_text("")
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path / "site")])
     monkeypatch.chdir(tmp_path)
-    point = EntryPoint("oven", "acme.oven", "umo.stations")
-    monkeypatch.setattr(station_module, "entry_points", lambda **which: [point] if which["name"] == "oven" else [])
+    entry = {"name": "oven", "group": "umo.stations"}
+    point, others = EntryPoint(value="acme.oven", **entry), metadata.entry_points
+    monkeypatch.setattr(metadata, "entry_points", lambda **which: [point] if which == entry else others(**which))
     file = save(recorded(str(installed)), tmp_path / "run.mcap")
     done = umo("replay", str(file))
     assert done.exit_code == 0 and done.stdout.startswith("identical"), done.output

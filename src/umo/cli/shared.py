@@ -15,6 +15,7 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command_name
 
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import Interrupted, UmoError, text_of
@@ -98,6 +99,18 @@ app = typer.Typer(
     help="Universal Mechatronic Objects: run, check and try out machines.\n\n"
     "Examples:  umo run ztheta  |  umo check my-machine  |  umo new my-machine",
 )
+
+
+def keep_only(word: str) -> None:
+    """Removes the other commands, if the word is one: typer makes each that is there, 50 ms at each start."""
+    commands = [each for each in app.registered_commands if word == (each.name or _name_of(each.callback))]
+    groups = [each for each in app.registered_groups if word == each.name]
+    if commands or groups:
+        app.registered_commands, app.registered_groups = commands, groups
+
+
+def _name_of(callback: Callable[..., Any] | None) -> str:
+    return get_command_name(getattr(callback, "__name__", ""))
 
 
 class HelpPanel:

@@ -7,7 +7,6 @@ import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -141,6 +140,8 @@ def packaged(name: str) -> Path | None:
     of the group `umo.stations`: the name, and the station's package); None: there is none."""
     if (folder := shipped().get(name)) is not None:
         return folder
+    from importlib.metadata import entry_points  # a sixth of what importing umo took
+
     for point in entry_points(group=GROUP, name=name):
         with told_as(StationError, f"the installed station {name!r} ({point.value}) cannot be imported"):
             spec = importlib.util.find_spec(point.value)

@@ -24,6 +24,8 @@ AGE_TOLERANCE = 0.02
 """Time in s by which an age may be wrong: the calls around it take their time."""
 AGE_INTERVAL = 0.01
 """Time in s until it is read once more."""
+AGE_LOOKS = 5
+"""How many times `settle` is waited for the old level at most: a driver may keep its readings for longer than that."""
 AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
 """Times in s after which a level that has come is read."""
 UNFED = 1.5
@@ -140,7 +142,7 @@ def _moves(context: RuleContext, probe: Probe, output: Output, number: int, paus
     texts = context.readable
     old, new = (output.other(), output.default) if number % 2 else (output.default, output.other())
     probe.write(output.channel, old)
-    context.is_read(probe, output, old)
+    any(context.is_read(probe, output, old) for _ in range(AGE_LOOKS))
     probe.read_many(texts)
     began = monotonic()
     probe.write(output.channel, new)
