@@ -56,9 +56,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [item for item in items if item.path in files]
     in_good_order(items)
     for item in items:
-        own = item.get_closest_marker("timeout")
+        marks = {mark.name: mark for mark in reversed([*item.iter_markers()])}
+        own = marks.get("timeout")
         if own is None or not own.args:
-            limit = max(limit for mark, limit in LIMITS.items() if mark is None or item.get_closest_marker(mark))
+            limit = max(limit for mark, limit in LIMITS.items() if mark is None or mark in marks)
             item.add_marker(pytest.mark.timeout(limit, **(own.kwargs if own else {})), append=False)
 
 

@@ -288,6 +288,9 @@ OTHERS = [
     ('timeout("1 s")', '`timeout("1 s")` alone does nothing: write `async with timeout("1 s"):`'),
     ("Lock()", "`Lock()` alone does nothing: write `async with Lock():`"),
     ("time.sleep(1)", "`time.sleep(1)` stops the whole machine: write `await wait(...)` in a sequence"),
+    ("import time\ntime.sleep(1)", "`time.sleep(1)` stops the whole machine"),
+    ("import time as clock\nclock.sleep(1)", "`clock.sleep(1)` stops the whole machine"),
+    ("from time import sleep as rest\nrest(1)", "`rest(1)` stops the whole machine"),
     (
         "while m.level.read() < 3.0:\n    print(m.now)",
         "`m.level.read() < 3.0` stays what it is while no period passes: write `await until(lambda: ...)`",

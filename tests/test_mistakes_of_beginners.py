@@ -41,9 +41,9 @@ from umo.states import OpenClosed
 """
 SEQUENCE = {
     "x = 2.0 * m.level": "`m.level` is an object, not its value: write `m.level.read()`",
-    "m.inlet.write('on')": "a BinaryActuator takes one of its states, such as OnOff.ON, not 'on'",
-    "m.inlet.write(True)": "takes one of its states, such as OnOff.ON, not True",
-    "m.inlet.write(None)": "takes one of its states, such as OnOff.ON, not None",
+    "m.inlet.write('on')": "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not 'on'",
+    "m.inlet.write(True)": "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not True",
+    "m.inlet.write(None)": "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not None",
     "m.target == 3.0": "`m.target == 3.0` is compared, and nothing is done with the result",
     "os.system('true')": "`os.system('true')` stops the whole machine while it waits",
     "subprocess.run(['true'])": "`subprocess.run(['true'])` stops the whole machine while it waits",

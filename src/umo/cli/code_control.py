@@ -17,7 +17,6 @@ from contextlib import suppress
 from typing import Any
 
 from umo.objects import Compound
-from umo.objects.atomic import Binary
 from umo.objects.attributes import own_names
 
 from .code_values import FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, Remarks, inside_of
@@ -51,19 +50,6 @@ def _calculated(code: ModuleCode, node: ast.BinOp, scope: NameScope) -> Remarks:
     for each in (node.left,) if is_of_text else (node.left, node.right):
         if code.atomic(each, scope) and not isinstance(node.op, ast.BitOr):
             yield each, "`{}` is an object, not its value: write `{}.read()`"
-
-
-def _written(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
-    """What an actuator cannot take."""
-    if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
-        return
-    kind, given = code.atomic(node.func.value, scope), node.args[0]
-    if kind is None or not isinstance(given, ast.Constant):
-        return
-    if issubclass(kind, Binary):
-        yield node, f"`{{}}`: a {kind.__name__} takes one of its states, such as OnOff.ON, not {given.value!r}"
-    elif given.value is None or isinstance(given.value, str | bytes | bool):
-        yield node, f"`{{}}`: a {kind.__name__} takes a number in its unit, not {given.value!r}"
 
 
 def _without_effect(code: ModuleCode, node: ast.Expr, scope: NameScope) -> Remarks:
@@ -211,7 +197,6 @@ def _changed(node: ast.ClassDef) -> Iterator[str]:
 
 LOOKS: tuple[tuple[Any, Callable[[ModuleCode, Any, NameScope], Remarks]], ...] = (
     (ast.BinOp, _calculated),
-    (ast.Call, _written),
     (ast.Call, _called),
     (ast.Expr, _without_effect),
     (ast.Try, _swallowed),

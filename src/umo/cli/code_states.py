@@ -83,21 +83,23 @@ class CodeObjects:
             yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
 
     def wrongly_written(self, node: ast.Call, scope: NameScope) -> str | None:
-        """What is wrong with a state that is written, or with an object in the place of its value."""
+        """What is wrong with what is written: an object in the place of its value, or no value of this kind."""
         if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
             return None
         items, given = self.objects(node.func.value, scope), node.args[0]
-        if not items or not all(isinstance(each, Atomic) for each in items):
+        kind = self._code.atomic(node.func.value, scope)
+        if not (all(isinstance(each, Atomic) for each in items) if items else kind):
             return None
-        if self._code.atomic(given, scope):
+        if items and self._code.atomic(given, scope):
             return f"`{{}}`: an object is written, not its value: write `{ast.unparse(given)}.read()`"
-        states = {each.states if isinstance(each, Binary) else None for each in items}
-        written = self._written(given, scope)
-        if len(states) != 1 or not isinstance(written, TwoState) or type(written) in states:
+        states: set[type[TwoState] | None] = {each.states if isinstance(each, Binary) else None for each in items}
+        if not items and kind:
+            states = {TwoState if issubclass(kind, Binary) else None}
+        written = given.value if isinstance(given, ast.Constant) else self._written(given, scope)
+        if len(states) != 1 or not _is_wrong(written, taken := states.pop()):
             return None
-        (kind,) = states
-        taken = "a number in its unit" if kind is None else " or ".join(shown(each) for each in kind)
-        return f"`{{}}`: it takes {taken}, not {shown(written)}"
+        values = "one of its states" if taken is TwoState else " or ".join(map(shown, taken or ()))
+        return f"`{{}}`: it takes {values or 'a number in its unit'}, not {shown(written)}"
 
     def no_truth(self, node: ast.expr, scope: NameScope) -> str | None:
         """What is wrong with a state, or an object, that is asked whether it is true. One that may be missing may be
@@ -239,6 +241,16 @@ def _bound(name: str, scope: NameScope | None) -> tuple[str, ast.expr, NameScope
             return (how if len(ways) == 1 else "", node, scope)
         scope = scope.around
     return None
+
+
+def _is_wrong(written: Any, taken: type[TwoState] | None) -> bool:
+    """Whether an actuator cannot take what is written. `taken`: its states, `TwoState` if they are not known; None: it
+    takes numbers."""
+    if isinstance(written, TwoState):
+        return taken is None or not isinstance(written, taken)
+    if isinstance(written, int | float) and not isinstance(written, bool):
+        return taken is not None
+    return written is None or isinstance(written, str | bytes | bool)
 
 
 def _may_be_missing(item: Atomic) -> bool:

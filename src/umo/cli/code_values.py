@@ -8,7 +8,9 @@ import builtins
 import inspect
 import sys
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import cached_property
+from importlib.util import resolve_name
 from types import FunctionType, ModuleType, NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
@@ -111,11 +113,11 @@ class NameScope:
     def look_up(self, name: str) -> Thing | None:
         bindings = self.bindings.get(name)
         if bindings is not None:
-            found = [self._bound(each) for each in bindings]
+            found = [self._bound(each, name) for each in bindings]
             return found[0] if all(_same(each, found[0]) for each in found) else None
         return self.code.of_module(name) if self.around is None else self.around.look_up(name)
 
-    def _bound(self, binding: Binding) -> Thing | None:
+    def _bound(self, binding: Binding, name: str) -> Thing | None:
         how, node = binding
         if how == "argument":
             return self._argument(node)
@@ -126,6 +128,8 @@ class NameScope:
             return found.each if isinstance(found, Holding) and not found.keyed else None
         if how == "annotation":
             return self.code.annotated(node, self)
+        if how == "import":
+            return self.code.imported(node, name)
         return InnerFunction(node) if how == "function" and not node.decorator_list else None
 
     def _argument(self, node: ast.arg) -> Thing | None:
@@ -167,7 +171,7 @@ def _bound_by(node: ast.AST) -> Iterator[tuple[str, Binding]]:
         yield node.name, Binding("", node)
     elif isinstance(node, ast.Import | ast.ImportFrom):
         for alias in node.names:
-            yield (alias.asname or alias.name).partition(".")[0], Binding("", node)
+            yield (alias.asname or alias.name).partition(".")[0], Binding("import", node)
     elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
         yield node.name, Binding("", node)
     elif isinstance(node, ast.MatchMapping) and node.rest:
@@ -189,6 +193,14 @@ def _same(one: Thing | None, other: Thing | None) -> bool:
 def _names(target: Any) -> Iterator[str]:
     for one in target if isinstance(target, list) else [target] if target is not None else []:
         yield from (each.id for each in ast.walk(one) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+
+
+def _loaded(path: str, attribute: str | None = None) -> Exactly | None:
+    """A module that has been imported, or something in it."""
+    module = sys.modules.get(path)
+    if module is None or attribute is None:
+        return None if module is None else Exactly(module)
+    return Exactly(vars(module)[attribute]) if attribute in vars(module) else None
 
 
 def waits_or_ends(node: ast.AST) -> bool:
@@ -232,6 +244,18 @@ class ModuleCode:
                 return Exactly(names[name])
         found = self._known.classes.get(name)
         return None if found is None else Exactly(found)
+
+    def imported(self, node: ast.Import | ast.ImportFrom, name: str) -> Thing | None:
+        """What this name is after an import within a function. Nothing is imported to find it."""
+        for alias in node.names:
+            if (alias.asname or alias.name).partition(".")[0] != name:
+                continue
+            if isinstance(node, ast.Import):
+                return _loaded(alias.name if alias.asname else name)
+            with suppress(ImportError):  # beyond the package, which running it tells
+                path = resolve_name("." * node.level + (node.module or ""), self._module.__package__)
+                return _loaded(path, alias.name)
+        return None
 
     def class_at(self, node: ast.ClassDef) -> type | None:
         """The class that a statement of this module makes."""

@@ -81,7 +81,18 @@ def in_a_line(error: Any) -> str:
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
         text = f"No such option: {option}{did_you_mean(option, options_of_command(context))}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
-    return f"{where}: {cut_words(text[:1].lower() + text[1:])}; `{where} --help` shows what it takes"
+    return f"{where}: {cut_words(text[:1].lower() + text[1:])}{_hint(where, text, context)}; `{where} --help` shows what it takes"
+
+
+def _hint(where: str, text: str, context: Any) -> str:
+    """Of an argument that is missing: the current folder if it is a station, and what was taken for the station."""
+    from umo.process.station import MARK
+
+    if "STATION" in text and Path(MARK).is_file():
+        return f" (the current folder is one: `{where} .`)"
+    if text.startswith("Missing argument 'PATH") and (station := (context.params or {}).get("station")):
+        return f" ({station} was taken for the STATION)"
+    return ""
 
 
 def options_of_command(context: Any) -> list[str]:

@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from umo.errors import text_of
 from umo.recording.block import headed
 from umo.recording.mcap_reader import McapReader
 
@@ -39,9 +40,9 @@ def in_order(file: McapReader) -> array[int]:
     return array("q", ordered[places].tobytes())
 
 
-def damaged(error: ValueError) -> str:
+def damaged(error: Exception) -> str:
     """Why a chunk is passed over that cannot be read."""
-    return f"a chunk is damaged, {error}"
+    return f"a chunk is damaged, {error if type(error) is ValueError else text_of(error)}"
 
 
 def first_of(exact: memoryview) -> int:

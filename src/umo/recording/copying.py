@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from umo.errors import FramesError, text_of
+from umo.errors import FramesError
 from umo.recording.block import headed
 from umo.recording.chunk_order import EXACT, REPEATED, damaged, in_order
 from umo.recording.extent import DAMAGE, EXTENT, FOLLOWED, Extent, damage_texts, not_closed
@@ -73,7 +73,7 @@ class _Joined:
                     else:
                         file.damaged.add(at, REPEATED)
                 except (ValueError, LookupError, TypeError, OverflowError) as error:  # its periods are missing
-                    file.damaged.add(at, damaged(ValueError(text_of(error))))
+                    file.damaged.add(at, damaged(error))
 
     @property
     def damage(self) -> list[str]:

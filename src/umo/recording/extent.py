@@ -20,8 +20,8 @@ MAX_TOLD = 100
 
 
 def not_closed(name: str, time: float | None) -> str:
-    """What is told of a file that was not closed. `time`: that of its last block, s; None: it has none."""
-    last = "it has no periods" if time is None else f"what followed {time:g} s, if anything, is not in it"
+    """What is told of a file that was not closed. `time`: that at which its last block begins, s; None: it has none."""
+    last = "it has no periods" if time is None else f"what followed its block of {time:g} s is not in it"
     return f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}"
 
 
