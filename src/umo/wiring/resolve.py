@@ -302,7 +302,7 @@ class _Resolver:
     def _check_place(self, wire: Wire) -> None:
         path, channel = wire.item.path, wire.channel
         driver = self.source.entries[path].driver
-        for place, circuit in product(channel.places, self._circuits(wire)):
+        for place, circuit in product(channel.places, self._circuits(driver)):
             other = self.used_places.setdefault((type(wire.driver), circuit, place), path)
             if other != path:
                 text = f"channel {channel.text!r} of {driver} is already used by {other}"
@@ -313,10 +313,10 @@ class _Resolver:
         """No output lies where another driver rewrites what it has written itself."""
         rewritten: dict[tuple[type, str, Hashable], Wire] = {}
         for wire in outputs:
-            for place, circuit in product(wire.channel.rewrites, self._circuits(wire)):
+            for place, circuit in product(wire.channel.rewrites, self._circuits_of(wire)):
                 rewritten[type(wire.driver), circuit, place] = wire
         for wire in outputs if rewritten else ():
-            for place, circuit in product(wire.channel.places, self._circuits(wire)):
+            for place, circuit in product(wire.channel.places, self._circuits_of(wire)):
                 other = rewritten.get((type(wire.driver), circuit, place), wire)
                 if other.driver is not wire.driver:
                     self._mistake_of_rewriting(wire, other)
@@ -328,10 +328,12 @@ class _Resolver:
         why = f"which writes the whole register for {other.item.path} ({other.channel.text!r})"
         self.source.mistake(f'wire."{path}".driver', f"{what}, {why}; wire both to one driver")
 
-    def _circuits(self, wire: Wire) -> Sequence[str]:
+    def _circuits(self, driver: str) -> Sequence[str]:
         """Two drivers of one device share its places."""
-        driver = self.source.entries[wire.item.path].driver
         return self.hardware.get(driver, (driver,))
+
+    def _circuits_of(self, wire: Wire) -> Sequence[str]:
+        return self._circuits(self.source.entries[wire.item.path].driver)
 
     def _check_retry(self, key: str, item: Atomic, channel: Channel) -> None:
         if isinstance(item, Actuator) and item._max_age is not None and channel.event:
