@@ -13,11 +13,11 @@ from umo import Compound
 from umo.control import StepperAxis
 from umo.control.inputs import HOMING
 from umo.control.profile import Setpoint
+from umo.cycle.laid_out import wired_numbers
 from umo.drivers.faults.wrapper import bare
 from umo.generate.compiled_machine import FLAGS, compiler
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
-from umo.generate.controller_model import wired_numbers
 from umo.split.controller_driver import Controller
 from umo.split.link_bodies import ControllerState, FrameItem, FrameKind, StateReader, hello, item, request, welcome_of
 from umo.split.link_frames import FrameReader, framed

@@ -25,8 +25,8 @@ from helpers.split_parts import (
     controller_of,
     program_of,
 )
+from umo.cycle.laid_out import wired_numbers
 from umo.drivers.faults.wrapper import bare
-from umo.generate.controller_model import wired_numbers
 from umo.stations.furnace.objects import machine
 from umo.testing.conformance.certificate import Finding, Judgement
 from umo.testing.link_rules import RULES, LinkTrial, findings

@@ -102,7 +102,8 @@ def recipes(
 
 
 @command(
-    epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree furnace --zones 3 --all",
+    epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree furnace --zones 3 --all  "
+    "|  umo tree conveyor --period",
     context_settings={"ignore_unknown_options": True},
 )
 def tree(
@@ -112,6 +113,9 @@ def tree(
     ] = None,
     wiring: WiringName = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every member of a list.")] = False,
+    period: Annotated[
+        bool, typer.Option("--period", help="Show the phases of a period instead, and who acts in each.")
+    ] = False,
 ) -> int:
     """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
 
@@ -120,6 +124,10 @@ def tree(
     """
     from umo.process.station import find
 
+    if period:
+        from .period_table import show_period
+
+        return show_period(find(station), wiring, words or [])
     from .tree import show_tree
 
     return show_tree(find(station), wiring, words or [], everything)

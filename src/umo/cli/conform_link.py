@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from umo.cycle.laid_out import wired_numbers
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
-from umo.generate.controller_model import wired_numbers
 from umo.objects import Compound, walk
 from umo.split.controller_driver import Controller
 from umo.testing.conformance import Certificate

@@ -81,12 +81,13 @@ def in_a_line(error: Any) -> str:
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
         text = f"No such option: {option}{did_you_mean(option, options_of_command(context))}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
-    return f"{where}: {cut_words(text[:1].lower() + text[1:])}{_hint(where, text, context)}; `{where} --help` shows what it takes"
+    told = cut_words(text[:1].lower() + text[1:]) + _hint(where, text, context)
+    return f"{where}: {told}; `{where} --help` shows what it takes"
 
 
 def _hint(where: str, text: str, context: Any) -> str:
     """Of an argument that is missing: the current folder if it is a station, and what was taken for the station."""
-    from umo.process.station import MARK
+    from umo.system.packages import MARK
 
     if "STATION" in text and Path(MARK).is_file():
         return f" (the current folder is one: `{where} .`)"

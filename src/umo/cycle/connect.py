@@ -14,16 +14,12 @@ from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle import not_awaited
 from umo.cycle.absence import Absences, in_order
-from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.attempts import Attempts
-from umo.cycle.clock import Clock, WallClock
-from umo.cycle.directory import axes_in
-from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image, ToDefault
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
+from umo.cycle.laid_out import machine_of
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.off_cycle import OffCycleDrivers
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag, end_forked
@@ -175,33 +171,21 @@ class connect(Generic[C]):
                 self.not_restored = restore(self.root, self.wired.parameters, self.kept, self._restore.append)
             else:
                 apply_parameters(self.root, self.wired.parameters, self._restore.append)
-            nodes = {node._path: node for node in walk(self.root)}
+            nodes = {node._path: node for node in walk(self.root)} if self.wired.controllers else {}
             self._controllers = {path: bare(self.wired.drivers[name]) for path, name in self.wired.controllers.items()}
             for path, driver in self._controllers.items():
                 driver.take_part(nodes[path], self.wired)
-            clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
-            if self.wired.injection is not None:
-                self.wired.injection.clock = clock
             if self.wired.timer_wire is not None:
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
-            alarms = declared_alarms(self.root)
-            image = Image(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
-            outputs = self.wired.process.outputs
-            rates, injection = self.wired.rates, self.wired.injection
-            self.machine = ConnectedMachine(
-                self.root, image, self.stop, injection, outputs, rates, OffCycleDrivers.of(image, self.wired)
-            )
+            self.machine = machine_of(self.root, self.wired, self.stop)
             self.machine.random = Random(self.seed)
             if self._controllers:
                 self.machine.acting_laws.leave_to_controllers(nodes[path] for path in self._controllers)
                 for path, driver in self._controllers.items():
                     driver.meet(nodes[path], self.machine)
-            commands = self.machine.commands
-            self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:
                 self.machine.alarms.restore(self.alarm_states)
-                self.machine.phases.showing.append(self.machine.alarms.look)
             self.laid_out(self.machine)
         except BaseException:
             self._give_back()

@@ -1,20 +1,4 @@
-"""A period of a connected machine: its phases in their order.
-
-    timer.read()  BEFORE TICK  finish a period that was not finished; exchange with drivers off the cycle
-                  TICK         the clock goes on; drivers that are away are looked for
-    sample()      SEND LATE    `outputs = "at next tick"`: expire commands, then send what waits
-                  RECEIVE      judge the ages of what drivers off the cycle have brought
-                  SAMPLE       read the sensors of the whole; of all groups, where nobody calls `update`
-                  GUARD        interlocks, expiries, defaults that asynchronous actuators owe
-    control()     COMMANDS     what clients ask for, then the laws that look after sequences (units)
-                  SEQUENCES    a step of each of the whole
-                  LAWS         those of the whole
-                  SETTLE       on demand: what nobody is in charge of goes to its default
-    update()      SEND         the outputs of the whole; only noted with `outputs = "at next tick"`
-                  GROUPS       parts with rates of their own that are due: SAMPLE and GUARD of all together, then
-                               SEQUENCES, LAWS and SEND of each, the fastest first
-                  OWED         what does not wait for its group's period
-                  SHOW         alarms, events, frames
+"""A period of a connected machine: its phases in their order (`PHASES`), and the calls that a machine binds to them.
 
 `sample`, `control` and `update` are the interface of programs with loops of their own. In `sample` and `update` a
 DriverError of one phase does not stop the next; one error lists the failures of all. In `control` an error that no
@@ -23,13 +7,17 @@ equipment contains ends the call. What a machine does not have is not called: ea
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import inf
 from time import monotonic_ns
-from typing import NoReturn, TypeVar, cast
+from types import FunctionType, MethodType
+from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 from umo.cycle.acting_laws import ActingLaws
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.columns import Block
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Events
 from umo.cycle.frame import Observer
@@ -38,10 +26,47 @@ from umo.cycle.not_awaited import expects_errors
 from umo.cycle.rate_groups import PartGroup, RateGroups
 from umo.cycle.sequences import Sequences
 from umo.drivers.contract import Direction
+from umo.drivers.faults.wrapper import bare
 from umo.errors import DriverError, Failure
+from umo.text import count_of
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 T = TypeVar("T")
+
+
+class PeriodPhase(NamedTuple):
+    """A part of each period."""
+
+    call: str
+    """The call of a program's own loop to which it belongs."""
+    name: str
+    does: str
+    error: str
+    """What an error in it means."""
+
+
+TICK, SAMPLE, CONTROL, UPDATE = "timer.read()", "sample()", "control()", "update()"
+CONTAINED = "a fault of its equipment; of the machine: raised"
+LISTED = "a fault of its equipment; of the machine: raised after the other phases"
+UNREAD = f"BAD objects, {LISTED}"
+PHASES = (
+    PeriodPhase(TICK, "BEFORE TICK", "finish an unfinished period; exchange with drivers off the cycle", "raised"),
+    PeriodPhase(TICK, "TICK", "wait; the clock goes on; drivers that are away are looked for", "raised"),
+    PeriodPhase(SAMPLE, "SEND LATE", 'of `outputs = "at next tick"`: expire commands, then send what waits', LISTED),
+    PeriodPhase(SAMPLE, "RECEIVE", "judge the ages of what drivers off the cycle have brought", UNREAD),
+    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the whole; of all groups, where nobody calls `update`", UNREAD),
+    PeriodPhase(SAMPLE, "GUARD", "interlocks, expiries, defaults that asynchronous actuators owe", LISTED),
+    PeriodPhase(CONTROL, "COMMANDS", "what clients ask for, then the laws that look after sequences", CONTAINED),
+    PeriodPhase(CONTROL, "SEQUENCES", "a step of each of the whole", CONTAINED),
+    PeriodPhase(CONTROL, "LAWS", "those of the whole, a parent's before those of its parts", CONTAINED),
+    PeriodPhase(CONTROL, "SETTLE", "on demand: what nobody is in charge of goes to its default", "raised"),
+    PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED),
+    PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD of all together, then "
+        "SEQUENCES, LAWS and SEND of each, the fastest first", "as in the phase of the whole"),
+    PeriodPhase(UPDATE, "OWED", "what does not wait for its group's period", LISTED),
+    PeriodPhase(UPDATE, "SHOW", "alarms, then events and logs, then frames, observers", "raised, after all outputs"),
+)  # fmt: skip
+"""The phases in their order."""
 
 
 class Period:
@@ -106,6 +131,30 @@ class Period:
             self.update = self._update_groups
         else:
             self.update = self._update_later if self._late else self._update
+
+    def bound(self) -> dict[str, list[str]]:
+        """Who has something to do in each phase, in words, by its name."""
+        whole, items = self._groups.whole, self._image.items
+        asked = sum(not item.synchronous for item in items if item.direction is Direction.OUTPUT)
+        expiring = sum(command.expires < inf for command in self._commands.by_slot.values())
+        interlocks = len(self._commands.inhibitions)
+        guards = [(interlocks, "interlock"), (expiring, "expiring command"), (asked, "asynchronous actuator")]
+        return {
+            "BEFORE TICK": [*map(_called, self.before_tick)],
+            "TICK": ["the timer" if self._image.timer >= 0 else "no timer: the wall clock"],
+            "SEND LATE": ["the outputs of the period before"] if self._late else [],
+            "RECEIVE": [*map(_called, self.receiving)],
+            "SAMPLE": [_moved(block, "sensor") for block in whole.inputs],
+            "GUARD": [count_of(number, noun) for number, noun in guards if number],
+            "COMMANDS": [*map(_called, self.commanding)],
+            "SEQUENCES": ["the application, actions, what these start"],
+            "LAWS": [*map(_called, filter(None, [self.before_laws])), *map(_acting, whole.laws)],
+            "SETTLE": [*map(_called, self._settling)],
+            "SEND": [*map(_called, self.before_send), *(_moved(block, "actuator") for block in whole.outputs)],
+            "GROUPS": [f"{part.path}, every {count_of(part.every, 'period')}" for part in self._groups.parts],
+            "OWED": ["parts with rates of their own"] if self._groups.parts else [],
+            "SHOW": [*map(_called, self.showing), "events", *map(_called, self.observers)],
+        }
 
     # timer.read() --------------------------------------------------------------------------------------
 
@@ -297,6 +346,22 @@ class Period:
             self._events.tell()
         if self.observers:
             self._show()
+
+
+def _called(call: Callable[..., object]) -> str:
+    """The first sentence of what says itself what it is: the class of an object, or the function."""
+    owner = getattr(call, "__self__", call)
+    about = owner if isinstance(owner, FunctionType | type) else type(owner)
+    return (inspect.getdoc(about) or about.__qualname__).partition(". ")[0].partition("\n")[0].rstrip(".")
+
+
+def _moved(block: Block, kind: str) -> str:
+    return f"{count_of(block.count, kind)} on {type(bare(block.driver)).__name__}"
+
+
+def _acting(law: MethodType) -> str:
+    owner: Any = law.__self__
+    return f"{owner._path or 'the machine'} ({type(owner).__name__})"
 
 
 def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Callable[[], T]:

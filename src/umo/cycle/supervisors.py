@@ -39,7 +39,7 @@ class Supervisor(Protocol):
 
 
 class Supervisors:
-    """Those of one machine."""
+    """The laws of one machine that look after sequences."""
 
     def __init__(self, directory: Directory, equipment: Containment, laws: ActingLaws) -> None:
         self._equipment, self._laws = equipment, laws

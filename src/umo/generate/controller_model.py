@@ -15,12 +15,11 @@ from types import MethodType
 from typing import Any, NamedTuple
 
 from umo.control.axis import Axis
-from umo.cycle.clock import Clock
 from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
+from umo.cycle.laid_out import laid_out as machine_laid_out
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
 from umo.objects import Actuator, Compound, DigitalActuator, DigitalSensor, Node, walk
@@ -30,7 +29,7 @@ from umo.objects.keywords import IN_MANUAL
 from umo.objects.linearization import Linearization
 from umo.objects.sensors import BinarySensor, Sensor
 from umo.wiring import resolve
-from umo.wiring.wired import AT_ONCE, Wire, Wired, apply_parameters
+from umo.wiring.wired import AT_ONCE, Wire, Wired
 
 LEAST_RAW, GREATEST_RAW = -(2**31), 2**31 - 1
 """The raw integers of a controller have 32 bits."""
@@ -174,27 +173,8 @@ def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | No
     if root.cycle.connected:
         raise DeclarationError(f"{type(root).__name__} is already connected")
     wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
-    with wired_numbers(root, wired):
-        clock = Clock(0.0 if wired.period is None else wired.period)
-        image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)))
-        machine = ConnectedMachine(root, image, StopFlag(), outputs=wired.process.outputs, rates=wired.rates)
-        try:
-            yield model_of(machine, wired)
-        finally:
-            machine.disconnect()
-
-
-@contextmanager
-def wired_numbers(root: Compound, wired: Wired) -> Iterator[None]:
-    """Inside, the objects have the calibrations of the wiring, and the machine has its parameters."""
-    undo: list[Callable[[], object]] = []
-    try:
-        undo.extend(wire.apply().apply for wire in wired.wires)
-        apply_parameters(root, wired.parameters, undo.append)
-        yield
-    finally:
-        for each in reversed(undo):
-            each()
+    with machine_laid_out(root, wired) as machine:
+        yield model_of(machine, wired)
 
 
 def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from umo.cycle.laid_out import wired_numbers
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
 from umo.generate.controller_folder import BOARDS, files_of
-from umo.generate.controller_model import wired_numbers
 from umo.generate.translation import ControllerTarget
 from umo.objects import Compound, walk
 from umo.split.controller_driver import Controller
