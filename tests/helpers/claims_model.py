@@ -199,7 +199,11 @@ class Output:
         return None
 
     def reset(self) -> Answer:
-        """By the program. A client keeps the output, which is at its default."""
+        """By the program: no client has it any longer."""
+        self.client = False
+        return self._reset_due()
+
+    def _reset_due(self) -> Answer:
         if self._reset():
             return None
         if self._will_be_sent_again():
@@ -212,32 +216,29 @@ class Output:
         return self.rank <= Rank.CLIENT
 
     def rest(self) -> Answer:
-        """The work waits; its reaction is "default"."""
-        if self.pending != DEFAULT:
+        """The work waits; its reaction is "default". What a client has is not the work's."""
+        if self.pending != DEFAULT and not self.client:
             self.left = self.pending
             self._send_default()
         return None
 
-    def can_rest(self) -> bool:
-        """As it is: `Resting` does not look at clients. Units refuse commands in manual mode instead."""
-        return not self.client
-
     def go_on(self) -> Answer:
-        """What was left is lost if it is refused."""
+        """What was left is lost if it is refused: that is told, and raises nothing."""
         left, self.left = self.left, None
         if left is None or self.pending != DEFAULT:
             return None
         answer, self.urgent = self.write(left), True
-        return answer if isinstance(answer, str) else None
+        self._tell("not restored", "", answer in (False, STOPS))
+        return FAILED if answer == FAILED else None
 
     def initialized_again(self) -> Answer:
-        """The device was away, and is at its default. A client keeps the output in any case."""
+        """The device was away, and is at its default. A client keeps the output where its value is sent again."""
         if self.broken:
             return FAILED
         self._accepted(DEFAULT)
         self.moved = self.urgent = True
         if not (self.kind.synchronous or self.kind.retries):
-            self.pending, self.armed = DEFAULT, None
+            self.pending, self.armed, self.client = DEFAULT, None, False
         elif not self.kind.synchronous and self.pending != DEFAULT:
             self.tried, self.sure = 0, STALE
         return None
@@ -268,7 +269,7 @@ class Output:
             due = self._ask(number, lock, bool(condition)) or due
         if not due and self._expire():
             due = not self.kind.synchronous
-        return self.reset() if due else None
+        return self._reset_due() if due else None
 
     def _expire(self) -> bool:
         """Whether the last write has expired. The default of a synchronous one is sent with the period."""

@@ -361,10 +361,16 @@ def stop(station: Running) -> None:
     work(station)
 
 
-@command(epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box")
+@command(
+    epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box  |  "
+    "umo why conveyor sorter.diverter"
+)
 def why(
     station: Annotated[
         str | None, typer.Argument(metavar="[STATION]", help="Name of a station; default: all stations.")
+    ] = None,
+    path: Annotated[
+        str | None, typer.Argument(metavar="[PATH]", help="An actuator of a running station: who drives it, and why.")
     ] = None,
     now: Annotated[bool, typer.Option("--now", help="First write a black box of the running station.")] = False,
     file: Annotated[
@@ -374,8 +380,13 @@ def why(
 ) -> None:
     """Show why periods were missed: the newest black box, the duration of each phase, and the cause.
 
-    It tells the last faults of equipment too.
+    It tells the last faults of equipment too. With the path of an actuator: who drives it, why, and what comes next.
     """
-    from .why import why as say_why
+    if station is not None and path is not None:
+        from .claimed import show_claim
 
-    say_why(station, now, file)
+        show_claim(station, path)
+    else:
+        from .why import why as say_why
+
+        say_why(station, now, file)

@@ -36,6 +36,8 @@ class Source(Enum):
 
     PROGRAM = "program"
     CLIENT = "client"
+    DEFAULT = "default"
+    """No write: an interlock, a fault, a reset, an expiry or the end of a client's hold sends the default."""
 
 
 class Columns:

@@ -8,7 +8,7 @@ here; the column belongs to the command stage. All other writes go straight into
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -25,6 +25,7 @@ from umo.cycle.journal import Kind
 from umo.drivers.contract import Direction
 from umo.errors import Failure, Interlocked
 from umo.objects import Actuator, Atomic, Compound, atoms
+from umo.objects.claims import TAKEN, Claim, Rank
 from umo.objects.scaling import FloatArray
 from umo.objects.stop_order import stop_sequence
 
@@ -36,7 +37,7 @@ A_TICK = 1e-9
 
 def reason_of_client(who: str) -> str:
     """Why the program cannot write an actuator that somebody has taken."""
-    return f"taken by client: {who}"
+    return f"{TAKEN}{who}"
 
 
 @dataclass
@@ -63,6 +64,15 @@ class Command:
         """The reason of the fault or interlock for which only the default may be sent."""
         both = chain(self.faults, self.interlocks)
         return next((each.reason for each in both if each.reason is not None), None)
+
+    @property
+    def rank(self) -> Rank:
+        """Who has it."""
+        if self.in_fault:
+            return Rank.FAULT
+        if any(each.reason is not None for each in self.interlocks):
+            return Rank.INTERLOCK
+        return Rank.CLIENT if self.client else Rank.PROGRAM
 
     @property
     def in_fault(self) -> bool:
@@ -95,6 +105,10 @@ class Command:
         return self.written is not None and not self.client and now - self.written >= self.expires - A_TICK
 
 
+WriteWatch = Callable[[int, float, str, bool], object]
+"""A function that is told of a write: the slot, the value, the source, whether it was taken."""
+
+
 class CommandStage:
     """The command stage of one connected machine."""
 
@@ -124,6 +138,7 @@ class CommandStage:
         """The slots and interlocks that have begun to inhibit them during a fault of their equipment."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
+        self._watching: list[WriteWatch] = []
         self.noted: set[int] | None = None
         """The actuators that were written since `note_writes`; None: they are not noted."""
         self._numbers: dict[str, int] = {}
@@ -145,12 +160,15 @@ class CommandStage:
         """A value within the range was written; whether the image takes it. False: inhibited."""
         if self.noted is not None:
             self.noted.add(slot)
-        command = self.by_slot.get(slot)
-        if command is not None:
-            if not command.admits(value, source):
-                return False
+        command, taken = self.by_slot.get(slot), False
+        try:
+            taken = command is None or command.admits(value, source)
+        finally:
+            for watch in self._watching:
+                watch(slot, value, source.value, taken)
+        if command is not None and taken:
             command.written = self._image.clock.now
-        return True
+        return taken
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
@@ -161,6 +179,9 @@ class CommandStage:
         free = [
             each is None or each.admits(value, Source.PROGRAM) for each, value in zip(commands, numbers, strict=True)
         ]
+        for watch in self._watching:
+            for slot, value, taken in zip(slots, numbers, free, strict=True):
+                watch(slot, value, Source.PROGRAM.value, taken)
         for command, admitted in zip(commands, free, strict=True):
             if command is not None and admitted:
                 command.written = self._image.clock.now
@@ -190,6 +211,24 @@ class CommandStage:
         self._taken_by_clients.difference_update(slots)
         self._restrict(slots)
         self._image.settle(slots, ToDefault.SEND)
+
+    def end_client(self, slot: int) -> None:
+        """The actuator is at its default: a client that had taken it has it no longer, which the client is told."""
+        if slot in self._taken_by_clients:
+            self._taken_by_clients.discard(slot)
+            self.by_slot[slot].client = ""
+            self._restrict([slot])
+
+    def go_on(self, left: Mapping[int, float]) -> None:
+        """Work goes on: what it has left of these actuators is written again. What is not taken is told."""
+        if refused := [slot for slot, value in left.items() if not self._goes_on(slot, value)]:
+            self.events.add(partial(_not_restored, self._image.clock.now, self._image.items, refused), logged=True)
+
+    def _goes_on(self, slot: int, value: float) -> bool:
+        try:
+            return self._image.go_on(slot, value)
+        except Interlocked:  # whoever goes on has not written this: it is told
+            return False
 
     def _known(self, slot: int) -> Command:
         """The command of an actuator, also of one without a guard."""
@@ -249,6 +288,11 @@ class CommandStage:
 
     # ---------------------------------------------------------------------------------------------------
 
+    def claim(self, slot: int) -> Claim:
+        """Who drives an actuator."""
+        command = self.by_slot.get(slot)
+        return Claim(Rank.PROGRAM) if command is None else Claim(command.rank, command.reason or "")
+
     def inhibited(self, slot: int) -> str | None:
         command = self.by_slot.get(slot)
         return None if command is None else command.reason
@@ -278,7 +322,7 @@ class CommandStage:
                 self._restrict_one(self._known(slot))
             return
         found = self._unrestricted.copy()
-        if self.noted is not None:
+        if self._asks_all:
             found[self.order] = ASKED
         for each in reversed([*self._faults, *self.inhibitions]):
             if each.reason is not None:
@@ -295,8 +339,13 @@ class CommandStage:
         elif each is not None:
             found = self._numbers.get(each.brief, len(self._numbers))
         else:
-            found = int(self._unrestricted[slot]) if self.noted is None else ASKED
+            found = ASKED if self._asks_all else int(self._unrestricted[slot])
         self._image.restrictions[slot] = found
+
+    @property
+    def _asks_all(self) -> bool:
+        """Whether writes of free actuators pass this stage too."""
+        return self.noted is not None or bool(self._watching)
 
     def note_writes(self, yes: bool) -> None:
         """Note in `noted` which actuators are written, by whomever; or no longer."""
@@ -316,9 +365,17 @@ class CommandStage:
         return found if len(found) < ASKED else [*found[: ASKED - 2], "one of many interlocks"]
 
     def rest(self, slot: int) -> None:
-        """The actuator is being reset."""
+        """The actuator goes to its default."""
         if slot in self.by_slot:
             self.by_slot[slot].written = None
+        for watch in self._watching:
+            watch(slot, float(self._image.scales.defaults[slot]), Source.DEFAULT.value, True)
+
+    def watch(self, call: WriteWatch) -> None:
+        """From now on this function is told of each write and each default that is sent: its slot, its value, the
+        source ("program", "client", "default"), and whether it was taken. Every write passes this stage."""
+        self._watching.append(call)
+        self._restrict()
 
     # Each period ---------------------------------------------------------------------------------------
 
@@ -392,6 +449,11 @@ class CommandStage:
 def _inhibited(now: float, items: Sequence[Atomic], slots: Sequence[int], what: str, reason: str) -> Event:
     paths = Paths(items, slots)
     return of_several(now, paths, f"{what}: {reason}", f"{reason}: {len(paths):,} actuators {what}")
+
+
+def _not_restored(now: float, items: Sequence[Atomic], slots: Sequence[int]) -> Event:
+    paths = Paths(items, slots)
+    return of_several(now, paths, "not restored: it is inhibited", f"{len(paths):,} not restored: they are inhibited")
 
 
 def _commands_expired(now: float, items: Sequence[Atomic], slots: Sequence[int], expires: float) -> Event:

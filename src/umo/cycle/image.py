@@ -56,6 +56,9 @@ class Gate(link.Commands, Protocol):
     def rest(self, slot: int) -> None:
         """The actuator is being brought to its default: no write of it is in force any more."""
 
+    def end_client(self, slot: int) -> None:
+        """The actuator is at its default: a client that had taken it has it no longer."""
+
 
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
     raise DriverError(what, failures)
@@ -279,28 +282,27 @@ class Image(Slots):
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots, all synchronous or none.
         Whether all were taken, and sent where that is at once: an actuator that is inhibited stays as it is."""
-        free = self._take_many(slots, each, values)
-        if not each or self.items[each[0]].synchronous:
-            return free is None
-        taken = each if free is None else [slot for slot, yes in zip(each, free, strict=True) if yes]
-        return self.update_some(taken) and free is None
-
-    def _take_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> list[bool] | None:
-        """Which were taken; None: all."""
-        pending, writes = self.columns.pending, self.writes
-        if writes is None:
+        if self.writes is None:
             if not np.count_nonzero(self.columns.restrictions[slots]):
-                pending[slots] = values
-                return None
-        elif writes.write_many(slots, values):
-            return None
+                self.columns.pending[slots] = values
+                return True
+        elif self.writes.write_many(slots, values):  # asynchronous ones are restricted: they are asked
+            return True
+        free = self._ask_many(slots, each, values)
+        if self.items[each[0]].synchronous:
+            return all(free)
+        return self.update_some([slot for slot, taken in zip(each, free, strict=True) if taken]) and all(free)
+
+    def _ask_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> list[bool]:
+        """Which of them the command stage takes."""
+        pending, writes = self.columns.pending, self.writes
         free = self.commands.accept_many(each, values)
         taken, before = np.array(free), pending[slots].copy()
         if writes is not None:
             for number in np.flatnonzero(taken).tolist():
                 writes.note(each[number], before[number], values[number])
         pending[slots] = np.where(taken, values, before)
-        return None if all(free) else free
+        return free
 
     def reset_some(self, slots: Iterable[int]) -> None:
         failures = [
@@ -340,6 +342,7 @@ class Image(Slots):
                 self._goes_on_from_default(slot)
             else:
                 self.settle([slot], ToDefault.IS_THERE)
+                self.commands.end_client(slot)
             return
         if (conditioner := self.conditioners.get(slot)) is not None:
             conditioner.begin()

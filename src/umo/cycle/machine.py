@@ -10,6 +10,7 @@ from time import monotonic_ns
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.acting_laws import ActingLaws
+from umo.cycle.capability import Capability
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock
 from umo.cycle.columns import TAKEN_BY_CLIENT
@@ -67,23 +68,6 @@ class Commanding(Protocol):
 
     def cancel(self) -> None:
         """The machine stops."""
-
-
-class Capability(Protocol):
-    """What a machine may have beside objects, laws and sequences."""
-
-    def attach(self, period: Period) -> None:
-        """The machine is being connected: add to the phases of its period. No driver was called yet."""
-
-    def begin(self) -> None:
-        """Every object is initialised; the first sample follows."""
-
-    def end(self) -> None:
-        """The sequences are cancelled; nothing is reset yet."""
-
-    def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """This process is to reach no device any longer: in place of that `instead` is called, which does not
-        return."""
 
 
 class ConnectedMachine:
@@ -144,7 +128,7 @@ class ConnectedMachine:
             self.phases.commanding.append(self.supervisors.act)
         self.attached = attached
         for each in attached:
-            each.attach(self.phases)
+            each.attach(self)
         self.phases.bind()
         if injection is not None:
             injection.say = self.events.log
@@ -272,7 +256,10 @@ class ConnectedMachine:
         return self.image.update_some(self._slots_of(part).outputs)
 
     def reset(self, part: Node) -> None:
-        self.image.reset_some(self._slots_of(part).all)
+        slots = self._slots_of(part).all
+        for slot in slots:
+            self.commands.end_client(slot)
+        self.image.reset_some(slots)
 
     def acknowledge(self, part: Node) -> bool:
         return self.commands.acknowledge(self._slots_of(part).actuators)

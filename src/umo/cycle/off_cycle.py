@@ -33,7 +33,7 @@ from umo.text import some
 from umo.wiring.wired import Wired
 
 if TYPE_CHECKING:
-    from umo.cycle.period import Period
+    from umo.cycle.machine import ConnectedMachine
 
 BAD_AGES = 2
 """Number of maximum ages after which a value has failed."""
@@ -114,8 +114,9 @@ class OffCycleDrivers:
         assert self._faults is not None
         return NEVER if self._faults.clock is None else self._machine_ns()
 
-    def attach(self, period: Period) -> None:
+    def attach(self, machine: ConnectedMachine) -> None:
         """Before the wait for the next tick there is time for what these drivers exchange: it delays no output."""
+        period = machine.phases
         timer = self._image.timer >= 0
         (period.before_tick if timer else period.receiving).append(self._exchange)
         period.receiving.append(self._receive)

@@ -263,8 +263,7 @@ class Suspension:
         if self._machine.commands.noted is not None:
             self._stop_noting()
         changed = self._changed()
-        for slot, value in changed.items():
-            self._machine.image.go_on(slot, value)
+        self._machine.commands.go_on(changed)
         for axis in self._axes.values():
             axis.restore()
         self.resuming = self._machine.sequences.others()

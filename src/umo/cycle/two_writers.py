@@ -36,7 +36,7 @@ class _Loop:
 LOOP = _Loop()
 
 
-class Claim(NamedTuple):
+class WriterSeen(NamedTuple):
     """Who writes an actuator since when."""
 
     turn: object
@@ -50,7 +50,7 @@ class Claim(NamedTuple):
     """The number of the period."""
     at_default: bool = False
     """Whether the first value was the default."""
-    taken_from: Claim | None = None
+    taken_from: WriterSeen | None = None
     """Whose it was, if that one had not handed it over."""
 
     @property
@@ -80,7 +80,7 @@ class TwoWriters:
     def __init__(self, image: Image, turn: Turn) -> None:
         self._image, self._turn = image, turn
         self._written: Any = image.columns.written.data
-        self._claims: dict[int, Claim] = {}
+        self._claims: dict[int, WriterSeen] = {}
         """By slot, of those that were looked at."""
         self._number = -1
         """Number of the period."""
@@ -106,7 +106,7 @@ class TwoWriters:
             else:
                 self._claims.pop(slot, None)
 
-    def _next(self, slot: int, new: Claim, pending: float, value: float) -> Claim:
+    def _next(self, slot: int, new: WriterSeen, pending: float, value: float) -> WriterSeen:
         """The claim of an actuator from now on. Two writers are told."""
         former, default = self._claims.get(slot), self._image.scales.defaults[slot]
         written = self._written[slot]
@@ -127,7 +127,7 @@ class TwoWriters:
         clock, time = self._image.clock, self._image.times[slot]
         return NOW if time >= clock.now else LAST if time >= clock.now - 1.5 * clock.dt else 0
 
-    def _claim(self) -> Claim:
+    def _claim(self) -> WriterSeen:
         """The one whose turn it is."""
         task, law = self._turn.task, self._turn.law
         place, is_called = _where()
@@ -137,11 +137,11 @@ class TwoWriters:
         elif law is not None:
             who = cast(MethodType, law).__self__
             place = place or _place_of(law)
-        return Claim(law if task is None else task, who, place, self._image.clock.number)
+        return WriterSeen(law if task is None else task, who, place, self._image.clock.number)
 
     # Telling -------------------------------------------------------------------------------------------
 
-    def _tell(self, slot: int, former: Claim, new: Claim) -> None:
+    def _tell(self, slot: int, former: WriterSeen, new: WriterSeen) -> None:
         self._written[slot] |= TOLD
         key = former.place, new.place
         if key not in self._found:
@@ -149,7 +149,7 @@ class TwoWriters:
             self._image.events.add(partial(self._event, self._image.clock.now, former, new), logged=True)
         self._found[key].append(slot)
 
-    def _event(self, now: float, former: Claim, new: Claim) -> Event:
+    def _event(self, now: float, former: WriterSeen, new: WriterSeen) -> Event:
         paths = Paths(self._image.items, sorted(self._found.pop((former.place, new.place))))
         names = former.text(), new.text()
         if names[0] == names[1]:
@@ -160,13 +160,13 @@ class TwoWriters:
         return Event(now, paths.around, f"{some(paths)} are written by two: {both}", asked=MISTAKE)
 
 
-def _advice(former: Claim, new: Claim) -> str:
+def _advice(former: WriterSeen, new: WriterSeen) -> str:
     if former.is_sequence and new.is_sequence:
         return "Let one await the other, or both share a Lock"
     return "Let one of them write it, and the other one set an attribute that says what is to be written"
 
 
-def _are_two(former: Claim, new: Claim, holds: bool, written: int) -> bool:
+def _are_two(former: WriterSeen, new: WriterSeen, holds: bool, written: int) -> bool:
     """Whether both write it: in one period, or in turns."""
     if holds and written & NOW:
         return True
@@ -174,7 +174,7 @@ def _are_two(former: Claim, new: Claim, holds: bool, written: int) -> bool:
     return is_back and (former.number == new.number or (holds and former.is_sequence and new.is_sequence))
 
 
-def _holds(former: Claim, new: Claim, written: int) -> bool:
+def _holds(former: WriterSeen, new: WriterSeen, written: int) -> bool:
     """Whether the one before has not handed over what it drives."""
     who = former.who
     if who is None or new.who is None:

@@ -45,6 +45,7 @@ from umo.frames.layout import (
 )
 from umo.frames.memory import RunDescriptors, mapped
 from umo.objects import Quality
+from umo.objects.claims import Claim, Rank
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
@@ -330,6 +331,15 @@ class Reader:
         if state == TAKEN_BY_CLIENT:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
+
+    def claim(self, frame: Any, number: int) -> Claim:
+        """Who drove an actuator at a frame."""
+        reason, path = self.inhibited(frame, number), str(self.layout.objects[number]["path"])
+        if int(frame["restrictions"][number]) == TAKEN_BY_CLIENT:
+            return Claim(Rank.CLIENT, reason or "")
+        around = (each for each in self.faults(frame) if not each or path.startswith(f"{each}."))
+        rank = Rank.PROGRAM if reason is None else Rank.INTERLOCK if next(around, None) is None else Rank.FAULT
+        return Claim(rank, reason or "")
 
     def is_object(self, path: str) -> bool:
         """Whether a path is that of a sensor or an actuator."""

@@ -8,6 +8,7 @@ from umo.drivers.contract import Direction
 from umo.duration import seconds
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
+from umo.objects.claims import Claim
 from umo.objects.linearization import Linearization
 from umo.objects.reaction import declared_reaction
 from umo.objects.truth import is_one_of
@@ -48,6 +49,11 @@ class Actuator(Atomic):
         """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
         has taken it. None: they are accepted."""
         return self._image.commands.inhibited(self._slot)
+
+    @property
+    def claim(self) -> Claim:
+        """Who drives it now, and what comes next."""
+        return self._image.commands.claim(self._slot)
 
     def update(self) -> bool:
         """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""

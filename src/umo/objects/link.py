@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from umo.errors import EquipmentFault, NotConnected
+from umo.objects.claims import Claim
 from umo.objects.scaling import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ class Commands(Protocol):
     """The command stage."""
 
     def inhibited(self, slot: int) -> str | None: ...
+    def claim(self, slot: int) -> Claim: ...
     def acknowledge(self, slots: frozenset[int]) -> bool: ...
 
 

@@ -24,25 +24,29 @@ class Resting:
             if isinstance(item, Actuator) and not any(is_within(item, other) for other in others)
         ]
         self._left: dict[int, float] = {}
-        """The values that the work has left, by place in the list."""
+        """The values that the work has left, by slot."""
+
+    @property
+    def _image(self) -> Any:
+        return self._actuators[0]._image
 
     def begin(self) -> None:
-        """The work waits. What was left before stays known."""
-        for place, item in enumerate(self._actuators):
-            image: Any = item._image
-            left = image.pending[item._slot]
-            if left != item._default_value() and item.when_suspended != "hold":
-                self._left[place] = left
-                image.settle((item._slot,), ToDefault.SEND)
+        """The work waits. What was left before stays known. What a client has taken is not the work's."""
+        if not self._actuators:
+            return
+        image = self._image
+        pending = {item._slot: image.pending[item._slot] for item in self._actuators if item.when_suspended != "hold"}
+        driven = {slot: value for slot, value in pending.items() if value != image.scales.defaults[slot]}
+        resting = {slot: value for slot, value in driven.items() if not image.commands.client_of(slot)}
+        self._left.update(resting)
+        image.settle(resting, ToDefault.SEND)
 
     def end(self) -> None:
         """The work goes on."""
-        left, self._left = self._left, {}
-        for place, value in left.items():
-            item = self._actuators[place]
-            image: Any = item._image
-            if image.pending[item._slot] == item._default_value():
-                image.go_on(item._slot, value)
+        if self._actuators:
+            image, left, self._left = self._image, self._left, {}
+            still = {slot: value for slot, value in left.items() if image.pending[slot] == image.scales.defaults[slot]}
+            image.commands.go_on(still)
 
     def forget(self) -> None:
         """The work has ended."""

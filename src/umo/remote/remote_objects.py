@@ -12,6 +12,7 @@ from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.errors import BadInput, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality
+from umo.objects.claims import Claim
 from umo.objects.units import convert
 from umo.presentation.html_table import never_raises
 from umo.presentation.value_text import named_state, quality_text, state_text, value_text
@@ -163,6 +164,11 @@ class RemoteObject:
     def inhibited(self) -> str | None:
         """Reason why only the default is sent to this actuator, or the client that has taken it; None: it is free."""
         return self._station.reader.inhibited(self._frame(), self._number)
+
+    @property
+    def claim(self) -> Claim:
+        """Who drives this actuator, and what comes next."""
+        return self._station.reader.claim(self._frame(), self._number)
 
     def write(self, value: Any) -> None:
         """Take the actuator and write it: a number in its unit, or a state's name. Under the lease, in manual

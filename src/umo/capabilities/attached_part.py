@@ -1,0 +1,33 @@
+"""The base of parts that are capabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from umo.objects import Compound
+
+
+class AttachedPart(Compound):
+    """A part that looks at the whole machine: a subclass attaches itself to its period in `attach`. The contract is
+    that of `umo.cycle.capability`."""
+
+    def attach(self, machine: Any) -> None:
+        """The machine (`umo.cycle.machine.ConnectedMachine`) is laid out; no driver was called yet."""
+        raise NotImplementedError(f"{type(self).__name__}.attach")
+
+    def begin(self) -> None:
+        """Every object is initialised."""
+
+    def end(self) -> None:
+        """The sequences are cancelled; nothing is reset yet."""
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """This process is to reach no device any longer."""
+
+    @property
+    def _root(self) -> Compound:
+        node: Any = self
+        while node._parent is not None:
+            node = node._parent
+        return node  # type: ignore[no-any-return]

@@ -1,0 +1,165 @@
+"""What is attached to a machine by the contract: the order of its calls, hour meters, the trace of writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NoReturn
+
+import pytest
+
+from helpers.machines import actuator, relay, sensor, timer, wired
+from helpers.operator import Operator
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
+from umo.capabilities import AttachedPart, HourMeters, WriteTrace
+from umo.control import next_period
+from umo.cycle.client_commands import Mode
+from umo.states import OnOff
+from umo.testing import Scripted, periods
+
+
+class Cell(Compound):
+    level: DigitalSensor
+    valve: BinaryActuator[OnOff]
+    heater: DigitalActuator
+
+    def setup(self) -> None:
+        self.wanted = 0.0
+
+    def control(self) -> None:
+        self.heater.write(self.wanted)
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: self.level.read() > 8.0, [self.valve], reason="level above 8 V")
+
+
+class Plant(Compound):
+    cell: Cell
+    pump: BinaryActuator[OnOff]
+    meters: HourMeters
+    writes: WriteTrace
+    timer: DigitalSensor
+
+
+def plant() -> Plant:
+    return Plant(
+        cell=Cell(level=sensor(), valve=relay(), heater=actuator()),
+        pump=relay(),
+        meters=HourMeters(),
+        writes=WriteTrace(),
+        timer=timer(),
+    )
+
+
+@pytest.fixture
+def box() -> Scripted:
+    return Scripted()
+
+
+@pytest.fixture
+def m(box: Scripted) -> Iterator[Any]:
+    machine = plant()
+    with connect(machine, wired(machine, box)) as m:
+        periods(m)
+        yield m
+
+
+def test_an_hour_meter_counts_the_time_away_from_the_default(m: Any) -> None:
+    m.pump.write(OnOff.ON)
+    periods(m, 1801)
+    m.pump.write(OnOff.OFF)
+    periods(m, 100)
+    assert m.meters.pump.hours == pytest.approx(1.801 / 3600, abs=0.002 / 3600)
+    assert m.meters.cell.valve.hours == m.meters.cell.heater.hours == 0.0
+
+
+def test_the_hours_are_shown_and_kept() -> None:
+    machine = plant()
+    connection = connect(machine, wired(machine, Scripted()))
+    connection.kept = {"meters.pump.hours": {"value": 12.5, "unit": "h", "type": "float"}}
+    with connection as m:
+        directory = connection.machine.directory
+        assert set(directory.kept) == {f"meters.{path}.hours" for path in ("cell.valve", "cell.heater", "pump")}
+        assert not connection.not_restored
+        assert m.meters.pump.hours == 12.5
+        periods(m)
+        assert "meters.pump.hours" in {signal.path for signal in connection.machine.frame.signals}
+
+
+def test_a_path_that_no_actuator_has_is_an_attribute_error(m: Any) -> None:
+    with pytest.raises(AttributeError, match=r"there is no actuator at cell\.level"):
+        _ = m.meters.cell.level
+
+
+async def fill(m: Any) -> None:
+    m.cell.valve.write(OnOff.ON)
+    await next_period()
+
+
+def test_each_write_is_there_with_who_wrote_it(m: Any, box: Scripted) -> None:
+    m.pump.write(OnOff.ON)
+    m.cell.wanted = 3.0
+    m.cycle.start(fill(m))
+    periods(m, 2)
+    assert [(each["value"], each["who"]) for each in m.writes.last("pump", 1)] == [("ON", "the program")]
+    assert m.writes.last("cell.heater")[-1]["who"] == "control of cell"
+    assert m.writes.last("cell.valve")[-1]["who"].startswith("sequence fill")
+    box.set("cell.level", 900)
+    periods(m, 2)
+    newest = m.writes.last("cell.valve")[-1]
+    assert (newest["value"], newest["who"]) == ("OFF", "default: an interlock")
+    m.cell.valve.write(OnOff.ON)
+    assert m.writes.last("cell.valve")[-1] == {"time": m.now, "value": "ON", "who": "the program", "taken": False}
+
+
+def test_a_client_asks_for_the_trace_and_is_named_in_it(m: Any) -> None:
+    operator = Operator(m, Mode.MANUAL)
+    operator.do("lease", seconds=60.0)
+    operator.do("write", "pump", "ON")
+    told = operator.do("call", "writes.last", arguments={"path": "pump", "count": 1})
+    assert '"who": "client ann"' in told.text, told
+
+
+def test_so_many_writes_are_kept_of_each(m: Any) -> None:
+    for number in range(250):
+        m.cell.wanted = number / 100
+        periods(m)
+    found = m.writes.last("cell.heater", 10_000)
+    assert len(found) == 100
+    assert found[-1]["value"] == 2.49
+
+
+def test_the_calls_of_the_contract_come_in_their_order() -> None:
+    calls: list[str] = []
+
+    class Looks(AttachedPart):
+        def attach(self, machine: Any) -> None:
+            calls.append("attach")
+            machine.phases.showing.append(lambda: calls.append("show"))
+
+        def begin(self) -> None:
+            calls.append("begin")
+
+        def end(self) -> None:
+            calls.append("end")
+
+        def refuse(self, instead: Callable[..., NoReturn]) -> None:
+            calls.append("refuse")
+
+    class Watched(Compound):
+        pump: BinaryActuator[OnOff]
+        looks: Looks
+        timer: DigitalSensor
+
+    machine = Watched(pump=relay(), looks=Looks(), timer=timer())
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection as m:
+        periods(m, 2)
+    assert calls == ["attach", "begin", "show", "show", "end"]
+
+
+def test_a_machine_without_capabilities_imports_none_of_them() -> None:
+    import subprocess
+    import sys
+
+    code = "import umo, sys; sys.exit(any(name.startswith('umo.capabilities') for name in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
