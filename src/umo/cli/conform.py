@@ -164,7 +164,7 @@ def _wires(wired: Wired, name: str, only: Sequence[str]) -> list[Wire]:
 
 def _wire(wires: Iterable[Wire], text: str) -> Wire:
     """Find a wire by the text of its channel or the path of its object."""
-    known = {wire.item.path: wire for wire in wires} | {wire.channel.text: wire for wire in wires}
+    known = {wire.path: wire for wire in wires} | {wire.channel.text: wire for wire in wires}
     if text not in known:
         raise PathError(f"no channel or object {text!r}{did_you_mean(text, known)} of this driver")
     return known[text]
@@ -202,7 +202,7 @@ def _refused(driver: Driver[Any], wired: Wired, texts: Sequence[str]) -> tuple[s
         places = set(driver.channel(text).places)
         for wire in wired.wires:
             if wire.driver is driver and places & set(wire.channel.places):
-                raise StationError(f"--refused {text}: {wire.item.path} is wired to it")
+                raise StationError(f"--refused {text}: {wire.path} is wired to it")
     return tuple(texts)
 
 
@@ -253,7 +253,7 @@ def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], ye
     if yes:
         return
     if not sys.stdin.isatty():
-        paths = [wire.item.path for wire in wires if wire.item.direction is Direction.OUTPUT]
+        paths = [wire.path for wire in wires if wire.item.direction is Direction.OUTPUT]
         raise NotDriven(f"this drives {some(paths)} over the whole range: confirm it by --yes")
     try:
         agreed = input("Drive these outputs? [y/N] ").strip().lower() in ("y", "yes")
@@ -269,12 +269,12 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
     table = Table("object", "channel", "raw levels", "values", "default", title=f"to be driven: {', '.join(devices)}")
     for wire in wires:
         if (output := ranges.get(wire.channel.text)) is None:
-            table.add_row(wire.item.path, wire.channel.text, "read; a write must be refused", "", "")
+            table.add_row(wire.path, wire.channel.text, "read; a write must be refused", "", "")
             continue
         low, high = sorted((wire.value(output.least), wire.value(output.greatest)))
         values = span(low, high, wire.item.units) if isinstance(wire.item, Digital) else "both states"
         table.add_row(
-            wire.item.path,
+            wire.path,
             output.channel,
             f"{output.least} to {output.greatest}",
             values,

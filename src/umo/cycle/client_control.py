@@ -42,7 +42,8 @@ OF_MANY = frozenset(("give back", "mode", "acknowledge", "clear", "cancel", *ALA
 
 
 class ClientControl:
-    """Carries out the commands of one connected machine. `clock` is that of the signs of life, s."""
+    """Carries out the commands of one connected machine, in COMMANDS. `clock` is that of the signs of life,
+    s."""
 
     def __init__(
         self,
@@ -80,6 +81,7 @@ class ClientControl:
         """The change to automatic mode that has begun: `on_resume` runs."""
         self.mode = mode
         machine.sequences.paused = mode is Mode.MANUAL
+        machine.phases.commanding.insert(0, self.look)
 
     @property
     def at_work(self) -> Sequences | None:

@@ -11,6 +11,9 @@ from umo.cycle.restoring import kept_kind
 from umo.objects import Action, Compound, actions_of, numbers_of, walk
 from umo.objects.laws import has_loops, laws_in
 
+DATA = ("builtins", "numpy")
+"""Modules whose objects are no laws, but what a law calculates with: nobody but the law is to have them."""
+
 
 class MotionAxis(Protocol):
     """A compound that is an axis of motion (`umo.control.Axis`)."""
@@ -44,7 +47,8 @@ class Directory:
         self.tunables = {path: each for path, each in self.numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.axes = axes_in(root)
-        self.laws = [each for each in laws_in(root) if has_loops(each[2])]
+        self._laws = [each for each in laws_in(root) if type(each[2]).__module__ not in DATA]
+        self.laws = [each for each in self._laws if has_loops(each[2])]
         """Its laws with loops, each with the compound that has it and its path."""
 
     @cached_property
@@ -68,7 +72,7 @@ class Directory:
 
     def having(self, *names: str) -> list[tuple[str, Any]]:
         """Its laws whose class has all of these methods, each with its path."""
-        found = ((path, law, type(law)) for _, path, law in laws_in(self._root))
+        found = ((path, law, type(law)) for _, path, law in self._laws)
         return [(path, law) for path, law, kind in found if all(callable(getattr(kind, each, None)) for each in names)]
 
 

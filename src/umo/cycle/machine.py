@@ -89,7 +89,8 @@ class ConnectedMachine:
         self.stop = stop
         self.alarms: AlarmEngine | None = None
         """Its alarms; None: it has none."""
-        self._clients: Commanding | None = None
+        self.clients: Commanding | None = None
+        """The commands from outside, where there may be any: they have attached themselves to the period."""
         self.result_so_far: Any = None
         """What the application has told of its result (`Cycle.result`): data, or a function that returns them."""
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
@@ -148,20 +149,6 @@ class ConnectedMachine:
         for part in parts:
             calls = partial(self.sample, part), partial(self.acting_laws.act_for, part), partial(self.update, part)
             part._connect(seen.get(groups.of(part).number, self), *calls)
-
-    @property
-    def clients(self) -> Commanding | None:
-        """The commands from outside, where there may be any."""
-        return self._clients
-
-    @clients.setter
-    def clients(self, clients: Commanding | None) -> None:
-        commanding = self.phases.commanding
-        if self._clients is not None:
-            commanding.remove(self._clients.look)
-        if clients is not None:
-            commanding.insert(0, clients.look)
-        self._clients = clients
 
     @property
     def period(self) -> float:

@@ -77,7 +77,7 @@ class Transfer:
         if (timer_wire := wired.timer_wire) is not None:  # a paced timer stands in the place of its driver
             driver = timer_wire.driver
             self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
-        self._known = [(wire.item.path, wire.channel.text, self._names.get(id(wire.driver), "")) for wire in wires]
+        self._known = [(wire.path, wire.channel.text, self._names.get(id(wire.driver), "")) for wire in wires]
         """Path, text of the channel and name of the driver of each object."""
         self._slots_of: dict[int, list[int]] = {}
         """The objects of each driver, by its id."""

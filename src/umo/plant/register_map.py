@@ -112,8 +112,8 @@ def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
     one address.
     """
     _check_plant(plant)
-    slots = {wire.item.path: slot for slot, wire in enumerate(plant.wires)}
-    missing = [wire.item.path for wire in bus.wires if wire.item.path not in slots]
+    slots = {wire.path: slot for slot, wire in enumerate(plant.wires)}
+    missing = [wire.path for wire in bus.wires if wire.path not in slots]
     if missing:
         raise WiringError(f"the plant has no {', '.join(missing)}")
     maps = []
@@ -122,7 +122,7 @@ def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
             if not isinstance(driver.place, Host):
                 raise WiringError(f"driver {name} is on a serial line; a box serves Modbus TCP")
             wires = [wire for wire in bus.wires if bare(wire.driver) is driver]
-            points = [Point(slot := slots[wire.item.path], plant.wires[slot], wire) for wire in wires]
+            points = [Point(slot := slots[wire.path], plant.wires[slot], wire) for wire in wires]
             register, watchdog = driver.watchdog_register, bus.watchdogs.get(name, 0.0)
             maps.append(RegisterMap(name, driver.place.host, driver.place.port, tuple(points), register, watchdog))
     _check_maps(maps)

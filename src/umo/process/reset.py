@@ -81,7 +81,7 @@ class Resetter:
         """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
         to wait any longer."""
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
-        self.paths = [wire.item.path for wire in self._wires]
+        self.paths = [wire.path for wire in self._wires]
         self._state = ResetState(self.paths)
         self._attempt_number = 0
         self._attempts = Attempts()

@@ -209,7 +209,7 @@ class Workers:
 
     def end_those_of(self, paths: Collection[str]) -> None:
         """End the workers that did not bring these actuators to their defaults: their devices are opened anew."""
-        proxies = {id(wire.driver) for wire in self._stop_order if wire.item.path in paths}
+        proxies = {id(wire.driver) for wire in self._stop_order if wire.path in paths}
         for group in self._groups:
             if any(id(proxy) in proxies for proxy in group.proxies):
                 self._kill(group)

@@ -77,7 +77,7 @@ class Replay:
     def _connection(self, initial: Mapping[str, Any]) -> connect[Any]:
         program = self.program
         recorded = {str(each["path"]): slot for slot, each in enumerate(self.layout.objects)}
-        today = {wire.item.path for wire in program.wired.wires}
+        today = {wire.path for wire in program.wired.wires}
         for missing, where in (recorded.keys() - today, "machine of today"), (today - recorded.keys(), "recording"):
             if missing:
                 raise NotReplayable(f"the {where} has no object {min(missing)}: inputs and outputs must be the same")

@@ -120,7 +120,7 @@ def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Seq
     """The wiring with tapes in the place of its drivers; no device is used. `recorded`: the slot of each path;
     `faults`: those that were injected in the recorded run."""
     timer = wired.timer_wire
-    slots = {id(wire.channel): recorded[wire.item.path] for wire in wired.wires}
+    slots = {id(wire.channel): recorded[wire.path] for wire in wired.wires}
     tapes: dict[int, TapeDriver | TapeOffCycle] = {}
     for driver in wired.drivers.values():
         tapes[id(driver)] = _tape_of(driver, player, slots, timer is not None and timer.driver is driver)

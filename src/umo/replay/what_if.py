@@ -64,6 +64,6 @@ class RawCurves:
 
     def _curve(self, slot: int, recorded: Any, replayed: Any) -> TwoCurves:
         about = self._replay.layout.objects[slot]
-        wire = next(wire for wire in self._replay.program.wired.wires if wire.item.path == about["path"])
+        wire = next(wire for wire in self._replay.program.wired.wires if wire.path == about["path"])
         values = [np.array([wire.value(raw) for raw in each.tolist()]) for each in (recorded, replayed)]
         return TwoCurves(str(about["path"]), str(about.get("unit", "")), *values)

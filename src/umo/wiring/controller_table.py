@@ -55,7 +55,7 @@ def check_controllers(
             )
         elif isinstance(driver, OffCycle):
             source.mistake(f"drivers.{name}.off_cycle", "a part that runs on a controller needs it on the cycle")
-        on_it = [wire.item.path for wire in wires if bare(wire.driver) is bare(driver)]
+        on_it = [wire.path for wire in wires if bare(wire.driver) is bare(driver)]
         away = [
             each.item.path for each in wires if each.item.path.startswith(f"{path}.") and each.item.path not in on_it
         ]

@@ -66,7 +66,7 @@ def inject(
 def _effects_of(
     fault: InjectedFault, wires: Sequence[Wire], drivers: Mapping[str, Driver[Any]]
 ) -> Iterator[tuple[Driver[Any], Effect]]:
-    found = [wire for wire in wires if matches(fault.path, wire.item.path)]
+    found = [wire for wire in wires if matches(fault.path, wire.path)]
     if found:
         for wire in found:
             yield wire.driver, _Binding(fault, wire).effect()
@@ -75,7 +75,7 @@ def _effects_of(
             raise DeclarationError(f"{fault.kind} is for objects; a whole driver has: {', '.join(KINDS_OF_DRIVERS)}")
         yield drivers[fault.path], _Binding(fault, None).effect()
     else:
-        known = [*(wire.item.path for wire in wires), *drivers]
+        known = [*(wire.path for wire in wires), *drivers]
         what = "no object of the machine matches" if is_pattern(fault.path) else "no object or driver"
         raise DeclarationError(f"{what} {fault.path!r}{did_you_mean(fault.path, known)}")
 
@@ -117,7 +117,7 @@ class _Binding:
             share = self._share()
             return Effect(**about, change=lambda raw, since, random: raw ^ (random.random() < share))
         if binary:
-            raise DeclarationError(f"{wire.item.path} is binary: it cannot {kind}")
+            raise DeclarationError(f"{wire.path} is binary: it cannot {kind}")
         amount, shift = self._amount(wire)
         if kind == "noise":
             if amount < 0:
@@ -190,7 +190,7 @@ class _Binding:
             )
             level = limited(wanted, wire.channel)
             if level == top or (level > top) is not (wanted > top):
-                raise DeclarationError(f"{wire.item.path} has no level above its range in {_carried(wire)}")
+                raise DeclarationError(f"{wire.path} has no level above its range in {_carried(wire)}")
             return level
         distance, steps = self._difference(wire)
         if distance <= 0:
@@ -207,9 +207,9 @@ class _Binding:
     def _no_state(self, wire: Wire) -> int:
         """A raw integer of a binary object's channel that is neither 0 nor 1."""
         if self.given:
-            raise DeclarationError(f"{wire.item.path} is binary: its level beyond the range is 2, not {self.given!r}")
+            raise DeclarationError(f"{wire.path} is binary: its level beyond the range is 2, not {self.given!r}")
         if wire.channel.highest < 2:
-            raise DeclarationError(f"{wire.item.path} has no level but 0 and 1 in channel {wire.channel.text!r}")
+            raise DeclarationError(f"{wire.path} has no level but 0 and 1 in channel {wire.channel.text!r}")
         return 2
 
 

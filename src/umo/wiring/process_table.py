@@ -104,7 +104,7 @@ def longest_period(wired: Wired) -> float:
     calls = {
         (
             id(wire.driver),
-            (wire.item.direction, parts.number(wire.item)) if wire.item.synchronous else wire.item.path,
+            (wire.item.direction, parts.number(wire.item)) if wire.item.synchronous else wire.path,
         ): wire.driver.timeout
         for wire in wired.wires
         if wire.item is not wired.timer and not isinstance(wire.driver, OffCycle)

@@ -290,17 +290,17 @@ class _Resolver:
             for name in Calibration._fields:
                 if getattr(entry, name) is not None:
                     self.source.mistake(f"{key}.{name}", "is for digital objects; this one is binary")
-            return Wire(item, driver, channel, INVERTED if entry.inverted else LEVEL)
+            return Wire(item, driver, channel, INVERTED if entry.inverted else LEVEL, path)
         if entry.inverted is not None:
             self.source.mistake(f"{key}.inverted", "is for binary objects; use a negative resolution")
         calibration = self._calibration(key, item, entry)
-        wire = Wire(item, driver, channel, calibration)
+        wire = Wire(item, driver, channel, calibration, path)
         self._check_raws(key, item, wire)
         self._check_scale(key, item, wire)
         return wire
 
     def _check_place(self, wire: Wire) -> None:
-        path, channel = wire.item.path, wire.channel
+        path, channel = wire.path, wire.channel
         driver = self.source.entries[path].driver
         for place, circuit in product(channel.places, self._circuits(driver)):
             other = self.used_places.setdefault((type(wire.driver), circuit, place), path)
@@ -323,7 +323,7 @@ class _Resolver:
                     break
 
     def _mistake_of_rewriting(self, wire: Wire, other: Wire) -> None:
-        path, writer = wire.item.path, self.source.entries[other.item.path].driver
+        path, writer = wire.path, self.source.entries[other.item.path].driver
         what = f"channel {wire.channel.text!r} of {self.source.entries[path].driver} is overwritten by {writer}"
         why = f"which writes the whole register for {other.item.path} ({other.channel.text!r})"
         self.source.mistake(f'wire."{path}".driver', f"{what}, {why}; wire both to one driver")
@@ -333,7 +333,7 @@ class _Resolver:
         return self.hardware.get(driver, (driver,))
 
     def _circuits_of(self, wire: Wire) -> Sequence[str]:
-        return self._circuits(self.source.entries[wire.item.path].driver)
+        return self._circuits(self.source.entries[wire.path].driver)
 
     def _check_retry(self, key: str, item: Atomic, channel: Channel) -> None:
         if isinstance(item, Actuator) and item._max_age is not None and channel.event:

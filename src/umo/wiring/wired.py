@@ -33,6 +33,8 @@ class Wire:
     driver: Driver
     channel: Channel
     calibration: Calibration
+    path: str
+    """That of the object, which `item.path` puts together from its parents."""
 
     @property
     def scale(self) -> tuple[float, float]:
@@ -128,7 +130,7 @@ class Wire:
     @property
     def name(self) -> str:
         """The object and its channel, for messages."""
-        return f"{self.item.path} (channel {self.channel.text})"
+        return f"{self.path} (channel {self.channel.text})"
 
     def apply(self) -> Wire:
         """Set the object to this wire's calibration; returns the wire that restores what it had."""
@@ -139,7 +141,7 @@ class Wire:
             assert isinstance(self.item, Binary)
             before = INVERTED if self.item._inverted else LEVEL
             self.item._inverted = self.inverted
-        return Wire(self.item, self.driver, self.channel, before)
+        return Wire(self.item, self.driver, self.channel, before, self.path)
 
 
 class Parameter(NamedTuple):
