@@ -22,6 +22,7 @@ from umo.system import packages
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 pytest.register_assert_rewrite("helpers")
+from helpers import tiers  # noqa: E402
 from helpers.conversions import CHOSEN_FIRST, choose  # noqa: E402
 from helpers.tiers import first  # noqa: E402
 
@@ -33,8 +34,9 @@ FOLDERS = tempfile.TemporaryDirectory(prefix="umo-tests-")
 TESTS = count()
 """The numbers of the tests of this process."""
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
-settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("umo")
+for tier, examples in (("quick", 40), ("full", 100)):
+    settings.register_profile(tier, deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=examples)
+settings.load_profile("full")
 # typer makes all of a command line from its functions at each call of the runner, which takes 50 ms.
 typer.testing._get_command = cache(typer.testing._get_command)
 
@@ -45,6 +47,13 @@ LIMITS = {None: 60, "slow": 180, "full": 900}
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--shard", metavar="K/N", default="1/1", help="run the K-th of N parts of the test modules")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Before any module of tests is imported."""
+    tiers.choose(config.option.markexpr)
+    if config.option.markexpr == tiers.QUICK:
+        settings.load_profile("quick")
 
 
 @pytest.hookimpl(trylast=True)

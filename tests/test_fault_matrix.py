@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from helpers.tiers import first
+from helpers.tiers import first, named
 from tools import fault_matrix as matrix
 from umo.errors import AxisError
 
@@ -35,7 +35,7 @@ SOME = [  # the quick ones: test-all runs all of them
 ]
 
 
-@pytest.mark.parametrize(("station", "fault", "verdict"), first(12, SOME), ids=[f"{s}: {f}" for s, f, _ in SOME])
+@pytest.mark.parametrize(("station", "fault", "verdict"), first(12, named([f"{s}: {f}" for s, f, _ in SOME], SOME)))
 def test_a_station_ends_a_fault_as_it_should(station: str, fault: str, verdict: str) -> None:
     wanted = next(cell for cell in matrix.cells(station) if cell.fault == fault)
     done = matrix.tried(wanted, 200_000)

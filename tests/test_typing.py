@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from helpers.machines import actuator
-from helpers.tiers import first
+from helpers.tiers import first, named
 from umo import BinaryActuator, Compound, DigitalActuator, connect
 from umo.cli.new import make_station
 from umo.errors import DeclarationError, RangeError
@@ -56,7 +56,7 @@ def pyright() -> list[Finding]:
     ]
 
 
-CHECKERS = pytest.mark.parametrize("checker", first(1, [pyright, mypy]), ids=["pyright", "mypy"])
+CHECKERS = pytest.mark.parametrize("checker", first(1, named(["pyright", "mypy"], [pyright, mypy])))
 
 
 @CHECKERS

@@ -14,7 +14,7 @@ import pytest
 from conformance.subjects import off_cycle
 from helpers.peers.modbus_device import Peer, running
 from helpers.peers.modbus_map import coil, holding
-from helpers.tiers import first
+from helpers.tiers import first, named
 from umo.drivers.modbus import Modbus
 from umo.testing.conformance import Input, Output, PtyTap, Subject, TcpTap, conform
 
@@ -129,7 +129,7 @@ def test_the_driver_conforms_on_tcp(options: dict[str, bool], rules: list[str] |
     assert certificate.passed, certificate
 
 
-@pytest.mark.parametrize("way", first(1, [lambda subject: subject, off_cycle]), ids=["", "off the cycle"])
+@pytest.mark.parametrize("way", first(1, named(["", "off the cycle"], [lambda subject: subject, off_cycle])))
 def test_the_driver_conforms_on_a_serial_line(rules: list[str] | None, way: Callable[[Subject], Subject]) -> None:
     with on_a_line() as subject:
         certificate = conform(way(subject), cycles=FEW, only=rules)

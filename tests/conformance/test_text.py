@@ -8,7 +8,7 @@ import pytest
 
 from conformance.subjects import off_cycle
 from helpers.peers.text_devices import CannotRun, Supply, avr, supply
-from helpers.tiers import first
+from helpers.tiers import first, named
 from umo.drivers.text import Text
 from umo.testing.conformance import Input, Output, PtyTap, Subject, TcpTap, conform
 
@@ -44,10 +44,10 @@ def scpi() -> Iterator[Supply]:
         pytest.skip(str(error))
 
 
-WAYS = first(1, [lambda subject: subject, off_cycle])
+WAYS = first(1, named(["", "off the cycle"], [lambda subject: subject, off_cycle]))
 
 
-@pytest.mark.parametrize("way", WAYS, ids=["", "off the cycle"])
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.full
 def test_an_emulated_avr_on_a_serial_line(board: str, rules: list[str] | None, way: Way) -> None:
     with PtyTap(board) as tap:
@@ -73,7 +73,7 @@ def test_an_emulated_avr_on_a_serial_line(board: str, rules: list[str] | None, w
     assert certificate.passed, str(certificate)
 
 
-@pytest.mark.parametrize("way", WAYS, ids=["", "off the cycle"])
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("together", first(1, [None, ";"]))
 def test_a_scpi_supply_behind_socat(scpi: Supply, together: str | None, rules: list[str] | None, way: Way) -> None:
     with TcpTap("127.0.0.1", scpi.port) as tap:

@@ -8,25 +8,45 @@ from typing import Any
 
 import pytest
 
+QUICK = "not full"
+"""The expression of marks (`pytest -m`) of `make test`."""
+_is_quick = False
+
+
+def choose(marks: str) -> None:
+    """Before the tests are collected: what they are selected by. `make test` makes no other cases than its own."""
+    global _is_quick
+    _is_quick = marks == QUICK
+
 
 def first(count: int, cases: Iterable[Any]) -> list[Any]:
     """The first `count` cases run always, the others are marked `full`."""
-    return [case if number < count else _full(case) for number, case in enumerate(cases)]
+    return _cases([(case, number < count) for number, case in enumerate(cases)])
 
 
 def some(chosen: Callable[[Any], bool], cases: Iterable[Any]) -> list[Any]:
     """The chosen cases run always, the others are marked `full`."""
-    return [case if chosen(case) else _full(case) for case in cases]
+    return _cases([(case, chosen(case)) for case in cases])
 
 
 def each_value(*axes: Sequence[Any]) -> list[Any]:
     """All combinations of the axes. As many as it takes for each value of each axis run always: its number is that of
     the longest axis; the others are marked `full`."""
     shown = {tuple(turn % len(axis) for axis in axes) for turn in range(max(map(len, axes)))}
-    return [
-        case if numbers in shown else _full(case)
-        for numbers, case in zip(product(*(range(len(axis)) for axis in axes)), product(*axes), strict=True)
-    ]
+    places = product(*(range(len(axis)) for axis in axes))
+    return _cases([(case, place in shown) for place, case in zip(places, product(*axes), strict=True)])
+
+
+def named(names: Sequence[str], cases: Sequence[Any]) -> list[Any]:
+    """Each case with the name that it has among the tests."""
+    values = (case if isinstance(case, tuple) else (case,) for case in cases)
+    return [pytest.param(*each, id=name) for name, each in zip(names, values, strict=True)]
+
+
+def _cases(cases: list[tuple[Any, bool]]) -> list[Any]:
+    if _is_quick and any(always for _, always in cases):
+        return [case for case, always in cases if always]
+    return [case if always else _full(case) for case, always in cases]
 
 
 def _full(case: Any) -> Any:

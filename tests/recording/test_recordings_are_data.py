@@ -19,7 +19,7 @@ from typer.testing import Result
 
 from helpers.recorded import block_at_random, layout_of
 from helpers.tapes import OVEN, MemoryTape, recorded, save, taped
-from helpers.tiers import first
+from helpers.tiers import first, named
 from umo import Compound, DigitalSensor, connect, drive, published
 from umo.cli.long_runs import prune
 from umo.cli.long_runs import recorded as recorded_runs
@@ -247,7 +247,7 @@ MORE: list[tuple[str, ...]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("commands", first(1, [FEW, MORE]), ids=["few", "more"])
+@pytest.mark.parametrize("commands", first(1, named(["few", "more"], [FEW, MORE])))
 def test_no_reader_of_a_recording_touches_what_it_names(
     umo: Umo, attack: Path, trap: Path, tmp_path: Path, commands: list[tuple[str, ...]]
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.split_parts import HOST_GONE, BadLine, Recorded, SplitPart, controller_of
-from helpers.tiers import first
+from helpers.tiers import first, named
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, TaskFailed
 from umo.cycle.connect import connect
 from umo.states import OnOff
@@ -77,7 +77,7 @@ def heats(each: Recorded) -> bool:
     return each.outputs[0] > 0
 
 
-@pytest.mark.parametrize(("oven", "mode"), first(1, [(WHOLE, FAULTED), (INNER, RUNNING)]), ids=["part", "within"])
+@pytest.mark.parametrize(("oven", "mode"), first(1, named(["part", "within"], [(WHOLE, FAULTED), (INNER, RUNNING)])))
 def test_what_fails_alone_does_so_on_the_controller_until_it_is_cleared(
     oven: SplitPart, mode: int, tmp_path: Path
 ) -> None:
