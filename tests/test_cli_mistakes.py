@@ -405,3 +405,17 @@ def test_what_a_user_has_written_is_echoed_cut(umo: Umo, tank: Path, line: str) 
     assert result.exit_code in (1, 2)
     assert max(map(len, result.stderr.split())) < 4 * MAX_WORD
     assert len(result.stderr) < 1500
+
+
+@pytest.mark.parametrize("command", ["run", "check", "tree", "plant"])
+def test_a_command_without_a_station_says_that_the_current_folder_is_one(
+    umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    refused(umo(command), "STATION")
+    assert "the current folder is one" not in said(umo(command))
+    monkeypatch.chdir(tank)
+    refused(umo(command), f"(the current folder is one: `umo {command} .`)")
+
+
+def test_a_path_in_the_place_of_the_station_is_named(umo: Umo) -> None:
+    refused(umo("get", "level"), "missing argument 'PATH...' (level was taken for the STATION)")
