@@ -295,7 +295,13 @@ KEPT = [
     Kind("kept: SIGKILL of control", aged(one("control", KILL)), LOST, 40, takes=1.5),
     Kind("kept: SIGKILL of the guardian", one("guardian", KILL), LOST, 30),
     Kind("kept: SIGKILL of guardian and control", aged(together("guardian", "control")), LOST, 40, takes=1.5),
-    Kind("kept: SIGKILL of control, then the guardian", together("control", "guardian", apart=SHORTLY), LOST, 20),
+    Kind(
+        "kept: SIGKILL of control, then the guardian",
+        aged(together("control", "guardian", apart=SHORTLY)),
+        LOST,
+        20,
+        takes=1.5,
+    ),
     Kind("kept: SIGKILL of the keeper, TERM", then_stopped(together("keeper")), (-TERM,), 20),
     Kind("kept: SIGKILL of keeper and control", together("keeper", "control"), LOST, 20),
     Kind(
