@@ -1,4 +1,4 @@
-"""Broken drivers: the careful one (careful.py) with one change of its text each. They stand in mutants.txt."""
+"""Broken drivers: the careful one (careful.py) with one change of its text each. They stand in two tables (.txt)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from conformance import careful
 from conformance.careful import Careful
 
 SOURCE = Path(careful.__file__).read_text("utf-8")
-TABLE = Path(__file__).with_suffix(".txt").read_text("utf-8")
+TABLES = [Path(__file__).with_name(name).read_text("utf-8") for name in ("mutants.txt", "further.txt")]
 HEADING = re.compile(r"^## (.+) -> ([a-z ]+)(?:, (\d+) cycles)?$", re.MULTILINE)
 QUICK = 40
 """Cycles where the mistake does not add up."""
@@ -41,10 +41,11 @@ class Mutant:
 
 
 def _mutants() -> dict[str, Mutant]:
-    _, *parts = HEADING.split(TABLE)
     found = {}
-    for words, rule, cycles, change in zip(*(iter(parts),) * 4, strict=True):
-        found[words] = Mutant(words, rule, int(cycles or QUICK), change.strip("\n"))
+    for table in TABLES:
+        _, *parts = HEADING.split(table)
+        for words, rule, cycles, change in zip(*(iter(parts),) * 4, strict=True):
+            found[words] = Mutant(words, rule, int(cycles or QUICK), change.strip("\n"))
     return found
 
 

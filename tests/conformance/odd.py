@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import threading
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from time import monotonic, sleep
 from typing import Any
@@ -299,3 +301,78 @@ class LooksByReading(Careful):
         finally:
             self.timeout = timeout
         return True
+
+
+class ReadsByteByByte(Careful):
+    """Each byte of an answer is received alone."""
+
+    def receive(self, length: int) -> bytes:
+        return b"".join(super(ReadsByteByByte, self).receive(1) for _ in range(length))
+
+
+class LocksItself(Careful):
+    """A lock serves all calls; it is free again after each."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.lock = threading.Lock()
+
+    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
+        if not self.lock.acquire(timeout=self.timeout):
+            raise DeviceTimeout("another call is under way")
+        try:
+            return super().exchange(function, channels, raws)
+        finally:
+            self.lock.release()
+
+
+class HasAWorker(Careful):
+    """A thread of its own makes the exchanges; it ends with `close`."""
+
+    worker: ThreadPoolExecutor | None = None
+
+    def open(self) -> None:
+        self.worker = ThreadPoolExecutor(1)
+        super().open()
+
+    def close(self) -> None:
+        super().close()
+        if self.worker is not None:
+            self.worker.shutdown()
+            self.worker = None
+
+    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
+        if self.worker is None:
+            raise DriverError("it is not open")
+        return self.worker.submit(super().exchange, function, channels, raws).result()
+
+
+class ClosesAtExit(Careful):
+    """The exit of the program closes it, if it is open."""
+
+    def open(self) -> None:
+        atexit.register(self.close)
+        super().open()
+
+    def close(self) -> None:
+        atexit.unregister(self.close)
+        super().close()
+
+
+class ReadsInTwoParts(Careful):
+    """A block is two requests with one deadline; the second is sent also if the device refused some of the first."""
+
+    going_on = False
+
+    def begin(self) -> None:
+        if not self.going_on:
+            super().begin()
+
+    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
+        half = (len(channels) + 1) // 2
+        found = super().exchange(function, channels[:half], raws[:half])
+        self.going_on = True
+        try:
+            return found + (super().exchange(function, channels[half:], raws[half:]) if channels[half:] else [])
+        finally:
+            self.going_on = False

@@ -44,6 +44,10 @@ SIGNS_OF_LIFE = (
     "the report switches an output off",
     "the watchdog takes any time",
     "an answer without its last byte is taken for whole",
+    "the devices are one text",
+    "reset of an input writes zero to an output",
+    "it replaces the sockets of the process",
+    "a block of two requests succeeds if the first is answered: writes",
 )
 """Those that `make test` tries, with their rule alone."""
 

@@ -130,9 +130,19 @@ def block_write(context: RuleContext) -> str | None:
             probe.write_many([output.channel for output in part[::step]], raws[::step])
             _check(context, probe, part, raws, "write_many")
             _check(context, probe, tuple(before), list(before.values()), "a write_many of others")
-        probe.write_many([], [])
+        _write_nothing(context, probe)
         _write_in_turns(context, probe)
     return context.remark()
+
+
+def _write_nothing(context: RuleContext, probe: Probe) -> None:
+    """An empty block, after a whole one and single writes."""
+    outputs = context.required_outputs
+    probe.write_many([output.channel for output in outputs], [output.other() for output in outputs])
+    for output in outputs:
+        probe.write(output.channel, output.default)
+    probe.write_many([], [])
+    _check(context, probe, outputs, [output.default for output in outputs], "a write_many of nothing")
 
 
 def _write_in_turns(context: RuleContext, probe: Probe) -> None:

@@ -6,13 +6,14 @@ from typing import Any
 
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError, text_of
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NOTHING, RuleBroken, rule
+from umo.testing.conformance.rules import NOTHING, Cost, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
-@rule(NOTHING)
+@rule(Cost(opens=1))
 def channels(context: RuleContext) -> None:
     """A channel's text means one channel of fixed direction and bits; another text raises ChannelError."""
     probe, other = context.new(), context.new()
@@ -20,6 +21,8 @@ def channels(context: RuleContext) -> None:
         channel = probe.channel(text)
         if not isinstance(channel, Channel):
             raise RuleBroken(f"channel({text!r}) returned {channel!r}, not a Channel")
+        if channel.text != text:
+            raise RuleBroken(f"channel({text!r}) has the text {channel.text!r}: errors of a block are told by it")
         if channel != other.channel(text) or hash(channel) != hash(other.channel(text)):
             raise RuleBroken(f"channel({text!r}) returned two channels that are not equal")
     for each in context.subject.outputs:
@@ -29,6 +32,19 @@ def channels(context: RuleContext) -> None:
         if not channel.lowest <= each.least <= each.greatest <= channel.highest:
             raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
     _check_unknown(context, probe.driver)
+    if context.failure(other.open) is None:
+        _check_open(context, probe, other)
+    context.failure(other.close)
+
+
+def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
+    """A channel is asked for before `open`: what is known of it only later comes too late."""
+    for text in context.channels:
+        before = closed.channel(text)
+        now = opened.call(f"channel({text!r})", opened.driver.channel, text)
+        if (now, now.bits, now.signed, now.direction) != (before, before.bits, before.signed, before.direction):
+            context.failure(opened.close)
+            raise RuleBroken(f"channel({text!r}) is {before} before open and {now} after it")
 
 
 def _check_unknown(context: RuleContext, driver: Driver[Any]) -> None:
@@ -51,12 +67,20 @@ def _takes(driver: Driver[Any], text: str) -> bool:
 
 @rule(NOTHING)
 def before_open(context: RuleContext) -> str | None:
-    """Before `open` a driver accesses no hardware; `devices` names it alike for two drivers."""
+    """Before `open` a driver accesses no hardware, not for `check_watchdog` either; `devices` names it alike for two
+    drivers."""
     before = _connections(context)
     probe, other = context.new(), context.new()
     for text in context.channels:
         probe.channel(text)
-    devices = probe.call("devices", lambda: list(probe.driver.devices()))
+    given = probe.call("devices", probe.driver.devices)
+    if isinstance(given, str):
+        raise RuleBroken(
+            f"devices() returned the text {given!r}, not a list of texts: each character counts as a device"
+        )
+    devices = list(given)
+    if seconds := context.subject.watchdog:
+        context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, seconds)
     if devices != other.call("devices", lambda: list(other.driver.devices())):
         raise RuleBroken(f"devices() returned {devices} and then another answer")
     if not all(isinstance(each, str) for each in devices):

@@ -22,6 +22,8 @@ MAX_ALONE = 8
 """Channels that are read alone while the device is away."""
 MAX_OLD = 2
 """Earlier readings that are one too many: of three, by each kind of reading."""
+STILL = 40
+"""Readings of a level that stays, after which a driver might take it for one that always does."""
 MAX_LEVEL = 1 << 40
 """Raw level of an object at most, up and down."""
 SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
@@ -231,7 +233,7 @@ def _join(context: RuleContext, second: Probe) -> None:
     context.use(second)
 
 
-@rule(Cost(opens=2, each=10, calls=26, settles=6))
+@rule(Cost(opens=2, each=10, calls=26, settles=8, more=90))
 def fresh(context: RuleContext) -> str | None:
     """A reading is that of its own call, not of an earlier one."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure
@@ -264,18 +266,26 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
         if old == MAX_OLD:
             text = f"{context.watch.doing} gave an earlier reading of {view}, {old} times of {number}"
             raise RuleBroken(text, f"earlier reading of {view}")
+    if context.budget.more and all(
+        _is_old(context, probe, other, output, readings[-1], n, STILL) for n in range(MAX_OLD)
+    ):
+        text = f"{context.watch.doing} gave an earlier reading of {view}, once it had been the same {STILL} times"
+        raise RuleBroken(text, f"earlier reading of {view}")
 
 
 def _is_old(
-    context: RuleContext, probe: Probe, other: Probe | None, output: Output, reading: Callable[[], int], number: int
-) -> bool:
-    """Whether a level is read that was there before, though another has come since for sure."""
+    context: RuleContext, probe: Probe, other: Probe | None, output: Output, reading: Callable[[], int], number: int,
+    still: int = 1,
+) -> bool:  # fmt: skip
+    """Whether a level is read that was there before, and was read so `still` times, though another has come since for
+    sure."""
     levels = (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
     mover.write(output.channel, before)
     context.is_read(probe, output, before)
-    reading()
+    for _ in range(still):
+        reading()
     earlier = reading()
     mover.write(output.channel, raw)
     context.arrive(other, output, raw)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from umo.drivers.contract import Driver
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime, time_text
@@ -233,7 +234,8 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
 
 @rule(Cost(opens=3, calls=520, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
-    """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail."""
+    """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail, or
+    looks for a device that is away."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever
     with context.opened(direct=True) as probe:
         run = LongRun(context, probe)
@@ -272,7 +274,10 @@ def _without_a_device(context: RuleContext, line: Tap) -> str:
         if not calls:
             return "calls without the device do not fail at once"
         turns = cycle(calls)
-        return _grows(context, lambda: context.failure(next(turns)), "calls without the device")
+        words = _grows(context, lambda: context.failure(next(turns)), "calls without the device")
+        if type(probe.driver).look is Driver.look:
+            return words
+        return f"{words}, {_grows(context, lambda: context.look(probe), 'looks for the device')}"
 
 
 def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: LeakLimit = LeakLimit()) -> str:

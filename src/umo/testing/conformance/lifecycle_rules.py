@@ -71,7 +71,7 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
             raise RuleBroken(f"{text} initialised", f"level of {each.channel}")
 
 
-@rule(Cost(each=8, calls=6))
+@rule(Cost(each=10, calls=6))
 def reset(context: RuleContext) -> str | None:
     """Reset brings an output to its default from any level; it changes nothing of an input or another output."""
     with context.opened() as probe:
@@ -98,11 +98,17 @@ def _check_others(context: RuleContext, probe: Probe) -> None:
 
 
 def _check_inputs(context: RuleContext, probe: Probe) -> None:
+    for output in context.visible:
+        probe.write(output.channel, output.other())
     for text in context.steady:
         before = probe.read(text)
         probe.reset(text, None)
         if (after := probe.read(text)) != before:
             raise RuleBroken(f"{text} read {before} before its reset and {after} after it")
+    for text in (each.channel for each in context.subject.inputs if context.default(each.channel) is None):
+        probe.reset(text, None)
+        for output in context.visible:
+            context.expect(probe, output, output.other(), f"reset of the input {text}")
 
 
 @rule(Cost(opens=8, each=3, calls=6, more=50))

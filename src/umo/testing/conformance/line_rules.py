@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import combinations
 from time import sleep
 from typing import Any
 
 from umo.drivers.contract import Direction
+from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.pulses import constant
 from umo.testing.conformance.relay import Change, Traffic
@@ -185,12 +187,23 @@ def error_answer(context: RuleContext) -> str | None:
                     raise RuleBroken(f"{context.watch.doing} succeeded; the device refuses it")
                 if isinstance(error, TimeoutError) and answered == "seen":
                     raise RuleBroken(f"{context.watch.doing} timed out; the device answers it with an error")
+                if answered == "seen":
+                    _goes_on(context, probe)
             recovers(context, probe, expected, "an error answer")
     words = [f"no {each} that the device refuses are known" for each in ("reads", "writes") if each not in kinds]
     words += [f"the device does not answer {silent[0]}"] if silent else []
     if not kinds:
         raise NotTried("; ".join(words))
     return "; ".join(words) or None
+
+
+def _goes_on(context: RuleContext, probe: Probe) -> None:
+    """The answer has come, so nothing is left behind by it: the next call succeeds."""
+    refused = context.watch.doing
+    call = partial(probe.read, context.readable[0]) if context.readable else context.transfers(probe)[0]
+    if (error := context.failure(call)) is not None:
+        why = f"{context.watch.doing} failed right after {refused}, which the device answered with an error"
+        raise RuleBroken(f"{why}: {text_of(error)}") from error
 
 
 def _refusal(context: RuleContext, call: DriverCall) -> tuple[str, OSError | None]:

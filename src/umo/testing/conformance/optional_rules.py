@@ -233,8 +233,10 @@ def watchdog(context: RuleContext) -> str | None:
                 sleep(UNFED * seconds)
                 silence = f"after {duration(UNFED * seconds)} of silence"
                 _check_held(context, probe, f"armed with {duration(long)}, {silence}")
+            _drive(context, probe)
             if (error := _arm(probe, seconds)) is not None:
                 raise RuleBroken(f"the watchdog does not take {duration(seconds)}: {text_of(error)}") from error
+            _check_held(context, probe, f"while it was armed with {duration(seconds)}")
             _feed(context, probe, seconds)
             _check_let_go(context, probe, seconds)
         finally:

@@ -136,7 +136,9 @@ class _Interrupt:
 @rule(Cost(calls=46, connects=5, waits=8))
 def process(context: RuleContext) -> str | None:
     """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale,
-    processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call fails."""
+    processors, priority, garbage collector, child processes, logging, blocked signals, timers, warnings, hooks for
+    exceptions, errors of numpy, the mask of new files, functions of the standard library; nothing is printed, also if a
+    call fails."""
     on, remark = gc.isenabled(), None
     gc.disable()  # as in the control process
     try:

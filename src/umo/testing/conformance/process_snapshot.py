@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import builtins
+import gc
 import locale
 import logging
 import os
+import re
+import select
 import signal
 import socket
 import sys
+import threading
+import time
+import warnings
 from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
 
 from umo.text import some
 
 TASKS = Path("/proc/self/task")
+STATUS = Path("/proc/self/status")
+PATCHED = (builtins, os, select, signal, socket, threading, time)
+"""Modules of which some libraries replace functions for the whole process."""
+TIMERS = ("ITIMER_REAL", "ITIMER_VIRTUAL", "ITIMER_PROF")
 
 
 def threads() -> dict[int, tuple[float, float]]:
@@ -55,6 +68,20 @@ def state() -> State:
         "number of handlers of the root logger": len(logging.getLogger().handlers),
         "locale": locale.setlocale(locale.LC_ALL),
         "processors and priority": _scheduling(),
+        "signals that are blocked": sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())),
+        "timers of the process that run": [name for name in TIMERS if signal.getitimer(getattr(signal, name))[0]],
+        "mask of new files": _umask(),
+        "level of the root logger": logging.getLogger().level,
+        "level up to which logging is off": logging.root.manager.disable,
+        "filters of Python's own warnings": _filters(),
+        "hooks for exceptions": {
+            "sys.excepthook": sys.excepthook,
+            "sys.unraisablehook": sys.unraisablehook,
+            "threading.excepthook": threading.excepthook,
+        },
+        "thresholds of the garbage collector": gc.get_threshold(),
+        "errors of numpy": np.geterr(),
+        "functions of the standard library": _functions(),
     } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.Signals}
 
 
@@ -62,6 +89,32 @@ def _scheduling() -> str:
     """The processors and the priority of this thread."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ""
     return f"{processors} {os.getpriority(os.PRIO_PROCESS, 0)}" if hasattr(os, "getpriority") else str(processors)
+
+
+def _umask() -> str:
+    """The mask, as the kernel tells it: asked for by `os.umask`, it would be another one meanwhile."""
+    with suppress(OSError):
+        found = re.search(r"^Umask:\s*(\d+)", STATUS.read_text(), re.MULTILINE)
+        return found[1] if found else ""
+    return ""
+
+
+def _filters() -> list[str]:
+    """Those for a class of warnings of Python itself. Many libraries set one for a warning of their own."""
+    return [
+        f"{action} {category.__name__}"
+        for action, message, category, module, _ in warnings.filters
+        if message is None and module is None and isinstance(category, type) and category.__module__ == "builtins"
+    ]
+
+
+def _functions() -> dict[str, int]:
+    return {
+        f"{module.__name__}.{name}": id(value)
+        for module in PATCHED
+        for name, value in vars(module).items()
+        if callable(value) and not name.startswith("_") and name != "excepthook"
+    }
 
 
 def _children() -> int:

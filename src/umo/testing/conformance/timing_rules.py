@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
-from time import sleep
+from time import monotonic, sleep
 from typing import Any, TypeVar
 
 from umo.errors import text_of
@@ -17,6 +19,10 @@ from umo.testing.conformance.spoiling import first_only
 T = TypeVar("T")
 TRIES = 3
 """Calls of which the shortest counts: the computer may have been busy with something else."""
+QUIET_TIME = 0.1
+"""Time in s in which a driver that is left alone must send nothing to be judged."""
+CLOCK_FACTOR = 0.9
+"""Share of the time that has passed by which the clock is set back: it runs at a tenth of its pace."""
 TRICKLE_TIMEOUT = 0.3
 """Timeout in s of a call whose answer trickles, so that two waits in place of one can be told."""
 TRICKLE_STEP = 0.7
@@ -27,10 +33,10 @@ CONNECTING_DELAY = 0.1
 """Time in s after which a request to connect is answered, once it is repeated."""
 
 
-@rule(Cost(opens=5, calls=14, connects=10, waits=16))
+@rule(Cost(opens=5, calls=20, connects=13, waits=20, sleeps=0.2))
 def timeout(context: RuleContext) -> str | None:
-    """A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing
-    answers the request to connect."""
+    """A call ends within `timeout`, which it reads, by a TimeoutError; also if only the last of its answers is missing,
+    if bytes come without end, or nothing answers the request to connect."""
     line = context.line
     with context.opened() as probe:
         context.use(probe)  # what is kept of it must not be given later
@@ -46,13 +52,70 @@ def timeout(context: RuleContext) -> str | None:
                 raise RuleBroken(
                     f"{context.watch.doing} raised {type(error).__name__}, not a TimeoutError: {text_of(error)}"
                 ) from error
-        with line.endless(context.haste / 4):
-            for call in context.transfers(probe)[1::2]:  # the blocks
+        for call in context.transfers(probe)[1::2]:  # the blocks
+            with line.endless(context.haste / 4):
                 in_time(context, probe, call)
+            _last_missing(context, probe, call)
     probes = [context.new() for _ in range(TRIES)]
     with line.silent():
         _open_in_time(context, probes)
     return None if _without_a_connection(context) else "requests to connect are always answered on this line"
+
+
+def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
+    """RuleBroken if a call of several requests succeeds without the last of its answers. Nothing is said of a driver
+    that sends requests beside its calls."""
+    counts = set()
+    for _ in range(2):
+        _alive(context, probe, call)
+        counts.add(_answers(context, call))
+    if len(counts) > 1 or (count := counts.pop()) < 2:
+        return
+    with context.line.counting() as traffic:
+        sleep(QUIET_TIME)
+    if traffic.asked:
+        return
+    seen: list[bytes] = []
+
+    def last(answer: bytes) -> bytes:
+        seen.append(answer)
+        return b"" if len(seen) >= count else answer
+
+    with context.line.spoiling(last):
+        error = context.failure(call)
+    if error is None and len(seen) == count:
+        raise RuleBroken(f"{context.watch.doing} succeeded without the last of its {count} answers", MADE_UP)
+
+
+def _answers(context: RuleContext, call: DriverCall) -> int:
+    """How many answers a call has that succeeds."""
+    seen: list[bytes] = []
+
+    def noted(answer: bytes) -> bytes:
+        seen.append(answer)
+        return answer
+
+    with context.line.spoiling(noted):
+        context.insist(call)
+    return len(seen)
+
+
+def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
+    """The driver is connected; then the short timeout."""
+    probe.timeout = context.patience
+    context.insist(call)
+    probe.timeout = context.haste
+
+
+@contextmanager
+def _clock_set_back() -> Iterator[None]:
+    """The clock of the day is set back, again and again, as seen by `time.time`."""
+    right, began = time.time, monotonic()
+    time.time = lambda: right() - CLOCK_FACTOR * (monotonic() - began)
+    try:
+        yield
+    finally:
+        time.time = right
 
 
 def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
@@ -107,9 +170,10 @@ def _slow(context: RuleContext, timeout: float) -> str:
     return f"{context.watch.doing} took {duration(round(context.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
-@rule(Cost(calls=10, connects=7, waits=7, sleeps=1.2))
+@rule(Cost(calls=10, connects=7, waits=7, sleeps=2.0))
 def one_deadline(context: RuleContext) -> None:
-    """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer."""
+    """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer, nor does it
+    depend on the clock of the day."""
     line, tried = context.line, False
     steady = max(context.haste, TRICKLE_TIMEOUT)
 
@@ -127,9 +191,19 @@ def one_deadline(context: RuleContext) -> None:
                 in_time(context, probe, call)
             with line.spoiling(half):
                 in_time(context, probe, call)
+            _clock_is_set(context, probe, call, TRICKLE_STEP * steady)
             tried |= line.spoiled > before
     if not tried:
         raise NotTried("no call was answered")
+
+
+def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: float) -> None:
+    """The clock of the day is set back while an answer trickles: a timeout is no time of the day."""
+    try:
+        with context.line.trickling(step), _clock_set_back():
+            in_time(context, probe, call)
+    except RuleBroken as broken:
+        raise RuleBroken(f"{broken}; the clock of the day was set back meanwhile") from broken
 
 
 @rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2))

@@ -19,12 +19,26 @@ FEWEST_LEVELS = 8
 """Levels of each output that are tried at any rate."""
 
 
-@rule(Cost(each=1, calls=4))
+@rule(Cost(opens=3, each=5, calls=6))
 def answers(context: RuleContext) -> None:
-    """The device answers: channels are initialised, inputs are read, outputs are written their defaults."""
+    """The device answers: channels are initialised, inputs are read, outputs are written their defaults. The first
+    reading of an input after `open` is as right as the next."""
     # The other rules are not tried if it does not
     if why := context.dead():
         raise RuleBroken(why, "dead")
+    for block in (False, True) if context.steady else ():
+        with context.opened() as probe:
+            first, then = (_steady_values(context, probe, block) for _ in range(2))
+            if not context.told(probe) and first != then:
+                text, raw, now = next(
+                    each for each in zip(context.steady, first, then, strict=True) if each[1] != each[2]
+                )
+                raise RuleBroken(f"the first reading of {text} after open was {raw}, the next one {now}")
+
+
+def _steady_values(context: RuleContext, probe: Probe, block: bool) -> list[int]:
+    texts = context.steady
+    return probe.read_many(texts) if block else [probe.read(text) for text in texts]
 
 
 @rule(Cost(each=7, calls=10, more=600))
@@ -98,7 +112,7 @@ def directions(context: RuleContext) -> str | None:
         raise NotTried("there is no channel that is an input only")
     with context.opened() as probe:
         for each in inputs:
-            before = probe.read(each.channel)
+            before = [probe.read(each.channel) for _ in range(2)][-1]  # the first reading is judged by `answers`
             raw = before ^ 1 if each.channel in context.known else before  # another level, if its change can be seen
             for many in (False, True):
                 what = f"{'write_many' if many else 'write'} to {each.channel}"
