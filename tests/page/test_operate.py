@@ -222,8 +222,8 @@ def test_a_page_that_is_closed_gives_its_lease_back_at_once(
         command(client, 1, "lease")
         command(client, 2, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
         touching(client, ["sorter.belt.run_at"], lambda: station.sorter.belt.setpoint.read() > 0.2)
-    ends = ["", "the lease was given back"]  # the end of the call is told after that of the lease, or before it
-    eventually(lambda: sorted([event.text for event in station.events if event.who][-2:]) == ends)
+    ends = ["the lease was given back", ""]
+    eventually(lambda: [event.text for event in station.events if event.who][-2:] == ends)  # told after the lease
     assert not station.reader.holder
     eventually(lambda: station.sorter.belt.setpoint.read() == 0.0 and station.sorter.belt.run.read() == "OFF")
 
