@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from umo.objects import Compound
+from umo.objects import Compound, Node
+from umo.objects.node import outwards
 
 
 class AttachedPart(Compound):
@@ -26,8 +27,7 @@ class AttachedPart(Compound):
         """This process is to reach no device any longer."""
 
     @property
-    def _root(self) -> Compound:
-        node: Any = self
-        while node._parent is not None:
-            node = node._parent
-        return node  # type: ignore[no-any-return]
+    def _root(self) -> Node:
+        """The machine."""
+        *_, root = outwards(self)
+        return root

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,23 @@ class Meter:
         """Time in h for which its device had another value than the default."""
 
 
+class _Branch:
+    """A step of the way to meters: `meters.tank` of `meters.tank.inlet`."""
+
+    def __init__(self, path: str = "") -> None:
+        self._path = path
+
+    def add(self, way: Sequence[str], name: str, meter: Meter) -> None:
+        """A meter below this step."""
+        branch = self
+        for step in way:
+            branch = vars(branch).setdefault(step, _Branch(f"{branch._path}{step}."))
+        vars(branch)[name] = meter
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"there is no actuator at {self._path}{name}")
+
+
 def _numbers(meters: HourMeters) -> Mapping[str, Number]:
     declared = Number("h", 0.0, kept=True, shown=True)
     return {f"{path}.hours": declared for path in meters._of_actuators()}
@@ -34,28 +52,37 @@ class HourMeters(AttachedPart, numbers=_numbers):
     An actuator is at work while its device has another value than its default. The time is that of the machine's clock.
     """
 
-    def setup(self) -> None:
-        self._meters: dict[str, Meter] = {}
+    @cached_property
+    def _meters(self) -> dict[str, Meter]:
+        """By path."""
+        return {}
+
+    @cached_property
+    def _tree(self) -> _Branch:
+        """The same, by the steps of their paths."""
+        return _Branch()
 
     def _of_actuators(self) -> dict[str, Meter]:
-        meters: dict[str, Meter] = self.__dict__.setdefault("_meters", {})
+        """The meters by path; an actuator that has none yet gets one."""
         for item in atoms(self._root):
-            if isinstance(item, Actuator):
-                meters.setdefault(item.path, Meter())
-        return meters
+            if isinstance(item, Actuator) and (path := item.path) not in self._meters:
+                *way, name = path.split(".")
+                self._meters[path] = meter = Meter()
+                self._tree.add(way, name, meter)
+        return self._meters
 
     def __getattr__(self, name: str) -> Any:
         """The meter of an actuator, or a step of the way there: `meters.tank.inlet`."""
         if name.startswith("_"):
             raise AttributeError(name)
-        return _Way(self._of_actuators(), "").step(name)
+        if name not in vars(self._tree):
+            self._of_actuators()
+        return getattr(self._tree, name)
 
     def attach(self, machine: Any) -> None:
-        image, clock = machine.image, machine.clock
-        meters = self._of_actuators()
-        items = [item for item in image.items if item.path in meters]
-        slots = np.array([image.slot_of[id(item)] for item in items], np.intp)
-        found = [meters[item.path] for item in items]
+        image, clock, meters = machine.image, machine.clock, self._of_actuators()
+        slots = np.array([slot for slot, item in enumerate(image.items) if isinstance(item, Actuator)], np.intp)
+        found = [meters[image.items[slot].path] for slot in slots]
         values, defaults = image.columns.values, image.scales.defaults[slots]
 
         def count() -> None:
@@ -64,20 +91,3 @@ class HourMeters(AttachedPart, numbers=_numbers):
                 found[place].hours += hours
 
         machine.phases.showing.append(count)
-
-
-class _Way:
-    """The steps of a path, as attributes."""
-
-    def __init__(self, meters: Mapping[str, Meter], path: str) -> None:
-        self._meters, self._path = meters, path
-
-    def step(self, name: str) -> Any:
-        path = f"{self._path}.{name}".lstrip(".")
-        if path in self._meters:
-            return self._meters[path]
-        if any(each.startswith(f"{path}.") for each in self._meters):
-            return _Way(self._meters, path)
-        raise AttributeError(f"there is no actuator at {path}")
-
-    __getattr__ = step

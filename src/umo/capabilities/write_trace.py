@@ -6,6 +6,7 @@ from collections import deque
 from typing import Annotated, Any
 
 from umo.capabilities.attached_part import AttachedPart
+from umo.cycle.two_writers import control_of
 from umo.errors import PathError
 from umo.objects import Number, Range, action, described
 from umo.objects.claims import WHO, Rank
@@ -54,7 +55,7 @@ class WriteTrace(AttachedPart):
 def _who(machine: Any, slot: int, source: str) -> str:
     """In words."""
     if source == "client":
-        return f"client {machine.commands.client_of(slot) or machine.facts().get('lease', '')}".rstrip()
+        return f"client {machine.commands.client_of(slot)}"
     if source == "default":
         rank = machine.commands.claim(slot).rank
         return "default" if rank is Rank.PROGRAM else f"default: {WHO[rank]}"
@@ -62,6 +63,5 @@ def _who(machine: Any, slot: int, source: str) -> str:
     if turn.task is not None:
         return str(turn.task.shown.name)
     if turn.law is not None:
-        owner = turn.law.__self__
-        return f"control of {owner._path or type(owner).__name__}"
+        return control_of(turn.law.__self__)
     return "the program"

@@ -8,7 +8,7 @@ from itertools import groupby
 from rich.table import Table
 
 from umo.cycle.laid_out import laid_out
-from umo.cycle.period import PHASES, PeriodPhase
+from umo.cycle.period import PHASES
 from umo.errors import OptionError
 from umo.presentation.durations import duration
 from umo.process.station import Station
@@ -40,24 +40,13 @@ def _every(period: float | None) -> str:
 def period_table(bound: dict[str, list[str]], title: str) -> Table:
     """The phases, with who is bound to each; one in which nobody acts is not called."""
     table = Table("call", "phase", "what it does", "an error in it", "here", title=title, title_justify="left")
-    for call, phases in groupby(PHASES, lambda phase: phase.call):
-        for number, phase in enumerate(phases):
-            acting = bound[phase.name]
-            table.add_row(
-                "" if number else call,
-                phase.name,
-                phase.does,
-                phase.error,
-                _named(acting),
-                style="" if acting else "dim",
-                end_section=_is_last(phase),
-            )
+    for call, each in groupby(PHASES, lambda phase: phase.call):
+        phases = list(each)
+        for phase in phases:
+            acting, is_first, is_last = bound[phase.name], phase is phases[0], phase is phases[-1]
+            cells = call if is_first else "", phase.name, phase.does, phase.error, _named(acting)
+            table.add_row(*cells, style="" if acting else "dim", end_section=is_last)
     return table
-
-
-def _is_last(phase: PeriodPhase) -> bool:
-    place = PHASES.index(phase)
-    return place + 1 == len(PHASES) or PHASES[place + 1].call != phase.call
 
 
 def _named(acting: Sequence[str]) -> str:

@@ -217,7 +217,7 @@ class CommandStage:
         if slot in self._taken_by_clients:
             self._taken_by_clients.discard(slot)
             self.by_slot[slot].client = ""
-            self._restrict([slot])
+            self._restrict_one(self.by_slot[slot])
 
     def go_on(self, left: Mapping[int, float]) -> None:
         """Work goes on: what it has left of these actuators is written again. What is not taken is told."""

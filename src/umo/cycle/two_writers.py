@@ -68,10 +68,15 @@ class WriterSeen(NamedTuple):
             shown = self.who.shown
             name = f"{shown.name}{in_brackets(shown.details)}" if in_full else shown.name
         elif isinstance(self.who, Compound):
-            name = f"control of {self.who._path or type(self.who).__name__}"
+            name = control_of(self.who)
         else:
             name = "the program's loop"
         return name + in_brackets(shown_place(self.place))
+
+
+def control_of(compound: Compound) -> str:
+    """The law of a compound, in words."""
+    return f"control of {compound._path or type(compound).__name__}"
 
 
 class TwoWriters:

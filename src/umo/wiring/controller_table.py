@@ -56,9 +56,7 @@ def check_controllers(
         elif isinstance(driver, OffCycle):
             source.mistake(f"drivers.{name}.off_cycle", "a part that runs on a controller needs it on the cycle")
         on_it = [wire.path for wire in wires if bare(wire.driver) is bare(driver)]
-        away = [
-            each.item.path for each in wires if each.item.path.startswith(f"{path}.") and each.item.path not in on_it
-        ]
+        away = [each.path for each in wires if each.path.startswith(f"{path}.") and each.path not in on_it]
         if away:
             source.mistake(f'wire."{path}"', f"{some(away)} must be on {name}, as the part is")
         others = [each for each in on_it if not each.startswith(f"{path}.")]

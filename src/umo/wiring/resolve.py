@@ -323,9 +323,9 @@ class _Resolver:
                     break
 
     def _mistake_of_rewriting(self, wire: Wire, other: Wire) -> None:
-        path, writer = wire.path, self.source.entries[other.item.path].driver
+        path, writer = wire.path, self.source.entries[other.path].driver
         what = f"channel {wire.channel.text!r} of {self.source.entries[path].driver} is overwritten by {writer}"
-        why = f"which writes the whole register for {other.item.path} ({other.channel.text!r})"
+        why = f"which writes the whole register for {other.path} ({other.channel.text!r})"
         self.source.mistake(f'wire."{path}".driver', f"{what}, {why}; wire both to one driver")
 
     def _circuits(self, driver: str) -> Sequence[str]:
