@@ -86,6 +86,7 @@ class HourMeters(AttachedPart, numbers=_numbers):
         values, defaults = image.columns.values, image.scales.defaults[slots]
 
         def count() -> None:
+            """The hour meters of the actuators."""
             hours = clock.dt / HOUR
             for place in np.flatnonzero(values[slots] != defaults):
                 found[place].hours += hours
