@@ -10,35 +10,37 @@ laws and axes `umo.control`, what a driver needs `umo.drivers`, what tests need 
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from umo.cycle import Frame, connect, drive, run
-from umo.errors import TaskFailed, UmoError
-from umo.frames import published
-from umo.objects import (
-    BinaryActuator,
-    BinarySensor,
-    Compound,
-    DigitalActuator,
-    DigitalSensor,
-    Interlock,
-    LookupTable,
-    Number,
-    Polynomial,
-    Quality,
-    Range,
-    Thermocouple,
-    Vector,
-    action,
-)
-from umo.process import RunFailed, Started, start
-from umo.remote import attach
-from umo.wiring import check
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import xarray
+
+    from umo.cycle import Frame, connect, drive, run
+    from umo.errors import TaskFailed, UmoError
+    from umo.frames import published
+    from umo.objects import (
+        BinaryActuator,
+        BinarySensor,
+        Compound,
+        DigitalActuator,
+        DigitalSensor,
+        Interlock,
+        LookupTable,
+        Number,
+        Polynomial,
+        Quality,
+        Range,
+        Thermocouple,
+        Vector,
+        action,
+    )
+    from umo.process.start import RunFailed, Started, start
+    from umo.remote import attach
+    from umo.wiring import check
 
 __all__ = [
     "BinaryActuator",
@@ -69,6 +71,34 @@ __all__ = [
     "run",
     "start",
 ]
+
+_ROOMS = {
+    "cycle": ("Frame", "connect", "drive", "run"),
+    "errors": ("TaskFailed", "UmoError"),
+    "frames": ("published",),
+    "process": ("RunFailed", "Started", "start"),
+    "remote": ("attach",),
+    "wiring": ("check",),
+}
+"""The packages of umo that names come from; those that are not here come from `objects`."""
+_ROOM_OF = dict.fromkeys(__all__, "objects") | {name: room for room, names in _ROOMS.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Each name, and each package of umo, is imported when it is first asked for (PEP 562): a program that declares or
+    analyses does not wait for the cycle and its processes."""
+    if (room := _ROOM_OF.get(name)) is not None:
+        found = getattr(importlib.import_module(f"umo.{room}"), name)
+    elif name.startswith("_") or importlib.util.find_spec(f"umo.{name}") is None:
+        raise AttributeError(f"module 'umo' has no attribute {name!r}")
+    else:
+        return importlib.import_module(f"umo.{name}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_ROOM_OF]
 
 
 def load(
