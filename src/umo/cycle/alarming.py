@@ -1,26 +1,40 @@
-"""Alarms in the cycle: those that the machine itself brings, and the engine of a connected machine.
+"""Alarms in the cycle: those that the machine itself brings, the engine of a connected machine, commands of clients.
 
 `umo.alarms` is imported only for a machine that declares some.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from umo.cycle.client_commands import ClientCommand
 from umo.cycle.events import ALARM, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, owned_interlocks
-from umo.errors import UmoError
+from umo.errors import CommandRefused, PathError, RangeError, UmoError
 from umo.objects import Compound, walk
+from umo.objects.paths import is_pattern
 from umo.presentation.durations import duration
+from umo.text import some
+from umo.wiring.patterns import places_below
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine, DeclaredAlarm
     from umo.alarms.alarm_log import AlarmLog
     from umo.cycle.command_stage import CommandStage
     from umo.cycle.equipment import Equipment
+
+ALARM_COMMANDS: Mapping[str, tuple[str, str]] = {
+    "acknowledge alarm": ("ACKNOWLEDGE", "acknowledged"),
+    "reset alarm": ("RESET", "reset"),
+    "shelve": ("SHELVE", "shelved"),
+    "unshelve": ("UNSHELVE", "unshelved"),
+    "remove from service": ("REMOVE", "out of service"),
+    "return to service": ("RETURN", "returned to service"),
+}
+"""The name of the `Operation` of each command, and the word for what it has done."""
 
 
 def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
@@ -115,3 +129,43 @@ def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
             path = joined(owner._path, f"interlock.{place}")
             found.append(DeclaredAlarm(path, own_alarm(interlock.reason, Priority.MEDIUM), Free(Latched(number))))
     return found
+
+
+def operate(alarms: AlarmEngine | None, command: ClientCommand) -> str:
+    """Carry out a command for the alarms at its path: one alarm, those of an object or compound, or of a pattern; "":
+    all. Returns what it did. CommandRefused if the machine has no alarms, or one that is named by its own path is in no
+    state for it; PathError if there is none; RangeError for a wrong time of a shelf."""
+    if alarms is None:
+        raise CommandRefused("the machine has no alarms")
+    from umo.alarms import Operation
+    from umo.alarms.engine import AlarmRequest
+
+    name, done = ALARM_COMMANDS[command.do]
+    operation = Operation[name]
+    seconds = _shelf(command.value) if operation is Operation.SHELVE else 0.0
+    words = f"for {duration(seconds)}" if seconds else ""
+    rows = named(alarms, command.path)
+    able = alarms.able(rows, operation)
+    if not able and command.path in alarms.paths:
+        raise CommandRefused(f"{command.path} is {alarms.state_of(rows[0])}: it cannot be {done}")
+    alarms.request(able, AlarmRequest(operation, command.who, seconds, words))
+    return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"no alarm there can be {done}"
+
+
+def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
+    """The numbers of the alarms that a path or pattern names."""
+    found: Sequence[int] = alarms.below.get(path, ())
+    if not found and is_pattern(path):
+        found = places_below(path, alarms.paths)
+    if not found:
+        raise PathError(f"no alarm {path!r}")
+    return found
+
+
+def _shelf(value: Any) -> float:
+    """The time of a shelf in s."""
+    from umo.alarms.engine import LONGEST_SHELF
+
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= LONGEST_SHELF:
+        raise RangeError(f"an alarm is shelved for a time of up to {LONGEST_SHELF:g} s (7 days), not {value!r}")
+    return float(value)

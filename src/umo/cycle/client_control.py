@@ -18,8 +18,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
+from umo.cycle.alarming import ALARM_COMMANDS, operate
 from umo.cycle.client_actions import ClientActions, plain
-from umo.cycle.client_alarms import ALARM_COMMANDS, operate
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
 from umo.cycle.equipment import Equipment

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, Protocol
 
-from umo.cycle.client_experiments import Loops
+from umo.cycle.law_loops import Loops
 from umo.cycle.restoring import kept_kind
 from umo.objects import Action, Compound, actions_of, numbers_of, walk
 from umo.objects.laws import has_loops, laws_in

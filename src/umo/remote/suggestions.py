@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from umo.cycle.client_alarms import ALARM_COMMANDS
+from umo.cycle.alarming import ALARM_COMMANDS
 from umo.cycle.client_control import COMMANDS
-from umo.cycle.client_experiments import NAMES as EXPERIMENTS
 from umo.cycle.events import CommandState, Event
+from umo.cycle.law_loops import NAMES as EXPERIMENTS
 from umo.frames.layout import Layout
 from umo.text import did_you_mean
 

@@ -1,7 +1,7 @@
-"""Experiments of clients on the loops of laws: actions that no list shows, found when they are asked for.
+"""The loops of the laws of a machine, and the experiments of clients on them: actions that no list shows.
 
-`zones.3.experiment`: the loop may be named by its law (`heating.3`), its sensor or actuator, or the compound that it
-alone is in.
+They are found when they are asked for. `zones.3.experiment`: the loop may be named by its law (`heating.3`), its sensor
+or actuator, or the compound that it alone is in.
 """
 
 from __future__ import annotations
