@@ -34,7 +34,7 @@ FOLDERS = tempfile.TemporaryDirectory(prefix="umo-tests-")
 TESTS = count()
 """The numbers of the tests of this process."""
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
-for tier, examples in (("quick", 40), ("full", 100)):
+for tier, examples in (("quick", 25), ("full", 100)):
     settings.register_profile(tier, deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=examples)
 settings.load_profile("full")
 # typer makes all of a command line from its functions at each call of the runner, which takes 50 ms.

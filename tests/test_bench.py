@@ -169,6 +169,7 @@ def test_the_command_has_all_that_it_names(capsys: pytest.CaptureFixture[str], m
     assert "--recording" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_bounds_are_measured_at_every_size_and_a_broken_one_is_told(monkeypatch, capsys):
     console = Console(width=200)
     names = ("four writes to misspelt", "an interlock over all valves begins")

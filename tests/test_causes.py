@@ -56,6 +56,7 @@ def patient(folder: Path, **options: Any) -> dict[str, Any]:
     return process_box.wiring(folder / "box", process=options)
 
 
+@pytest.mark.full
 def test_a_slow_driver_is_named(tmp_path: Path) -> None:
     wiring = patient(tmp_path)
     wiring["drivers"]["box"]["type"] = "helpers.process_box:Slow"

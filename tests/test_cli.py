@@ -202,6 +202,7 @@ def test_a_device_that_is_not_there_is_named_with_status_1(umo, tmp_path: Path) 
     assert f"127.0.0.1:{port}" in said(result)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 @pytest.mark.parametrize(
     "command", first(1, [["run", "--no-record"], ["get", "level"], ["set", "inlet", "OPEN", "--hold", "0"]])

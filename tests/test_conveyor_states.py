@@ -130,7 +130,7 @@ def test_without_an_operator_a_run_starts_sorts_and_is_complete() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("state", first(2, WHILE_SORTING), ids=lambda each: each.name.lower())
+@pytest.mark.parametrize("state", first(1, WHILE_SORTING), ids=lambda each: each.name.lower())
 def test_parts_on_the_belt_stay_known_in_each_state_in_which_it_brakes_or_stands(state: PackMLState) -> None:
     with sorting() as run:
         periods(run.m, 1_300)
@@ -147,8 +147,8 @@ def test_parts_on_the_belt_stay_known_in_each_state_in_which_it_brakes_or_stands
         run.assert_all_sorted()
 
 
-@pytest.mark.parametrize("seed", first(2, range(40)))
-@pytest.mark.parametrize("speed", [0.3, 1.0])
+@pytest.mark.parametrize("seed", first(1, range(40)))
+@pytest.mark.parametrize("speed", first(1, [0.3, 1.0]))
 def test_a_sorter_that_is_held_and_suspended_at_any_moments_sorts_rightly(seed: int, speed: float) -> None:
     """At 1 m/s a part passes all of the belt while it brakes."""
     random = Random(seed)
@@ -171,7 +171,7 @@ def test_a_sorter_that_is_held_and_suspended_at_any_moments_sorts_rightly(seed: 
 ACTING = [S.STARTING, S.EXECUTE, S.HOLDING, S.UNHOLDING, S.SUSPENDING, S.UNSUSPENDING, S.COMPLETING, S.STOPPING]
 
 
-@pytest.mark.parametrize("state", first(3, ACTING), ids=lambda each: each.name.lower())
+@pytest.mark.parametrize("state", first(1, ACTING), ids=lambda each: each.name.lower())
 def test_a_failure_in_each_acting_state_is_aborted_and_can_be_cleared(state: PackMLState) -> None:
     """What is on the belt is pushed onto the chute by the next start, and the lot is completed."""
     with sorting(patience=100.0, more=2) as run:
@@ -192,7 +192,7 @@ def test_a_failure_in_each_acting_state_is_aborted_and_can_be_cleared(state: Pac
         assert run.plant.report()["wrongly_sorted"] <= len(on_belt)
 
 
-@pytest.mark.parametrize("seed", first(2, range(60)))
+@pytest.mark.parametrize("seed", first(1, range(60)))
 @pytest.mark.parametrize(("command", "state"), [("stop", S.STOPPED), ("abort", S.ABORTED)])
 def test_after_a_stop_or_an_abort_at_any_moment_no_part_that_was_not_measured_is_accepted(
     seed: int, command: str, state: PackMLState
@@ -229,6 +229,7 @@ def test_without_parts_the_sorter_suspends_itself_tells_it_and_goes_on_when_part
         run.assert_all_sorted()
 
 
+@pytest.mark.full
 def test_with_a_full_bin_the_sorter_suspends_itself_until_it_is_emptied() -> None:
     with sorting(parts=8, patience=100.0) as run:
         run.m.sorter.bin_capacity = 2

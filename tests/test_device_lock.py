@@ -95,6 +95,7 @@ def test_the_hold_ends_with_the_process_however_that_ends(device: str) -> None:
     DeviceLock([device], "after").release()
 
 
+@pytest.mark.full
 def test_a_device_is_held_however_many_have_asked_before(device: str) -> None:
     with another_process(device) as pid:
         os.kill(pid, signal.SIGSTOP)  # it answers nobody

@@ -86,6 +86,7 @@ OWN = "import sys; from pathlib import Path; from umo.system.folders import own;
 OWN += "print(own(Path(sys.argv[1]), 0o755))"
 
 
+@pytest.mark.full
 def test_processes_that_make_it_at_the_same_time_agree(tmp_path: Path) -> None:
     command = [sys.executable, "-c", OWN, str(tmp_path)]
     many = [

@@ -57,6 +57,7 @@ def test_a_reader_that_nobody_closes_gives_its_descriptors_back() -> None:
         until(lambda: len(os.listdir("/proc/self/fd")) <= before)  # the server's thread closes its own end in its time
 
 
+@pytest.mark.full
 def test_rings_can_be_made_while_others_list_them() -> None:
     with process(LISTER) as lister:
         for _ in range(50):

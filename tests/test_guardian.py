@@ -87,6 +87,7 @@ def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: P
     assert (outcome.status, outcome.unsafe) == (1, False)
 
 
+@pytest.mark.full
 def test_a_report_that_never_ends_is_cut_off_and_the_end_stays_as_it_was(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,6 +105,7 @@ def test_a_report_of_a_driver_that_is_too_long_is_cut(tmp_path: Path) -> None:
     assert again.reports["box"].startswith("{'all': [0, 1, 2")
 
 
+@pytest.mark.full
 def test_an_exception_with_an_endless_message_is_reported_in_a_bounded_one(tmp_path: Path, cells: Cells) -> None:
     outcome = Run(process_box.wiring(tmp_path / "box"), "fails_at_length").outcome()
     assert outcome.failure is not None
@@ -154,6 +156,7 @@ def test_a_control_process_that_closes_every_descriptor_is_reset_and_reported(tm
     assert_safe(cells)
 
 
+@pytest.mark.full
 def test_a_machine_without_actuators_whose_control_process_was_killed_is_told_so(tmp_path: Path) -> None:
     """Nothing is reset, so nothing has waited for the end of the process."""
     wiring = process_box.wiring(tmp_path / "box")
@@ -348,6 +351,7 @@ def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(
     assert bool(stopped) is stops
 
 
+@pytest.mark.full
 def test_a_driver_that_hangs_while_leaving_is_noticed_after_the_limit_for_a_hang(tmp_path: Path, cells: Cells) -> None:
     hangs = "helpers.process_box:HangsInReset"
     wiring = process_box.wiring(tmp_path / "box", type=hangs, process={"hang_timeout": "200 ms"})
@@ -357,6 +361,7 @@ def test_a_driver_that_hangs_while_leaving_is_noticed_after_the_limit_for_a_hang
     assert_safe(cells)
 
 
+@pytest.mark.full
 def test_the_guardian_keeps_the_hold_until_its_resets_are_done(tmp_path: Path, cells: Cells) -> None:
     away = tmp_path / "away"
     away.touch()
@@ -511,6 +516,7 @@ def test_time_for_which_others_had_the_processor_is_not_counted_up_to_three_time
     assert life.excused == pytest.approx(part * late, abs=0.03)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGCHLD])
 def test_a_guardian_started_with_sigchld_ignored_still_resets(tmp_path: Path, cells: Cells, number: int) -> None:
     before = signal.signal(number, signal.SIG_IGN)
@@ -530,7 +536,7 @@ def test_a_guardian_started_with_sigchld_ignored_still_resets(tmp_path: Path, ce
 # Drivers and applications that break rules -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize("killed", first(1, [False, True]))
 def test_a_driver_that_raises_what_is_not_an_exception_costs_its_own_actuator_only(
     tmp_path: Path, cells: Cells, killed: bool
 ) -> None:
@@ -570,6 +576,7 @@ def test_a_driver_reports_after_its_outputs_were_reset(tmp_path: Path, cells: Ce
     assert outcome.reports["box"] == {"motor": 0}  # 500 before the reset
 
 
+@pytest.mark.full
 def test_a_report_that_fails_is_told_in_its_place_and_does_not_fail_the_run(tmp_path: Path, cells: Cells) -> None:
     outcome = Run(process_box.wiring(tmp_path / "box", type="helpers.process_box:Mute")).outcome()
     assert (outcome.status, outcome.unreached, outcome.unsafe) == (0, [], False)
@@ -830,6 +837,7 @@ def test_the_starter_takes_the_guardians_status_where_nobody_told_the_outcome(
         assert ("all ended without resetting the actuators" in str(outcome.failure)) is (left is None)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root is granted a priority")
 def test_the_child_that_resets_stands_below_the_guardian_so_that_a_driver_that_loops_cannot_starve_it(
     tmp_path: Path, cells: Cells

@@ -705,7 +705,7 @@ COMMANDS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("command", "where", "count", "line"), first(3, COMMANDS))
+@pytest.mark.parametrize(("command", "where", "count", "line"), first(2, COMMANDS))
 def test_a_command_in_code_that_does_not_end_is_ended_with_a_line(
     tmp_path: Path, command: list[str], where: str, count: int, line: str
 ) -> None:

@@ -146,6 +146,7 @@ def test_a_keeper_that_is_killed_as_the_run_ends_is_replaced(tmp_path: Path, cel
     assert_one_moment(kept())
 
 
+@pytest.mark.full
 def test_where_nothing_can_be_written_the_run_goes_on_and_its_end_says_so(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -211,6 +212,7 @@ def test_a_second_run_of_one_name_takes_the_values_but_keeps_none(
     assert_one_moment(kept())
 
 
+@pytest.mark.full
 def test_a_disk_that_hangs_delays_the_end_of_a_run_for_a_bounded_time_and_no_reset(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,6 +150,7 @@ def test_enums_and_paths_of_a_program_reach_another_process(row: Path) -> None:
         Job(str(row), options={"mode": object()}).dump()
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="runs in its own processes on Linux only")
 def test_an_application_in_its_own_process_receives_members_of_an_enum(row: Path) -> None:
     (row / "application.py").write_text(

@@ -127,6 +127,7 @@ def test_what_has_no_room_is_said_in_the_picture_and_returned() -> None:
     assert_clear(figure)
 
 
+@pytest.mark.full
 def test_names_of_any_length_and_any_script_leave_room_for_the_curves(tmp_path: Path) -> None:
     parts = {f"{'long_' * 20}{i}": part for i, part in enumerate([_sensor("mm"), relay(), _sensor("V")])}
     machine = Rack(parts=parts | {"目标_$_{": relay()}, timer=timer())

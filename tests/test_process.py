@@ -106,7 +106,7 @@ def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(
 @pytest.mark.parametrize(
     ("to", "number"),
     some(
-        {("guardian", signal.SIGINT), ("control", signal.SIGTERM), ("starter", signal.SIGHUP)}.__contains__,
+        {("guardian", signal.SIGINT), ("control", signal.SIGTERM)}.__contains__,
         product(["guardian", "control", "starter"], [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]),
     ),
 )
@@ -162,7 +162,7 @@ def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
     assert_safe(cells)
 
 
-@pytest.mark.parametrize("number", first(2, [signal.SIGKILL, signal.SIGSTOP, signal.SIGSYS]))
+@pytest.mark.parametrize("number", first(1, [signal.SIGKILL, signal.SIGSTOP, signal.SIGSYS]))
 def test_the_guardian_resets_what_a_dead_or_stopped_process_left(
     tmp_path: Path, cells: Cells, number: signal.Signals
 ) -> None:
@@ -225,6 +225,7 @@ def test_what_survives_its_starter_says_on_stderr_how_the_run_ended(
     assert_safe(cells)
 
 
+@pytest.mark.full
 def test_what_was_not_reached_is_said_on_stderr_where_the_starter_is_gone(
     tmp_path: Path, away: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -238,6 +239,7 @@ def test_what_was_not_reached_is_said_on_stderr_where_the_starter_is_gone(
     assert "; not reached: valve and motor: " in line
 
 
+@pytest.mark.full
 def test_a_starter_that_lives_is_left_to_say_how_the_run_ended(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,6 +249,7 @@ def test_a_starter_that_lives_is_left_to_say_how_the_run_ended(
     assert "umo:" not in capfd.readouterr().err
 
 
+@pytest.mark.full
 def test_a_machine_that_was_stopped_unsafely_wants_to_be_acknowledged(tmp_path: Path, cells: Cells) -> None:
     wiring = process_box.wiring(tmp_path / "box")
     run = Run(wiring, "forever").until_running()
@@ -296,6 +299,7 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
     assert "not reached: valve, motor" in str(device_record)
 
 
+@pytest.mark.full
 def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cells, away: Path) -> None:
     run = Run(process_box.wiring(tmp_path / "box", at=25, action="kill", away=str(away)), "forever").until_running()
     message = run.next()
@@ -394,6 +398,7 @@ def test_a_process_that_control_code_forked_drives_nothing(
     assert_safe(cells)
 
 
+@pytest.mark.full
 def test_short_of_memory_the_kernel_takes_the_control_process_before_a_guardian(tmp_path: Path, cells: Cells) -> None:
     def score(pid: int) -> int:
         return int(Path(f"/proc/{pid}/oom_score_adj").read_text())

@@ -228,6 +228,7 @@ def test_a_folder_that_is_none_any_longer_costs_the_record_and_not_the_run(
     assert (result.exit_code, "trace.csv could not be written" in said(result)) == (4, True), said(result)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_an_observer_that_fails_does_not_end_the_run(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(self: TraceFile, frame: object) -> None:
@@ -306,6 +307,7 @@ def test_a_run_in_real_time_ends_at_its_time_limit(umo: Umo, quick: Path) -> Non
     assert "umo: ended at 0.3 s (--until)" in said(result)
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_a_run_without_frames_is_not_recorded(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (quick / "application.py").write_text(FOR_EVER)

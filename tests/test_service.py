@@ -66,6 +66,7 @@ def test_a_wiring_of_devices_on_the_network_waits_for_it(umo: Umo, tank: Path) -
     assert "After" not in section(umo("service", "tank").stdout, "Unit")
 
 
+@pytest.mark.full
 def test_a_wiring_in_virtual_time_is_run_in_real_time(umo: Umo, tank: Path) -> None:
     assert "--realtime" in section(umo("service", "tank").stdout)["ExecStart"]
     assert section(umo("service", "tank", "--manual").stdout)["ExecStart"].count("--realtime") == 0
@@ -122,6 +123,7 @@ def test_where_systemd_runs_the_next_steps_are_shown(umo: Umo, tank: Path, monke
     assert "enable-linger" not in umo("service", "tank", "--as", "root").stderr
 
 
+@pytest.mark.full
 def test_a_unit_for_the_users_own_manager_names_neither_user_nor_groups(umo: Umo, tank: Path) -> None:
     own = section(umo("service", "tank", "--user").stdout)
     assert not own.keys() & {"User", "SupplementaryGroups", "LimitRTPRIO", "ProtectSystem"}

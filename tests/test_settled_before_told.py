@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import actuator, relay, sensor, timer, wired
 from helpers.operator import Operator
+from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, High
 from umo.control import next_period
@@ -304,8 +305,8 @@ def test_a_flood_of_events_is_told_in_the_following_periods_and_answers_at_once(
     assert not events.untold
 
 
-@pytest.mark.parametrize("size", [999, 1_000, 1_001, 3_500])
-@pytest.mark.parametrize("periods", [1, 3])
+@pytest.mark.parametrize("size", first(2, [1_001, 3_500, 999, 1_000]))
+@pytest.mark.parametrize("periods", first(1, [3, 1]))
 def test_of_any_number_of_notes_every_answer_is_told_in_its_period_and_nothing_is_lost_without_being_counted(
     caplog: pytest.LogCaptureFixture, size: int, periods: int
 ) -> None:

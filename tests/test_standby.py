@@ -108,7 +108,7 @@ def waiting_to_reset(run: Run) -> list[int]:
     return children(run.guardian, "umo reset")
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", first(1, [signal.SIGKILL, signal.SIGSTOP]))
 def test_a_process_that_waits_to_reset_is_replaced_when_it_is_killed_or_stopped(
     tmp_path: Path, cells: Cells, number: signal.Signals
 ) -> None:
@@ -211,7 +211,7 @@ def test_guardian_and_control_process_stopped_together_are_ended_and_reset(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("steps", "status", "unreached"), [(["settle", "step_in"], 3, ["valve", "motor"]), (["tell"], 0, [])]
+    ("steps", "status", "unreached"), first(1, [(["settle", "step_in"], 3, ["valve", "motor"]), (["tell"], 0, [])])
 )
 def test_a_guardian_that_fails_without_anyone_to_follow_it_tells_no_more_than_it_knows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: list[str], status: int, unreached: list[str]
@@ -238,6 +238,7 @@ def test_a_guardian_killed_while_it_resets_is_followed_by_the_standby_guardian(
     assert_safe(cells)
 
 
+@pytest.mark.full
 def test_a_guardian_that_is_stopped_while_it_resets_is_followed_by_the_next_process_that_waits(
     tmp_path: Path, cells: Cells, away: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -284,6 +285,7 @@ def away(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step", first(1, ["record", "tell", "end"]))
 @pytest.mark.parametrize(("application", "status"), first(1, [("drive", 0), ("fail_at", 1)]))
 def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
@@ -309,6 +311,7 @@ def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
     assert standing() == []
 
 
+@pytest.mark.full
 def test_a_guardian_that_cannot_fork_a_standby_guardian_says_so_and_goes_on(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
 
 
+@pytest.mark.full
 def test_a_wiring_of_any_size_starts(tmp_path: Path) -> None:
     wiring = process_box.wiring(tmp_path / "box") | {"parameters": {}}
     wiring["drivers"]["box"] |= {"away": str(tmp_path / ("x" * 200)) + "/" * 600_000}

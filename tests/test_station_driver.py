@@ -152,6 +152,7 @@ def test_a_station_that_does_not_run_yet_is_no_mistake_and_its_values_are_bad() 
         assert m.lamp.quality is Quality.BAD
 
 
+@pytest.mark.full
 def test_a_path_that_the_other_station_has_not_fails_alone() -> None:
     with started() as run:
         driver = StationDriver(station=running(run))
@@ -163,6 +164,7 @@ def test_a_path_that_the_other_station_has_not_fails_alone() -> None:
         run.stop()
 
 
+@pytest.mark.full
 def test_a_scale_that_is_not_that_of_the_wire_is_a_mistake_while_the_station_runs() -> None:
     with started() as run:
         wiring = reading(running(run))

@@ -141,6 +141,7 @@ def test_what_a_closed_stream_leaves_free_is_taken_by_nothing_else(tank: Path) -
     assert int((tank.parent / "number").read_text()) > 2
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("words", first(1, [["check", "tank"], ["--help"], ["ps"], ["why"]]))
 def test_commands_work_where_the_home_folder_cannot_be_written(tank: Path, words: list[str]) -> None:
     hidden = ("UMO_STATE", "UMO_FRAMES", "XDG_STATE_HOME", "XDG_RUNTIME_DIR")

@@ -260,6 +260,7 @@ MOVED = st.lists(
 """What an operator does with an axis."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", first(1, [stepper, servo]))
 @settings(max_examples=10)
 @given(at=st.integers(5, 200), before=MOVED, after=MOVED, back=st.booleans(), reaction=REACTIONS)

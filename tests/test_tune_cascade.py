@@ -84,6 +84,7 @@ def test_an_inner_law_at_its_limit_is_told(reactor: Path) -> None:
     assert "jacket_law, the inner law, was at its limit in" in " ".join(limited.output.split())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("process", first(1, cascaded.OUTER))
 def test_both_laws_are_tuned_and_the_outer_one_with_the_new_inner_gains(reactor: Path, process: str) -> None:
     words = (reactor, "vessel_law", "--cascade", "--relay", "1%", "--at", "2", "--within", "40", "--process", process)

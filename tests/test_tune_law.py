@@ -60,6 +60,7 @@ def model_of(data: dict[str, Any]) -> ProcessModel:
     return ProcessModel(data["model"]["kind"], found["K"], found["L"], lags)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", first(1, ["--step", "--relay"]))
 @pytest.mark.parametrize("process", first(1, lagging.MODELS))
 def test_balanced_gains_have_their_margins_on_the_true_process(tank: Path, process: str, kind: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from random import Random
 from typing import Annotated, Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -142,6 +143,7 @@ COMMANDS = st.lists(
 )
 
 
+@pytest.mark.full
 @given(
     st.lists(st.integers(0, 1000), min_size=1, max_size=3), st.integers(0, 1000), st.lists(SPANS, max_size=2), COMMANDS
 )

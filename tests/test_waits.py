@@ -141,6 +141,7 @@ def stop_those_that_begin(monkeypatch: pytest.MonkeyPatch, who: Who, when: Path)
     monkeypatch.setattr(RunState, "hold", stopped)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("who", [Who.CONTROL, Who.STANDBY])
 def test_a_run_whose_process_is_stopped_as_it_begins_comes_to_an_end(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch, who: Who

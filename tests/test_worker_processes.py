@@ -77,6 +77,7 @@ def test_the_driver_is_opened_by_the_worker_and_reset_by_it_at_the_end(tmp_path:
     until_dead(serving)
 
 
+@pytest.mark.full
 def test_a_worker_does_not_run_on_the_core_of_the_control_process(tmp_path: Path, cells: Cells) -> None:
     cores = os.sched_getaffinity(0)
     if len(cores) < 2:
@@ -90,7 +91,7 @@ def test_a_worker_does_not_run_on_the_core_of_the_control_process(tmp_path: Path
     assert run.outcome().unreached == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", first(1, [signal.SIGKILL, signal.SIGSTOP]))
 def test_another_worker_takes_the_place_of_one_that_was_killed_or_stopped(
     tmp_path: Path, cells: Cells, number: signal.Signals
 ) -> None:
@@ -109,7 +110,7 @@ def test_another_worker_takes_the_place_of_one_that_was_killed_or_stopped(
 
 
 @pytest.mark.parametrize(
-    "killed", first(2, ["control, worker", "guardian, control, worker", "control", "guardian, control"])
+    "killed", first(1, ["control, worker", "guardian, control, worker", "control", "guardian, control"])
 )
 def test_whoever_is_left_brings_its_outputs_to_their_defaults(tmp_path: Path, cells: Cells, killed: str) -> None:
     run = running(tmp_path)

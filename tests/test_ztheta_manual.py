@@ -105,6 +105,7 @@ def test_a_part_stays_held_when_nobody_has_the_lease_any_longer() -> None:
         ann.assert_placed()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("after", first(1, [1_600, 4_400, 150, 700, 2_900]))
 def test_manual_mode_at_any_moment_changes_no_result(after: int) -> None:
     """Also in homing, and while a part is gripped or blown off."""

@@ -129,6 +129,7 @@ def test_the_driver_conforms_on_tcp(options: dict[str, bool], rules: list[str] |
     assert certificate.passed, certificate
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("way", first(1, named(["", "off the cycle"], [lambda subject: subject, off_cycle])))
 def test_the_driver_conforms_on_a_serial_line(rules: list[str] | None, way: Callable[[Subject], Subject]) -> None:
     with on_a_line() as subject:

@@ -171,6 +171,7 @@ def fuzz(examples: int, number: int) -> None:
         loop.close()
 
 
+@pytest.mark.full
 @pytest.mark.smoke
 def test_200_requests_leave_the_face_alive_and_others_served() -> None:
     fuzz(8, 1)

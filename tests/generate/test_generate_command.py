@@ -145,6 +145,7 @@ def test_a_table_that_the_target_does_not_hold_is_told_in_a_line(tmp_path: Path,
     assert "the table of thermocouple K has" in lines[0] and "on avr 32767 at most; a LookupTable" in lines[0]
 
 
+@pytest.mark.full
 def test_objects_of_one_linearization_share_its_table(tmp_path: Path, umo: Umo) -> None:
     assert umo("generate", "furnace", "--target", "cortex-m", "-o", str(tmp_path / "c")).exit_code == 0
     source = (tmp_path / "c" / "machine.c").read_text()

@@ -78,6 +78,7 @@ def test_a_thermocouple_is_the_same_in_c_over_all_of_its_range(kind: str, start:
     assert values[0] < start < values[150] < end < values[-1]
 
 
+@pytest.mark.full
 @needs_a_compiler
 def test_a_table_of_more_points_than_16_bits_count_is_the_same_in_c(tmp_path: Path) -> None:
     xs = np.linspace(0.0, 10.0, LARGE)

@@ -61,6 +61,7 @@ def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.Mo
     assert text.splitlines() == ["self.yes = self.n < 2"]
 
 
+@pytest.mark.full
 @needs_a_compiler
 def test_what_the_compiler_does_not_take_is_told_alone() -> None:
     """One program of a batch that does not compile does not hide the others."""

@@ -65,6 +65,7 @@ def test_laws_of_vectors_are_equal_to_the_bit(seed: int, tmp_path: Path) -> None
         assert m.refused and m.unread and m.refused < steps and m.unread < steps
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(3)))
 def test_a_cascade_is_equal_to_the_bit(seed: int, tmp_path: Path) -> None:
     random, machine, box, steps = Random(seed), jacketed(), Fragile(), 10_000 if seed else 1_000

@@ -27,7 +27,7 @@ from .conftest import (
     viewing,
 )
 
-pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+pytestmark = [pytest.mark.full, pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")]
 
 
 @pytest.fixture(scope="module")

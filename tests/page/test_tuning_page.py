@@ -16,7 +16,7 @@ from umo.process.start import LINUX
 from .conftest import Client, Served, control, eventually, opened, serving, take_lease
 
 pytest.importorskip("scipy")
-pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+pytestmark = [pytest.mark.full, pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")]
 
 
 EXPERIMENT = 90.0

@@ -138,6 +138,7 @@ def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) ->
         assert re.search(r"umo\s+view --[^|`]*--(token|password)\b", text) is None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM]))
 def test_the_file_that_opens_the_browser_goes_when_the_server_ends(
     number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -152,6 +153,7 @@ def test_the_file_that_opens_the_browser_goes_when_the_server_ends(
     assert (process.returncode, "Traceback" in error, file.exists()) == (0, False, False)
 
 
+@pytest.mark.full
 def test_with_a_certificate_the_page_is_served_by_tls_only(tmp_path: Path) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("a certificate for the test needs openssl")

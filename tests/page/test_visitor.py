@@ -6,6 +6,8 @@ import pytest
 
 from umo.page.visitor import PageToken, Visitor, visitor_of
 
+pytestmark = pytest.mark.full
+
 NOT_TOLD = "a proxy at 127.0.0.1"
 
 

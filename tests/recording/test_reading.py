@@ -160,6 +160,7 @@ def test_the_facts_say_what_is_missing_and_whether_it_can_be_replayed(recorded: 
     assert lines["end"] == "the application has ended (done, at 0.506 s)"
 
 
+@pytest.mark.full
 def test_umo_info_export_and_plot_tell_what_they_did(umo: Umo, recorded: Path) -> None:
     pytest.importorskip("matplotlib")
     assert json.loads(umo("info", str(recorded), "--json").stdout)["station"] == "press"

@@ -126,6 +126,7 @@ def path() -> str:
     return os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, sys.path)])
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_every_process_ends_with_the_first_one(conveyor: Path) -> None:
     with subprocess.Popen(

@@ -154,6 +154,7 @@ def test_a_replay_repeats_what_other_drivers_off_the_cycle_brought() -> None:
     assert {Kind.ARRIVED, Kind.CONFIRMED, Kind.RENEWED, Kind.READ, Kind.WRITE, Kind.FAILED_READ} <= kinds
 
 
+@pytest.mark.full
 def test_another_time_of_a_value_is_noticed() -> None:
     """A test of the test: the control code acts on the age of what has arrived."""
     each = case(1, 0.0)

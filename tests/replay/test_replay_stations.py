@@ -57,6 +57,7 @@ def test_other_values_are_tried_in_open_loop_beyond_the_first_difference() -> No
     assert result.difference is not None and result.periods == len(tape.frames)
 
 
+@pytest.mark.full
 def test_a_number_that_there_is_not_is_told_with_the_nearest() -> None:
     with pytest.raises(OptionError, match="no such number"):
         replay(recorded("conveyor"), settings={"sorter.sped": 1.0})

@@ -78,6 +78,7 @@ def test_an_axis_that_moves_brakes_within_its_limits_and_then_outputs_go_to_defa
     assert theta.controller.step().outputs == THETA.defaults
 
 
+@pytest.mark.full
 def test_an_axis_that_stands_is_at_its_defaults_at_the_host_timeout(theta: Theta) -> None:
     cruising(theta, 0.0)
     found = silent(theta)

@@ -82,6 +82,7 @@ def tried(rule: str, program: Path, folder: Path) -> Finding:
             return next(findings(trial, [rule]))
 
 
+@pytest.mark.full
 def test_a_part_is_generated_from_its_wiring_and_its_link_is_proved(umo: Umo, tmp_path: Path) -> None:
     made, file = tmp_path / "made", wiring(tmp_path, 1)
     done = umo(

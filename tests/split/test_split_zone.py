@@ -82,6 +82,7 @@ def test_when_the_host_is_killed_the_heater_is_off_and_the_fan_on_in_time(
         assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_program_that_is_ended_leaves_its_outputs_at_their_defaults(program: Path, number: int) -> None:
     with controller_of(program) as controller, host_beside(lambda: heat(controller.port), controller):
