@@ -332,14 +332,22 @@ class Reader:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
+    def claims(self, frame: Any) -> dict[int, Claim]:
+        """Who drove each actuator at a frame that the program did not drive."""
+        restrictions, faults = frame["restrictions"], self.faults(frame)
+        numbers = np.flatnonzero((restrictions != FREE) & (restrictions != ASKED)).tolist()
+        return {number: self._claim(frame, number, faults) for number in numbers}
+
     def claim(self, frame: Any, number: int) -> Claim:
         """Who drove an actuator at a frame."""
-        reason, path = self.inhibited(frame, number), str(self.layout.objects[number]["path"])
+        return self.claims(frame).get(number, Claim(Rank.PROGRAM))
+
+    def _claim(self, frame: Any, number: int, faults: Mapping[str, str]) -> Claim:
+        reason, path = self.inhibited(frame, number) or "", str(self.layout.objects[number]["path"])
         if int(frame["restrictions"][number]) == TAKEN_BY_CLIENT:
-            return Claim(Rank.CLIENT, reason or "")
-        around = (each for each in self.faults(frame) if not each or path.startswith(f"{each}."))
-        rank = Rank.PROGRAM if reason is None else Rank.INTERLOCK if next(around, None) is None else Rank.FAULT
-        return Claim(rank, reason or "")
+            return Claim(Rank.CLIENT, reason)
+        in_fault = any(not each or path.startswith(f"{each}.") for each in faults)
+        return Claim(Rank.FAULT if in_fault else Rank.INTERLOCK, reason)
 
     def is_object(self, path: str) -> bool:
         """Whether a path is that of a sensor or an actuator."""

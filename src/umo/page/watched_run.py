@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.errors import UmoError
 from umo.frames import Reader, Stage
 from umo.frames.alarm_list import AlarmRow, alarms_text
 from umo.objects import Quality
+from umo.objects.claims import NEXT, WHO, Rank
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
 from umo.page.extremes import Extremes
 from umo.presentation.durations import duration
@@ -164,6 +164,7 @@ class Watched:
             | {"twin": self.twin, "units": list(layout.units), "alarms": bool(layout.alarms)}
             | {"books": [each | {"fields": list(map(as_shown, each["fields"]))} for each in layout.books]}
             | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
+            | {"drivers": {rank.name: [WHO[rank], NEXT[rank]] for rank in Rank}}
         )
 
     def _take_state(self) -> None:
@@ -218,15 +219,11 @@ class Watched:
         reader, frame = self.reader, self._frame
         told: dict[str, Any] = {}
         if frame is not None:
-            restrictions = frame["restrictions"]
-            reasons = {slot: reader.inhibited(frame, slot) for slot in np.flatnonzero(restrictions).tolist()}
-            told["by_client"] = [reader.paths[slot] for slot in reasons if restrictions[slot] == TAKEN_BY_CLIENT]
+            claims = {reader.paths[slot]: claim for slot, claim in reader.claims(frame).items()}
+            told["by_client"] = [path for path, claim in claims.items() if claim.rank is Rank.CLIENT]
+            told["inhibited"] = {path: claim.reason for path, claim in claims.items() if claim.rank > Rank.CLIENT}
+            told["in_fault"] = [path for path, claim in claims.items() if claim.rank is Rank.FAULT]
             told["taken"] = int(frame["taken"])
-            told["inhibited"] = {
-                reader.paths[slot]: why
-                for slot, why in reasons.items()
-                if why and restrictions[slot] != TAKEN_BY_CLIENT
-            }
             told["faults"] = reader.faults(frame)
             told["alarms"] = [_alarm(row) for row in reader.alarms(frame)]
         if reader.mode is not None:

@@ -96,6 +96,17 @@ export class Row {
     this._reason.title = this._reason.textContent ?? "";
     this._reason.classList.toggle("refused", Boolean(refused));
     this.element.classList.toggle("inhibited", Boolean(path));
+    this._value.title = this._driver(path ?? "", client);
+  }
+
+  /** Who drives an actuator, why, and what comes next: as `umo why STATION PATH` tells it. @param {string} inhibited @param {boolean} client */
+  _driver(inhibited, client) {
+    const { state, description } = this._feed;
+    const rank = state?.in_fault?.includes(inhibited) ? "FAULT" : inhibited ? "INTERLOCK" : client ? "CLIENT" : "PROGRAM";
+    const [who, next] = description?.drivers?.[rank] ?? [];
+    if (!who || !isActuator(this._entry)) return "";
+    const reason = inhibited ? state?.inhibited?.[inhibited] : client ? state?.lease?.holder : "";
+    return `Driven by ${who}${reason ? `: ${reason}` : ""}. ${next}`;
   }
 
   /** Whether it is on the scope. @param {string[]} traces */

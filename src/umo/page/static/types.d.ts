@@ -129,6 +129,8 @@ declare namespace Page {
      *  beginning of the command that replays it, empty: it cannot be replayed. */
     recording?: { files: { file: string; whole: boolean; lost: number }[]; second: string; replay: string };
     qualities: [string, string][];
+    /** Of a station that runs: who can drive an actuator, in words, and what comes next, by rank. */
+    drivers?: Record<string, [string, string]>;
   }
 
   interface Ending { failed: boolean; text: string }
@@ -156,6 +158,8 @@ declare namespace Page {
     faults?: Record<string, string>;
     /** Paths of the actuators that a client has taken. */
     by_client?: string[];
+    /** Paths of those among the inhibited actuators whose equipment is in fault. */
+    in_fault?: string[];
     /** Number of the last command that the machine had taken in the period that is shown. */
     taken?: number;
     alarms?: Alarm[];
