@@ -6,6 +6,7 @@ Most runs are made in processes that are forked from this one: that is sooner th
 from __future__ import annotations
 
 import os
+import re
 import select
 import signal
 import subprocess
@@ -260,12 +261,18 @@ def test_the_second_signal_ends_what_does_not_end_and_the_outputs_are_reset(
     if "sleeps" in where:  # a signal that comes just before a call of the kernel does not end that
         until(lambda: state(child.pid) == "S")
     child.send(signal.SIGINT)
+    until(lambda: case.told.read_text().endswith("\n"))  # what is waited for is told at once
     until(case.ready.exists)
     child.send(signal.SIGTERM)  # another one: two of the same kind would count as one
     assert child.status() in (128 + signal.SIGTERM, 128 + signal.SIGINT)  # the second, where it came into the first
-    *notices, line = case.told.read_text().splitlines()
+    notice, *further, line = case.told.read_text().splitlines()
+    if where in ("cleaning up", "own loop"):  # it does not stand still yet
+        assert notice.startswith(("umo: asked to stop; ", "umo: a call of a driver is under way"))
+    else:
+        function = ENDED[where].rpartition(" ")[2]
+        assert re.fullmatch(rf"umo: .*{HERE}:\d+ in {function}.*ends it.*", notice)
     assert all(
-        each.startswith("umo: a call of a driver is under way") for each in notices
+        each.startswith("umo: a call of a driver is under way") for each in further
     )  # of the device, while it is
     said, _, at = line.partition(f"{HERE}:")
     assert said == "umo: " + ENDED[where].partition("{here}")[0]
@@ -288,7 +295,7 @@ def test_code_that_passes_over_what_ends_it_is_ended_by_further_signals(tmp_path
     until(insist)
     assert child.wait_status is not None
     assert os.waitstatus_to_exitcode(child.wait_status) == 128 + signal.SIGTERM
-    (line,) = case.told.read_text().splitlines()
+    _, line = case.told.read_text().splitlines()
     assert line.startswith(f"umo: the application does not end: {HERE}:")
     passed_over = " in wait_for_ever, and it passes over what ends it; every actuator is at its default"
     assert line.endswith(passed_over) or " in swallow (at " in line  # it was ended while it passed over one
@@ -338,7 +345,10 @@ def test_a_program_whose_run_a_signal_ends_tells_it_in_a_line_and_has_its_status
     child.send(number)
     assert child.status() == 128 + number
     name = signal.Signals(number).name
-    assert case.told.read_text() == f"umo: stopped by {name}; every actuator is at its default\n"
+    asked, line = case.told.read_text().splitlines()
+    assert asked.startswith("umo: ")
+    assert asked.endswith((": a second Ctrl-C ends it", "that does not end by itself", "ends it, if that does not end"))
+    assert line == f"umo: stopped by {name}; every actuator is at its default"
     assert_reset(case.file)
 
 
@@ -363,7 +373,9 @@ def test_a_finalizer_that_is_interrupted_is_told_in_a_line(tmp_path: Path) -> No
     until(lambda: state(child.pid) == "S")
     child.send(signal.SIGTERM)
     assert child.status() == 128 + signal.SIGINT
-    first_line, *lines = case.told.read_text().splitlines()
+    asked, first_line, *lines = case.told.read_text().splitlines()
+    line = wait_for_ever.__code__.co_firstlineno + 2
+    assert asked == f"umo: asked to stop; {HERE}:{line} in wait_for_ever is under way: a second Ctrl-C ends it"
     assert first_line.startswith(f"umo: the application does not end: {HERE}:")
     assert first_line.endswith(" in wait_for_ever; it was interrupted there")
     assert lines == ["umo: stopped by SIGINT; every actuator is at its default"]
@@ -525,7 +537,7 @@ def test_a_call_of_a_driver_is_ended_by_a_signal_that_finds_it_again_after_its_l
 
     def signals(frame: FrameType) -> None:
         nonlocal now
-        insistence.begin(frame)
+        insistence.begin(frame, [])
         now += after
         try:
             insistence.insist(signal.SIGTERM, frame, [insisting.SignalledMachine(1.0, list)])
@@ -729,7 +741,7 @@ def test_a_command_in_code_that_does_not_end_is_ended_with_a_line(
     assert "Traceback" not in told
     assert line in (told if line.startswith("umo") else out)
     if line.startswith("umo"):
-        assert len(told.splitlines()) == 1
+        assert len(told.splitlines()) == count  # the first one tells what is waited for
 
 
 @pytest.mark.slow

@@ -57,6 +57,13 @@ def line_with(function: Callable[..., Any], text: str) -> int:
     return found
 
 
+INSTEAD = {
+    "control": "write `cycle.start(...)` around it",
+    "<lambda>": "a `lambda` does not wait: await it in a sequence",
+}
+"""What to write in a function that is no sequence: only what applies there."""
+
+
 def refused(machine: Any, application: Sequence | None, call: str, name: str = "") -> str:
     """The error of a run that this call ends: it names the call, its line and what to write."""
     with pytest.raises(NotAwaited) as caught:
@@ -64,10 +71,8 @@ def refused(machine: Any, application: Sequence | None, call: str, name: str = "
     text = str(caught.value)
     place, _, rest = text.partition(": ")
     assert "test_not_awaited.py:" in place
-    assert rest == (
-        f"nobody awaits `{call}`, so nothing of it is done; write `await` before it, or, where that is no sequence, "
-        "`cycle.start(...)` around it"
-    )
+    instead = INSTEAD.get(name, "write `await` before it")
+    assert rest == f"nobody awaits `{call}`, so nothing of it is done; {instead}"
     assert place.endswith(f" in {name or (application and application.__name__)}")
     return place
 
@@ -250,7 +255,10 @@ def test_what_a_hook_returns_to_umo_is_told_where_the_user_has_called_umo():
         def setup(self) -> Any:  # type: ignore[override]
             return self.fill()
 
-    with connect(bench(Tank)), pytest.raises(NotAwaited, match=r"in setup: nobody awaits `self.fill"):
+    with (
+        connect(bench(Tank)),
+        pytest.raises(NotAwaited, match=r"in setup: nobody awaits `self.fill.*; nothing runs yet in `setup`"),
+    ):
         bench(Returned)
 
 
@@ -540,6 +548,61 @@ def test_what_the_collector_finds_is_not_blamed_on_the_code_at_that_place():
 
     with pytest.warns(RuntimeWarning, match=r"coroutine 'Tank.fill' was never awaited"):
         assert run(bench(Tank), None, application) == 1
+
+
+class Keeps(Tank):
+    """Keeps a sequence for later, in an attribute."""
+
+    def setup(self) -> None:
+        self.job: Any = None
+        self.turns = 0
+
+    def keep(self) -> None:
+        self.job = self.fill()
+
+    def let_go(self) -> None:
+        self.job = None
+
+    async def turn(self) -> None:
+        while True:
+            self.turns += 1
+            await next_period()
+
+
+def test_what_an_attribute_has_at_the_end_is_told_then(caplog: pytest.LogCaptureFixture):
+    async def application(m: Any) -> int:
+        m.keep()
+        await wait("2 ms")
+        return 1
+
+    assert run(bench(Keeps), None, application) == 1
+    (record,) = caplog.records
+    place, _, rest = record.getMessage().partition(": ")
+    assert place.endswith(f"test_not_awaited.py:{line_with(Keeps.keep, 'self.fill()')} in keep")
+    assert rest == "nobody awaits `self.fill()`, so nothing of it is done; write `cycle.start(...)` around it"
+
+
+def test_what_an_attribute_lets_go_elsewhere_is_told_with_its_line_and_ends_nothing():
+    """It may have been one that an error has kept from being awaited."""
+
+    async def application(m: Any) -> int:
+        m.keep()
+        await wait("2 ms")
+        m.let_go()
+        return 1
+
+    with pytest.warns(RuntimeWarning, match=r"(?s)coroutine 'Tank.fill' was never awaited.*in keep"):
+        assert run(bench(Keeps), None, application) == 1
+
+
+def test_a_sequence_that_was_started_runs_on_whatever_becomes_of_the_attribute():
+    with connect(bench(Keeps)) as m:
+        m.job = m.cycle.start(m.turn())
+        periods(m, 2)
+        m.let_go()
+        gc.collect()
+        periods(m, 2)
+        assert m.turns == 4
 
 
 # The process around it -------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from typing import Any
 
 from umo.alarms import Alarm
 from umo.control import Lock, first, timeout, together, unless, until
-from umo.cycle.sequence_mistakes import called_name
+from umo.cycle.sequence_mistakes import called_name, forgotten
 from umo.errors import Mistake
 from umo.objects import Compound, Interlock, link
 from umo.objects.atomic import Binary
@@ -164,7 +164,7 @@ class _Check:
         for each in _dropped(node.value):
             made = self._code.thing(each, scope)
             if isinstance(made, MadeSequence):
-                self._tell(each, NOT_AWAITED)
+                self._tell(each, _forgotten(scope))
             elif self._is_function(each, scope):
                 self._tell(each, "`{}` is not called, so nothing of it is done: write `{}()`")
             elif isinstance(each, ast.Call) and isinstance(made, Instance) and made.kind in USELESS:
@@ -181,13 +181,13 @@ class _Check:
                     return
             elif not (isinstance(target, ast.Attribute) and target.attr not in self._attributes.read):
                 return
-        self._tell(node.value, NOT_AWAITED)
+        self._tell(node.value, _forgotten(scope))
 
     def _returned(self, node: ast.Return, scope: NameScope) -> None:
         """What a law returns goes nowhere."""
         is_law = isinstance(scope.node, ast.FunctionDef) and scope.is_control
         if is_law and node.value is not None and isinstance(self._code.thing(node.value, scope), MadeSequence):
-            self._tell(node.value, NOT_AWAITED)
+            self._tell(node.value, _forgotten(scope))
 
     def _awaited(self, node: ast.Await, scope: NameScope) -> None:
         if self._is_sequence_function(node.value, scope):
@@ -227,7 +227,7 @@ class _Check:
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             self._truth(node.operand, scope)
         elif isinstance(self._code.thing(node, scope), MadeSequence):
-            self._tell(node, "`{}` is a sequence, which is always true: write `await {}`")
+            self._tell(node, f"`{{}}` is a sequence, which is always true: {_awaiting(scope)}")
         elif self._is_function(node, scope):
             self._tell(node, "`{}` is not called, and a function is always true: write `{}()`")
         elif self._values.is_state(node, scope):
@@ -244,7 +244,7 @@ class _Check:
         )
         for each in operands:
             if isinstance(self._code.thing(each, scope), MadeSequence):
-                self._tell(each, "`{}` is a sequence, not its result: write `await {}`")
+                self._tell(each, f"`{{}}` is a sequence, not its result: {_awaiting(scope)}")
             elif is_of_data and self._is_function(each, scope):
                 self._tell(each, "`{}` is not called, and a function is compared: write `{}()`")
 
@@ -326,10 +326,6 @@ class _Check:
             self._tell(node, f"`{{}}` is worked out once, before: write `{function}(lambda: {{}})`")
 
 
-NOT_AWAITED = (
-    "nobody awaits `{}`, so nothing of it is done; write `await` before it, or, where that is no sequence, "
-    "`cycle.start(...)` around it"
-)
 _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Expr, _Check._statement),
     (ast.Await, _Check._awaited),
@@ -345,6 +341,17 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Compare | ast.Match, _Check._states),
     (ast.Attribute, _Check._attribute),
 )
+
+
+def _forgotten(scope: NameScope) -> str:
+    """What is told of a sequence that is called in a function and that nobody awaits."""
+    function = scope.node
+    return forgotten("{}", getattr(function, "name", ""), in_sequence=isinstance(function, ast.AsyncFunctionDef))
+
+
+def _awaiting(scope: NameScope) -> str:
+    """What to write for the result of a sequence."""
+    return "write `await {}`" if isinstance(scope.node, ast.AsyncFunctionDef) else "await it in a sequence"
 
 
 def _dropped(node: ast.expr) -> Iterator[ast.expr]:

@@ -312,6 +312,8 @@ class connect(Generic[C]):
             finally:
                 self._end_custody(unreached, cause)  # while signals are still only noted: it is not to be interrupted
                 self._give_back()
+        if cause is None:  # an error may have kept what it has ended from awaiting it
+            not_awaited.tell_kept(self.root)
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping or showing
         if hindered:

@@ -203,19 +203,29 @@ class Insistence:
         self._raised = 0
         self._is_leaving = False
 
-    def begin(self, frame: FrameType | None) -> None:
-        """The first signal has come."""
-        self._find_call(standing_of(frame))
+    def begin(self, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
+        """The first signal has come. What is waited for is told at once; `machines`: those that further signals end,
+        none where a guardian does."""
+        standing = standing_of(frame)
+        self._find_call(standing)
+        if not machines:
+            return
+        if standing.call is not None:
+            _tell_call(frame, standing.call, _limit(machines))
+        elif standing.code is not None:
+            place = place_within(frame, standing.code)
+            say_without_waiting(printable(f"umo: asked to stop; {place} is under way: a second Ctrl-C ends it"))
+        else:
+            say_without_waiting("umo: asked to stop; a second Ctrl-C ends code that does not end by itself")
 
     def insist(self, number: int, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
         """A further signal has come."""
-        standing, limit = standing_of(frame, self._is_leaving), max((each.limit for each in machines), default=0.0)
+        standing, limit = standing_of(frame, self._is_leaving), _limit(machines)
         if standing.call is not None:
-            place = place_within(frame, standing.call)
             if self._find_call(standing) >= limit:
+                place = place_within(frame, standing.call)
                 self._end(number, f"a call of a driver does not end{_at(place)}", machines)
-            what = f"a call of a driver is under way{in_brackets(place)}"
-            say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
+            _tell_call(frame, standing.call, limit)
         if standing.code is None or self._is_leaving:
             return
         code, place = standing.code, place_within(frame, standing.code)
@@ -242,6 +252,17 @@ class Insistence:
             _leave_and_exit(number, what, machines)
         tell_in_a_line()
         raise Interrupted(what, number)
+
+
+def _limit(machines: Sequence[SignalledMachine]) -> float:
+    """Time in s after which a call of a driver of one of these hangs."""
+    return max((each.limit for each in machines), default=0.0)
+
+
+def _tell_call(frame: FrameType | None, call: FrameType, limit: float) -> None:
+    """A call of a driver is under way when a signal comes, and is not ended by it."""
+    what = f"a call of a driver is under way{in_brackets(place_within(frame, call))}"
+    say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
 
 
 def _at(place: str) -> str:

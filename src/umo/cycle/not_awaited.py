@@ -12,20 +12,25 @@ import ast
 import gc
 import inspect
 import linecache
+import logging
 import opcode
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import chain
 from threading import get_ident
 from types import CodeType, FrameType
 from typing import Any, TypeVar
 
-from umo.cycle.sequence_mistakes import calls_in
+from umo.cycle.sequence_mistakes import calls_in, forgotten
 from umo.errors import NotAwaited
-from umo.text import CodePlace, is_own, shown_place
+from umo.objects import Compound, walk
+from umo.system.streams import log_without_waiting
+from umo.text import CodePlace, is_own, printable, shown_place
 
+log = logging.getLogger("umo")
 Raising = TypeVar("Raising", bound=Callable[..., Any])
 _FUNNEL = "_warn_unawaited_coroutine"
 """The function of `warnings` that Python calls with each coroutine that nobody has awaited."""
@@ -115,7 +120,7 @@ class _Watch:
             return  # of several the first is told
         self.debugger = self.debugger or tracing
         _close_given(coroutine)
-        _Pending(_text(coroutine, origin), frame, partial(self._former, coroutine)).wait_in(frame)
+        _Pending(_text(coroutine, origin, frame), frame, partial(self._former, coroutine)).wait_in(frame)
 
 
 def _pass_over(coroutine: object) -> None:
@@ -147,18 +152,34 @@ def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
 def _may_await(origin: CodePlace) -> bool:
     """Whether the function that has called it gives it a name, and awaits that somewhere: an error has kept it from
     that, or it was not to be."""
-    try:
-        tree = ast.parse("".join(linecache.getlines(origin.file)))
-    except (SyntaxError, ValueError):
-        return False
-    functions = ast.FunctionDef | ast.AsyncFunctionDef
-    around = [each for each in ast.walk(tree) if isinstance(each, functions) and _has_line(each, origin.line)]
-    nodes = list(ast.walk(around[-1])) if around else []
+    function = _function_at(origin)
+    nodes = [] if function is None else list(ast.walk(function))
     named = (each.targets for each in nodes if isinstance(each, ast.Assign) and _has_line(each, origin.line))
     names = {each.id for targets in named for each in targets if isinstance(each, ast.Name)}
     awaited = (each.value for each in nodes if isinstance(each, ast.Await))
     given = (each for value in awaited for each in (value, *getattr(value, "args", ())))
     return any(isinstance(each, ast.Name) and each.id in names for each in given)
+
+
+def _function_at(place: CodePlace) -> ast.FunctionDef | ast.AsyncFunctionDef | None:
+    """The innermost function around a place; None: there is none, or its source cannot be read."""
+    try:
+        tree = ast.parse("".join(linecache.getlines(place.file)))
+    except (SyntaxError, ValueError):
+        return None
+    functions = ast.FunctionDef | ast.AsyncFunctionDef
+    around = [each for each in ast.walk(tree) if isinstance(each, functions) and _has_line(each, place.line)]
+    return around[-1] if around else None
+
+
+def _is_in_sequence(origin: CodePlace, frame: FrameType | None) -> bool:
+    """Whether a sequence has called it; a comprehension belongs to the function around it. Without the source the frame
+    that lets go of it tells."""
+    if origin.function == "<lambda>":
+        return False
+    if (function := _function_at(origin)) is not None:
+        return isinstance(function, ast.AsyncFunctionDef)
+    return frame is not None and bool(frame.f_code.co_flags & inspect.CO_COROUTINE)
 
 
 def _has_line(node: ast.stmt, line: int) -> bool:
@@ -190,6 +211,18 @@ def heard() -> Iterator[None]:
         end()
 
 
+def tell_kept(root: Compound) -> None:
+    """The sequences that attributes of a machine still have at its end, and that nobody has awaited, are told and
+    closed: nothing comes any more that would let go of them."""
+    parts = [each for each in (root, *walk(root)) if isinstance(each, Compound)]
+    values = [value for part in parts for value in vars(part).values()]
+    for each in chain.from_iterable(value if isinstance(value, list | tuple) else (value,) for value in values):
+        if inspect.iscoroutine(each) and inspect.getcoroutinestate(each) == inspect.CORO_CREATED:
+            if (origin := _origin(each)) is not None:
+                log_without_waiting(log, printable(_text(each, origin, None)))
+            each.close()
+
+
 def _origin(coroutine: Any) -> CodePlace | None:
     """Where it was called; None: that, and what was called, is not of the user's, or not known."""
     code: CodeType | None = getattr(coroutine, "cr_code", None)
@@ -199,16 +232,15 @@ def _origin(coroutine: Any) -> CodePlace | None:
     return CodePlace(*places[0])
 
 
-def _text(coroutine: Any, origin: CodePlace) -> str:
+def _text(coroutine: Any, origin: CodePlace, frame: FrameType | None) -> str:
+    """What is told of it. `frame`: the one that lets go of it, if one does."""
     name, code = coroutine.__name__, coroutine.cr_code
     if is_own(origin.file):  # umo has called what it takes for a plain function
         place = shown_place(CodePlace(code.co_filename, code.co_firstlineno, "<module>"))
         return f"{place}: `{name}` is a sequence, and what calls it does not wait: write `def {name}`"
     call = _call_in(linecache.getline(origin.file, origin.line), name)
-    return (
-        f"{shown_place(origin)}: nobody awaits `{call}`, so nothing of it is done; write `await` before it, or, where "
-        "that is no sequence, `cycle.start(...)` around it"
-    )
+    told = forgotten(call, origin.function, in_sequence=_is_in_sequence(origin, frame))
+    return f"{shown_place(origin)}: {told}"
 
 
 def _call_in(line: str, name: str) -> str:

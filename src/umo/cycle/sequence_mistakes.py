@@ -14,11 +14,23 @@ from typing import Any
 
 from umo.objects import Atomic
 from umo.objects.atomic import Binary
+from umo.objects.stored_names import MAKING
 from umo.states import TwoState, shown
 from umo.text import cut_repr, is_own, str_of
 
 AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 """Words of a message: what a sequence can await."""
+
+
+def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
+    """What is told of a sequence that a function has called and that nobody awaits. `in_sequence`: whether that
+    function is a sequence itself."""
+    instead = "write `await` before it" if in_sequence else "write `cycle.start(...)` around it"
+    if function in MAKING:
+        instead = f"nothing runs yet in `{function}`: await it in the application"
+    elif function == "<lambda>":
+        instead = "a `lambda` does not wait: await it in a sequence"
+    return f"nobody awaits `{call}`, so nothing of it is done; {instead}"
 
 
 def meant_await(error: BaseException) -> str:

@@ -154,15 +154,15 @@ def _caught(number: int, frame: FrameType | None) -> None:
     found = [flag for flag in connected() if flag.is_of_main_thread]
     first = [flag.is_first_signal() for flag in found]
     request_stop(number)
+    insists = all(flag.insists for flag in found)
+    machines = [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found] if insists else []
     if any(first):
         _insistence[:] = [Insistence()]
-        _insistence[0].begin(frame)
-    elif all(flag.insists for flag in found):
+        _insistence[0].begin(frame, machines)
+    elif insists:
         if not _insistence:  # it has interrupted the handler of the first one
             _insistence.append(Insistence())
-        _insistence[0].insist(
-            number, frame, [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found]
-        )
+        _insistence[0].insist(number, frame, machines)
 
 
 @contextmanager
