@@ -125,3 +125,18 @@ def test_what_nobody_drives_is_told_in_a_line(umo: Umo, rig: Rig, path: str, tol
     result = umo("why", "plant", path)
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["plant", "cell.valve", "--now"], "--now is about missed periods, cell.valve is an actuator"),
+        (["plant", "cell.valve", "--file", "kept.box"], "--file is about missed periods, cell.valve is an actuator"),
+        (["plant", "--file", "kept.box"], "--file: kept.box says itself of which station it is: leave plant out"),
+        (["--now", "--file", "kept.box"], "--now writes a black box, --file reads one"),
+    ],
+)
+def test_what_an_option_has_no_meaning_for_is_refused(umo: Umo, given: list[str], told: str) -> None:
+    result = umo("why", *given)
+    assert result.exit_code == 2
+    assert told in " ".join(result.stderr.split())

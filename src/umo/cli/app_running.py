@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from umo.errors import OptionError
+
 from .shared import HelpPanel, Take, WiringName, finite
 
 command = HelpPanel("Running stations")
@@ -382,6 +384,13 @@ def why(
 
     It tells the last faults of equipment too. With the path of an actuator: who drives it, why, and what comes next.
     """
+    option = "--now" if now else "" if file is None else "--file"
+    if option and path is not None:
+        raise OptionError(f"{option} is about missed periods, {path} is an actuator: give one of the two")
+    if now and file is not None:
+        raise OptionError("--now writes a black box, --file reads one: give one of the two")
+    if file is not None and station is not None:
+        raise OptionError(f"--file: {file} says itself of which station it is: leave {station} out")
     if station is not None and path is not None:
         from .claimed import show_claim
 

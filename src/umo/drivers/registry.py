@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
 from umo.errors import WiringError, text_of
+from umo.system.packages import registered
 from umo.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -24,10 +25,8 @@ GROUP = "umo.drivers"
 @cache
 def known() -> dict[str, list[EntryPoint]]:
     """The registered drivers by name; none is imported. A name with several entry points stands for none of them."""
-    from importlib.metadata import entry_points  # a sixth of what importing umo took
-
     found: dict[str, dict[str, EntryPoint]] = {}
-    for point in sorted(entry_points(group=GROUP)):
+    for point in registered(GROUP):
         found.setdefault(point.name, {})[point.value] = point
     return {name: list(points.values()) for name, points in found.items()}
 

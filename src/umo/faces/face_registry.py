@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import importlib
-from importlib.metadata import entry_points
 
 from umo.errors import OptionError, text_of
 from umo.faces.face import Face
+from umo.system.packages import registered
 from umo.text import did_you_mean
 
 GROUP = "umo.faces"
@@ -18,7 +18,7 @@ class FaceNotInstalled(OptionError):
 
 def known_faces() -> dict[str, str]:
     """The registered faces by name, each `module:Class`; none is imported."""
-    return {point.name: point.value for point in sorted(entry_points(group=GROUP))}
+    return {point.name: point.value for point in registered(GROUP)}
 
 
 def find_face(name: str) -> type[Face]:

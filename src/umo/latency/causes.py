@@ -20,6 +20,7 @@ from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
 from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text
+from umo.text import count_of
 
 CAUSE_SHARE = 0.5
 """Share of the excess that a counter of time has to explain to be the cause."""
@@ -127,7 +128,7 @@ def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: i
     lines = [always] if always else []
     for verdict in verdicts[-most:]:
         row = frames[verdict.row]
-        missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
+        missed = f"{count_of(verdict.missed, 'period')} missed"
         lines.append(f"{missed} before {clock_text(row['time'], period)} (period {row['number']}): {verdict.text}")
     if len(verdicts) > 1:
         counted = Counter(verdict.cause.value for verdict in verdicts).most_common()

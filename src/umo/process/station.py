@@ -14,7 +14,7 @@ from typing import Any
 from umo.cycle.not_awaited import heard
 from umo.errors import DeclarationError, UmoError, text_of
 from umo.objects import Compound
-from umo.system.packages import MARK, SHIPPED, package_of
+from umo.system.packages import MARK, SHIPPED, package_of, registered
 from umo.text import did_you_mean, in_brackets, shown_place
 from umo.user_code import definition, is_interrupt, told_as
 
@@ -140,9 +140,7 @@ def packaged(name: str) -> Path | None:
     of the group `umo.stations`: the name, and the station's package); None: there is none."""
     if (folder := shipped().get(name)) is not None:
         return folder
-    from importlib.metadata import entry_points  # a sixth of what importing umo took
-
-    for point in entry_points(group=GROUP, name=name):
+    for point in registered(GROUP, name=name):
         with told_as(StationError, f"the installed station {name!r} ({point.value}) cannot be imported"):
             spec = importlib.util.find_spec(point.value)
         for place in (spec.submodule_search_locations or ()) if spec else ():

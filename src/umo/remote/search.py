@@ -11,6 +11,7 @@ from typing import Any, cast
 
 from umo.errors import FramesError, UmoError, text_of
 from umo.frames import Reader, rings
+from umo.system.packages import registered
 from umo.text import did_you_mean
 
 FINDERS = "umo.finders"
@@ -80,9 +81,7 @@ def find_elsewhere(name: str) -> Reader | None:
     """The frames of a station on another computer, by the first finder that knows such names; None: none does."""
     if "/" not in name:
         return None
-    from importlib.metadata import entry_points  # a sixth of what importing umo took
-
-    for point in sorted(entry_points(group=FINDERS)):
+    for point in registered(FINDERS):
         try:
             find = point.load()
         except ModuleNotFoundError as error:

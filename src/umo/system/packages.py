@@ -1,4 +1,5 @@
-"""Folders imported as packages: the modules of a station import one another by relative imports."""
+"""Folders imported as packages: the modules of a station import one another by relative imports. And what installed
+packages register."""
 
 from __future__ import annotations
 
@@ -7,6 +8,10 @@ import re
 import sys
 from importlib.machinery import ModuleSpec
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 SHIPPED = Path(__file__).resolve().parents[1] / "stations"
 PREFIX = "umo_station_"
@@ -33,6 +38,14 @@ def station_of(file: Path) -> Path | None:
     """The folder of the station that a file belongs to: its folder, or the one above."""
     parents = file.resolve().parents
     return next((folder for folder in parents[:2] if (folder / MARK).is_file()), None)
+
+
+def registered(group: str, name: str | None = None) -> list[EntryPoint]:
+    """The entry points that installed packages register in a group, or those of one name in it, sorted. None is
+    imported."""
+    from importlib.metadata import entry_points  # a sixth of what importing umo took
+
+    return sorted(entry_points(group=group) if name is None else entry_points(group=group, name=name))
 
 
 def _make(name: str, folder: Path) -> None:

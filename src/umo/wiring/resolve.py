@@ -45,6 +45,7 @@ from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
 from umo.signature import signature_of
 from umo.system.packages import station_of
+from umo.text import count_of
 from umo.wiring.controller_table import check_controllers, give_to_controllers
 from umo.wiring.fault_binding import inject
 from umo.wiring.linearization_table import from_table
@@ -84,7 +85,7 @@ def resolve(
     if mistakes:
         in_wiring = any(not each.file.startswith(FAULT_OPTION) for each in mistakes)
         where = "the wiring" if in_wiring else FAULT_OPTION.strip()
-        raise WiringError(f"{len(mistakes)} mistake{'s' * (len(mistakes) > 1)} in {where}", mistakes)
+        raise WiringError(f"{count_of(len(mistakes), 'mistake')} in {where}", mistakes)
     return wired
 
 
