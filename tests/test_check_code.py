@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
+from helpers import shown_code
 from helpers.checked_code import own_modules, told
 from helpers.machines import TEMPLATE
+from umo import Compound
+from umo.cli.code_check import mistakes_of
 from umo.process.station import Station, find, shipped
 
 Told = dict[str, list[str]]
@@ -409,6 +413,25 @@ def test_an_annotation_that_only_type_checkers_import_is_known(tmp_path: Path, p
 def test_the_stations_that_ship_have_none(name: str, tmp_path: Path):
     station = find(name) if name != "template" else find(shutil.copytree(TEMPLATE, tmp_path / "mine"))
     assert told(station) == []
+
+
+class NoMachine(Compound):
+    """In the place of a machine."""
+
+
+@pytest.mark.slow
+def test_no_code_that_is_shown_is_accused(tmp_path: Path):
+    """That of README, docs and docstrings; what is shown as a mistake is found."""
+    modules = [*shown_code.pages(tmp_path), *shown_code.docstrings(tmp_path)]
+    assert len(modules) > 50
+    found: list[str] = []
+    for module in modules:
+        machine = shown_code.machine_of(module)
+        main = None if machine is None else getattr(module, "main", None)
+        found += [str(each) for each in mistakes_of([module], machine or NoMachine(), main)]
+        del sys.modules[module.__name__]
+    (of_sequences,) = found
+    assert re.search(r"docs_howto_sequences.py:\d+: nobody awaits `fill\(m, 60.0\)`", of_sequences)
 
 
 def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path, umo: Callable[..., Result]):

@@ -92,7 +92,15 @@ def test_advice_is_given_only_for_what_is_not_as_it_should_be(monkeypatch: pytes
     refused = Refusal("memory is not locked", "ulimit -l is 64 kB", "`me - memlock unlimited`")
     monkeypatch.setattr("umo.latency.verdict.is_built", lambda: False)
     lines = "\n".join(advice(measured([50.0], refusals=(refused,)), bad, cores=1))
-    for word in ("extension in C", "memlock unlimited", "PREEMPT_RT", "powersave", "virtual machine", "one core"):
+    for word in (
+        "extension in C",
+        "two writers of one actuator are not told",
+        "memlock unlimited",
+        "PREEMPT_RT",
+        "powersave",
+        "virtual machine",
+        "one core",
+    ):
         assert word in lines
 
 

@@ -436,12 +436,17 @@ def _of_value(value: Any) -> Thing | None:
     return Holding(Instance(kinds.pop()) if len(kinds) == 1 else None, isinstance(value, Mapping))
 
 
+def _is_protocol(kind: type) -> bool:
+    """Whether it says what an object has, and not of which class it is."""
+    return bool(getattr(kind, "_is_protocol", False))
+
+
 def of_hint(hint: Any) -> Thing | None:
     """What has this annotation."""
     if isinstance(hint, TypeVar):
         return of_hint(hint.__bound__)
     if isinstance(hint, type) and get_origin(hint) is None:
-        return None if hint in (Any, NoneType, object) else Instance(hint)
+        return None if hint in (Any, NoneType, object) or _is_protocol(hint) else Instance(hint)
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return of_hint(arguments[0])
@@ -449,7 +454,7 @@ def of_hint(hint: Any) -> Thing | None:
         others = [each for each in arguments if each is not NoneType]
         found = of_hint(others[0]) if len(others) == 1 else None
         return found._replace(optional=True) if isinstance(found, Instance) else found
-    if not isinstance(origin, type):
+    if not isinstance(origin, type) or _is_protocol(origin):
         return None
     if issubclass(origin, Coroutine):
         return MadeSequence(of_hint(arguments[-1]) if arguments else None)
