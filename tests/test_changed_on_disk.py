@@ -18,6 +18,7 @@ from helpers.waiting import until
 from umo import connect, published
 from umo.cycle.stage import Stage
 from umo.frames import Reader
+from umo.process import source_files
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
 from umo.process.source_files import ChangedFile, changed_files, changed_text
@@ -122,6 +123,30 @@ def test_a_file_of_the_same_length_and_time_is_seen_to_differ_by_its_content(pre
     os.utime(press / "new.py", ns=times)
     (press / "new.py").replace(file)  # as an editor does
     assert changed() == [ChangedFile("laws.py", False)]
+
+
+def test_a_file_that_is_changed_in_its_place_and_given_its_former_time_differs(press: Path) -> None:
+    file = press / "laws.py"
+    assert changed() == []  # its content is known to whoever asks
+    before, text = file.stat(), file.read_text()
+    file.write_text(text.replace("1", "2"))
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (file.stat().st_size, file.stat().st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+    assert changed() == [ChangedFile("laws.py", False)]
+
+
+@pytest.mark.parametrize("change", ["longer", "earlier"])
+def test_of_a_large_file_the_beginning_and_the_size_count(
+    press: Path, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    monkeypatch.setattr(source_files, "MAX_FILE_BYTES", 10)
+    source_files._digest_of.cache_clear()
+    file = press / "large.py"
+    file.write_text("0123456789 and more")
+    before = source_files.digest_of(str(file))
+    file.write_text("0123456789 and much more" if change == "longer" else "0123456780 and more")
+    assert source_files.digest_of(str(file)) != before
+    source_files._digest_of.cache_clear()
 
 
 def test_a_file_that_is_gone_is_told_so(press: Path) -> None:

@@ -20,7 +20,7 @@ from umo.objects import Compound
 from umo.text import INSTALLED, is_users, printable, shown_path, some
 
 MAX_FILE_BYTES = 8 << 20
-"""Bytes of a larger file that count: a run waits for the hashes."""
+"""Bytes of a larger file that count, beside its size: a run waits for the hashes."""
 
 
 def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, str]:
@@ -123,16 +123,20 @@ def digest_of(file: str) -> str:
     """SHA-256 in hex, its first 32 digits; empty if the file cannot be read."""
     try:
         stat = Path(file).stat()
-        return _digest_of(file, stat.st_mtime_ns, stat.st_size, stat.st_ino)
+        return _digest_of(file, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino)
     except (OSError, ValueError):
         return ""
 
 
 @lru_cache(maxsize=1000)
-def _digest_of(file: str, *version: int) -> str:
-    """The content is read again only where time, size or place of the file are others: the page asks every second."""
+def _digest_of(file: str, size: int, *version: int) -> str:
+    """The content is read again only where size, times or place of the file are others: the page asks every second.
+    Who copies may set the time of a change, but not the second one, that of the file's entry."""
     with Path(file).open("rb") as stream:
-        return hashlib.sha256(stream.read(MAX_FILE_BYTES)).hexdigest()[:32]
+        content = hashlib.sha256(stream.read(MAX_FILE_BYTES))
+    if size > MAX_FILE_BYTES:
+        content.update(str(size).encode())
+    return content.hexdigest()[:32]
 
 
 def _shown(file: str, place: str) -> str:
