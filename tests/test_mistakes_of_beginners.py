@@ -1,16 +1,21 @@
-"""Thirty and more mistakes, as a beginner makes them: each is answered with its place, the reason and what to write."""
+"""Forty and more mistakes, as a beginner makes them: each is answered with its place, the reason and what to write."""
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from helpers.checked_code import own_modules, told
-from helpers.machines import TEMPLATE
-from umo import BinaryActuator, Compound, DigitalSensor
+from helpers.machines import TEMPLATE, bench
+from umo import BinaryActuator, Compound, DigitalSensor, run
+from umo.cli.code_check import mistakes_of
+from umo.control import wait
 from umo.errors import DeclarationError, StateError
 from umo.objects.units import check_unit
 from umo.process.station import declared, find
@@ -40,6 +45,19 @@ from umo.control import PID, next_period, timeout, together, unless, until
 from umo.states import OpenClosed
 """
 SEQUENCE = {
+    "print(f'{m.level.read} mm')": "`m.level.read` is not called, and stands for no value: write `m.level.read()`",
+    "print(m.level.read)": "`m.level.read` is not called, and stands for no value",
+    "x = 1.0 + m.level.read": "`m.level.read` is not called, and stands for no value",
+    "task = m.cycle.start(m.fill(3.0))\nwhile not task.done:\n    pass": (
+        "`not task.done` stays what it is while no period passes: write `await until(lambda: ...)`"
+    ),
+    "m.cycle.progress = 'filling'": "`m.cycle.progress` is a function: write `m.cycle.progress(...)`",
+    "await (m.fill(3.0), m.empty(20.0))": (
+        "`(m.fill(3.0), m.empty(20.0))`: several sequences are awaited by `await together(...)`"
+    ),
+    "x = m.cycle.start(m.fill(3.0)).result": (
+        "`m.cycle.start(m.fill(3.0)).result` is None, as the sequence has only been started"
+    ),
     "x = 2.0 * m.level": "`m.level` is an object, not its value: write `m.level.read()`",
     "m.inlet.write('on')": "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not 'on'",
     "m.inlet.write(True)": "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not True",
@@ -90,6 +108,9 @@ SEQUENCE = {
 }
 """What a beginner writes in a sequence, and what `umo check` tells of it."""
 CLASS = {
+    "    def control(self) -> None:\n        Hysteresis(self.a, self.b, 1, low=0, high=1).control()\n": (
+        "`Hysteresis(self.a, self.b, 1, low=0, high=1)` is made anew in each period, so it remembers nothing: make it"
+    ),
     "    def contol(self) -> None:\n        pass\n": "nobody calls `contol`: umo calls `control`",
     "    def interlock(self) -> None:\n        pass\n": "nobody calls `interlock`: umo calls `interlocks`",
     "    def helper() -> None:\n        pass\n": "`helper` takes no object: write `def helper(self)`",
@@ -100,6 +121,13 @@ CLASS = {
 }
 """The same in a class."""
 RIGHT = [
+    "print(f'{m.level.read()} mm', m.level)",
+    "task = m.cycle.start(m.fill(3.0))\nawait task\nm.target = task.result",
+    "task = m.cycle.start(m.fill(3.0))\nwhile not task.done:\n    await next_period()",
+    "waiting = [3.0]\nwhile waiting:\n    m.aim(waiting.pop())",
+    "waiting = [3.0]\nwhile waiting.pop():\n    pass",
+    "m.band = 3.0",
+    "m.cycle.start(m.fill(3.0)).cancel()",
     "m.target = m.cycle.random.random()",
     "generator = np.random.default_rng(7)\nm.target = generator.normal()",
     "print(time.time())",
@@ -158,6 +186,34 @@ def test_check_finds_it_with_what_to_write(found: dict[str, list[str]], code: st
 @pytest.mark.parametrize("code", ["", *RIGHT])
 def test_what_is_right_is_not_accused(found: dict[str, list[str]], code: str) -> None:
     assert found[code] == []
+
+
+async def without_machine() -> None:
+    pass
+
+
+async def of_keywords(*, speed: float = 1.0) -> None:
+    pass
+
+
+@pytest.mark.parametrize("application", [without_machine, of_keywords])
+def test_an_application_that_takes_no_machine_is_told_what_to_write(application: Any) -> None:
+    name, line = application.__name__, application.__code__.co_firstlineno
+    told_of_it = f"{name} takes no machine, as an application does: write `async def {name}(m)`"
+    place = f"tests/test_mistakes_of_beginners.py:{line}"
+    for given in (application, partial(application)):  # as a command has it
+        with pytest.raises(DeclarationError, match=rf"^{re.escape(told_of_it)} \({re.escape(place)}\)$"):
+            run(bench(), None, given)
+    (mistake,) = mistakes_of([], bench(), application)
+    assert str(mistake) == f"{place}: {told_of_it}"
+
+
+def test_several_sequences_after_an_await_are_told_how_they_are_awaited() -> None:
+    async def application(m: Any) -> None:
+        await (wait("1 ms"), wait("2 ms"))  # type: ignore[misc]
+
+    with pytest.raises(TypeError, match=r"several sequences are awaited by `await together\(\.\.\.\)`"):
+        run(bench(), None, application)
 
 
 class Valve(Compound):

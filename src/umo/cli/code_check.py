@@ -17,13 +17,14 @@ from typing import Any
 
 from umo.alarms import Alarm
 from umo.control import Lock, first, timeout, together, unless, until
-from umo.cycle.sequence_mistakes import called_name, forgotten
+from umo.cycle.sequence_mistakes import called_name, forgotten, no_machine
 from umo.errors import Mistake
 from umo.objects import Compound, Interlock, link
 from umo.objects.atomic import Binary
 from umo.objects.stored_names import MAKING
 from umo.process.station import Station
-from umo.text import shown_path
+from umo.text import shown_path, shown_place
+from umo.user_code import definition
 
 from . import code_control, code_periods
 from .code_states import CodeObjects
@@ -50,6 +51,8 @@ BLOCKING = (time.sleep, builtins.input)
 """What waits without letting periods pass."""
 SEQUENCES = (together, first, link.Cycle.start)
 """What takes sequences only."""
+SHOWING = (print, str, repr, float, int, round, abs, sum)
+"""Functions of Python that use values."""
 ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 """Comparisons that no functions have."""
 VALUES = (ast.Compare, ast.UnaryOp, ast.Constant, ast.JoinedStr)
@@ -67,7 +70,9 @@ def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list
     trees = {module: ast.parse(source) for module, source in sources.items()}
     names = _Attributes(trees.values())
     objects = Objects(machine, modules, names.changing)
-    found: list[Mistake] = []
+    found = (
+        [Mistake(shown_place(definition(main)), "", text)] if main is not None and (text := no_machine(main)) else []
+    )
     for module, tree in trees.items():
         code = ModuleCode(module, tree, objects, main)
         check = _Check(code, sources[module], names, CodeObjects(code, objects))
@@ -183,6 +188,16 @@ class _Check:
                 return
         self._tell(node.value, _forgotten(scope))
 
+    def _replaced(self, node: ast.Assign, scope: NameScope) -> None:
+        """A value is assigned to what is a function."""
+        targets = [each for each in node.targets if isinstance(each, ast.Attribute)]
+        for target in targets if isinstance(node.value, VALUES) else ():
+            of = self._code.thing(target.value, scope)
+            if isinstance(of, Instance) and isinstance(
+                inspect.getattr_static(of.kind, target.attr, None), FunctionType
+            ):
+                self._tell(target, "`{}` is a function: write `{}(...)`")
+
     def _returned(self, node: ast.Return, scope: NameScope) -> None:
         """What a law returns goes nowhere."""
         is_law = isinstance(scope.node, ast.FunctionDef) and scope.is_control
@@ -190,6 +205,8 @@ class _Check:
             self._tell(node.value, _forgotten(scope))
 
     def _awaited(self, node: ast.Await, scope: NameScope) -> None:
+        if isinstance(node.value, ast.Tuple | ast.List | ast.ListComp):
+            self._tell(node.value, "`{}`: several sequences are awaited by `await together(...)`")
         if self._is_sequence_function(node.value, scope):
             self._tell(node.value, "`{}` is not called: write `await {}()`")
 
@@ -214,6 +231,33 @@ class _Check:
     def _is_reading(self, node: ast.Call, scope: NameScope) -> bool:
         of = self._code.atomic(node.func.value, scope) if isinstance(node.func, ast.Attribute) else None
         return of is not None and called_name(node) == "read"
+
+    def _stays(self, node: ast.While, scope: NameScope) -> None:
+        """A loop of a sequence in which nothing is done, and that asks what no call tells."""
+        is_idle = all(isinstance(each, ast.Pass | ast.Continue) for each in node.body)
+        asks = not any(isinstance(each, ast.Call | ast.Await | ast.NamedExpr) for each in ast.walk(node.test))
+        if (
+            is_idle
+            and asks
+            and not isinstance(node.test, ast.Constant)
+            and isinstance(scope.node, ast.AsyncFunctionDef)
+        ):
+            self._tell(node.test, "`{}` stays what it is while no period passes: write `await until(lambda: ...)`")
+
+    def _used(self, node: Any, scope: NameScope) -> None:
+        """What is calculated with, or shown, in an expression."""
+        for each in [node.value] if isinstance(node, ast.FormattedValue) else [node.left, node.right]:
+            self._value_of_function(each, scope)
+
+    def _value_of_function(self, node: ast.expr, scope: NameScope) -> None:
+        if self._is_function(node, scope):
+            self._tell(node, "`{}` is not called, and stands for no value: write `{}()`")
+
+    def _result(self, node: ast.Attribute, scope: NameScope) -> None:
+        """The result of a sequence that has only been started."""
+        is_of_call = node.attr == "result" and isinstance(node.value, ast.Call)
+        if is_of_call and self._code.value(node.value.func, scope) is link.Cycle.start:  # type: ignore[attr-defined]
+            self._tell(node, "`{}` is None, as the sequence has only been started: write `await` before its call")
 
     def _filters(self, node: ast.comprehension, scope: NameScope) -> None:
         for each in node.ifs:
@@ -283,6 +327,9 @@ class _Check:
         given = [each for each in node.args if not isinstance(each, ast.Starred)]
         if any(value is each for each in BLOCKING) and scope.is_control:
             self._tell(node, "`{}` stops the whole machine: write `await wait(...)` in a sequence")
+        if any(value is each for each in SHOWING):
+            for each in given:
+                self._value_of_function(each, scope)
         if any(value is each for each in SEQUENCES):
             for each in given:
                 if self._is_sequence_function(each, scope):
@@ -331,9 +378,13 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Await, _Check._awaited),
     (ast.With, _Check._block),
     (ast.Assign, _Check._assigned),
+    (ast.Assign, _Check._replaced),
     (ast.Return, _Check._returned),
     (ast.If | ast.While | ast.IfExp | ast.Assert, _Check._test),
     (ast.While, _Check._turns),
+    (ast.While, _Check._stays),
+    (ast.FormattedValue | ast.BinOp, _Check._used),
+    (ast.Attribute, _Check._result),
     (ast.comprehension, _Check._filters),
     (ast.Compare, _Check._compared),
     (ast.Call, _Check._called),

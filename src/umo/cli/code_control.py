@@ -38,6 +38,8 @@ ASYNCIO: Mapping[Any, str] = {
 NAME_IT = "name the errors that are expected, as in `except TaskFailed:`"
 HOOKS = ("control", "setup", "interlocks")
 """What a class may have for umo to call."""
+SIMPLE = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Return)
+"""Statements that have no others in them."""
 CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
 """What changes a container."""
 
@@ -86,11 +88,28 @@ def _called(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
         of = code.thing(node.func.value, scope)
         if isinstance(of, Instance) and issubclass(of.kind, Compound) and value is vars(Compound).get(node.func.attr):
             yield node, "`{}`: the cycle does this in each period: leave it out"
+    if _is_law(value) and _is_in_each_period(node, scope):
+        yield node, "`{}` is made anew in each period, so it remembers nothing: make it in `setup`"
     if value is threading.Thread:
         yield from _thread(code, node, scope)
     for each, instead in ASYNCIO.items():
         if value is each:
             yield node, f"`{{}}`: asyncio cannot be used in a sequence: write {instead}"
+
+
+def _is_law(value: Any) -> bool:
+    """Whether it is the class of a control law of umo."""
+    if not isinstance(value, type) or issubclass(value, Compound) or not value.__module__.startswith("umo.control."):
+        return False
+    return hasattr(value, "step") or hasattr(value, "control")
+
+
+def _is_in_each_period(node: ast.Call, scope: NameScope) -> bool:
+    """Whether a law makes this call in each period, under no condition."""
+    if not isinstance(scope.node, ast.FunctionDef):
+        return False
+    statements = (each for each in scope.node.body if isinstance(each, SIMPLE))
+    return any(node is inner for each in statements for inner in ast.walk(each))
 
 
 def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:

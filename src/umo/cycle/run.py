@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Mapping
+from functools import partial
 from inspect import isasyncgen
 from pathlib import Path
 from typing import Any, Concatenate, TypeVar
@@ -11,6 +12,7 @@ from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.cycle.insisting import tell_in_a_line
 from umo.cycle.not_awaited import expects_errors
+from umo.cycle.sequence_mistakes import no_machine
 from umo.cycle.stopping import in_main_thread, signal_name
 from umo.errors import DeclarationError, Interrupted, text_of
 from umo.objects import Compound, DigitalSensor, children
@@ -96,10 +98,15 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
 
 
 def _sequence_of(application: Application[C], m: C, options: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
-    """DeclarationError for an application that is a plain function: it has done all its work already."""
+    """DeclarationError for an application that takes no machine, or is a plain function: it has done all its work
+    already."""
+    function = application.func if isinstance(application, partial) else application
+    place = in_brackets(shown_place(definition(function)))
+    if text := no_machine(function):
+        raise DeclarationError(f"{text}{place}")
     sequence = application(m, **options)
     if not isinstance(sequence, Coroutine):
-        name, place = getattr(application, "__name__", "it"), in_brackets(shown_place(definition(application)))
+        name = getattr(function, "__name__", "it")
         why = "there is a `yield` in it" if isasyncgen(sequence) else f"write `async def {name}`"
         raise DeclarationError(f"{name} is not a sequence, as an application is: {why}{place}")
     return sequence

@@ -33,6 +33,19 @@ def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
     return f"nobody awaits `{call}`, so nothing of it is done; {instead}"
 
 
+def no_machine(application: Any) -> str:
+    """What is told of an application that cannot be given the machine, its first argument; "": it can, or that is not
+    known."""
+    try:
+        given = list(inspect.signature(application).parameters.values())
+    except (TypeError, ValueError):
+        return ""
+    if given and given[0].kind not in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.VAR_KEYWORD):
+        return ""
+    name = getattr(application, "__name__", "it")
+    return f"{name} takes no machine, as an application does: write `async def {name}(m)`"
+
+
 def meant_await(error: BaseException) -> str:
     """What is wrong with an `await`, of which Python tells less; "": something else is wrong."""
     text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
@@ -42,6 +55,8 @@ def meant_await(error: BaseException) -> str:
         return ""
     if text.startswith(("object method", "object function")):
         return f"{text}: it is not called; write `await ...()`"
+    if text.startswith(("object tuple", "object list")):
+        return f"{text}; several sequences are awaited by `await together(...)`"
     return f"{text}; {AWAITABLE_HINT}"
 
 
