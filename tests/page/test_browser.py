@@ -237,6 +237,8 @@ def test_who_works_an_actuator_by_client_is_named_beside_it(page: Any, monkeypat
     with running(), serving() as served:
         page.goto(served.url + "#view=machine")
         page.locator('tr[data-path="valve"]').get_by_text("by client: Ann (page, ::1)").wait_for()
+        driver = page.locator('tr[data-path="valve"] .value').get_attribute("title")
+        assert driver.startswith("Driven by a client: Ann (page, ::1). Writes of the program are refused.")
 
 
 @pytest.mark.full
