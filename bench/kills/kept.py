@@ -126,7 +126,7 @@ def wrong_moment(values: KeptValues | str | None, journal: Journal, allowed: flo
     if (found := journal.at(values.period)) is None:
         return f"kept values of the period {values.period}, which the machine did not have"
     _, expected = found
-    if wrong := _difference(_of_file(values), expected):
+    if wrong := _difference(_of_file(values), expected, stops=last - values.period <= 1):
         return f"kept values are not those of their period: {wrong}"
     if allowed:
         old = age(values, journal)
@@ -157,8 +157,9 @@ def _number(value: Any) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _difference(found: Mapping[str, Mapping[str, Any]], expected: Row) -> str:
-    """The values that are not the same, in words; "": all are."""
+def _difference(found: Mapping[str, Mapping[str, Any]], expected: Row, stops: bool = False) -> str:
+    """The values that are not the same, in words; "": all are. `stops`: the run may have been stopped between the two
+    looks at this period, from when on a unit says that it is stopped."""
     from umo.operation import PackMLState, ProcedureState
     from umo.operation.model import title
 
@@ -169,6 +170,8 @@ def _difference(found: Mapping[str, Mapping[str, Any]], expected: Row) -> str:
             wanted: Any = row.get(path)
             if section == "states" and wanted is not None:
                 wanted = title((PackMLState if path.startswith("filler") else ProcedureState)(int(wanted)))
+                if stops and "stopped" in (wanted, there.get(path)):
+                    continue
             if there.get(path, 0.0 if section == "alarms" else None) != wanted:
                 told.append(f"{section} {path} {there.get(path)} in place of {wanted}")
     return ", ".join(told)[:MOST_SAID]
