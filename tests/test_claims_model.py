@@ -43,6 +43,7 @@ from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.command_stage import Command, CommandStage
+from umo.cycle.deliveries import AtOnce
 from umo.cycle.events import CommandState
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
@@ -424,7 +425,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "what is not restored is not told": (CommandStage.go_on, "self.events.add(", "(lambda event, logged: None)("),
     "resting takes from a client": (Resting.begin, "if not image.commands.client_of(slot)", ""),
     "what holds is acknowledged": (Inhibition.acknowledge, "if not self.held:", "if True:"),
-    "an owed default is forgotten": (Image._keep_unsent, "if at_default", "if False"),
+    "an owed default is forgotten": (AtOnce.refused, "self.owed.add if", "self.owed.discard if"),
     "a rate counts for an owed default": (Image._was_reset, "self.stepped[slot] = inf", "pass"),
     "a Vector asks nobody": (Image.write_many, "np.count_nonzero(self.columns.restrictions[slots])", "False"),
     "an interlock does not stop the program": (Command.admits, 'each.interlock.effect == "stop"', "False"),
@@ -436,7 +437,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "what was written is lost with a device": (
         Image._goes_on_from_default, "self._give_default(slot)", "self._give_default(slot); self.set_default(slot)"
     ),
-    "each attempt is the first one": (Image._is_sent_again, "self.unconfirmed.setdefault(slot, now)", "now"),
+    "each attempt is the first one": (AtOnce.is_sent_again, "self.unconfirmed.setdefault", "(lambda slot, now: now)"),
     "it latches before the first period": (CommandStage._interlocked, "self._image.clock.number > 0", "True"),
     "a late output does not expire": (CommandStage.expire, "self._expired(", "len("),
 }  # fmt: skip

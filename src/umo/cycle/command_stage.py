@@ -22,7 +22,6 @@ from umo.cycle.events import Event, Paths, of_several
 from umo.cycle.image import Image, ToDefault
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
-from umo.drivers.contract import Direction
 from umo.errors import Failure, Interlocked
 from umo.objects import Actuator, Atomic, Compound, atoms
 from umo.objects.claims import TAKEN, Claim, Rank
@@ -142,8 +141,7 @@ class CommandStage:
         self.noted: set[int] | None = None
         """The actuators that were written since `note_writes`; None: they are not noted."""
         self._numbers: dict[str, int] = {}
-        outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
-        asked = (slot for slot, item in outputs if not item.synchronous)
+        asked = (slot for slot in self.order if image.deliveries[slot].at_once)
         self._unrestricted = np.zeros(len(image.items), np.uint8)
         """The column `restrictions` while nothing is inhibited and no client has taken an actuator."""
         self._unrestricted[[*asked, *(command.slot for command in self._expiring)]] = ASKED
@@ -382,9 +380,9 @@ class CommandStage:
     def evaluate(self) -> None:
         """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order.
         DriverError if a device did not accept its default; the reset is retried in every period."""
-        if not (self.by_slot or self._image.unsent):
+        if not (self.by_slot or self._image.at_once.owed):
             return
-        due = self._image.unsent | self._interlocked()
+        due = self._image.at_once.owed | self._interlocked()
         due |= self._expired(due)
         if due:
             self._image.reset_some([slot for slot in self.order if slot in due])

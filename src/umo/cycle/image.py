@@ -1,4 +1,4 @@
-"""The process image: the slots of a connected machine (`slots.py`), and their way to and from the drivers.
+"""The process image: the slots of a connected machine (`slots.py`, `deliveries.py`), and their way to and from drivers.
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
 after it (`conversion.py`). What moves goes through the transfer stage. What control code writes goes straight into the
@@ -16,7 +16,7 @@ import numpy as np
 
 from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
-from umo.cycle.slots import Slots
+from umo.cycle.deliveries import ImageOutputs
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction, WaitEnded
@@ -64,7 +64,7 @@ def raise_failures(what: str, failures: Sequence[Failure]) -> None:
     raise DriverError(what, failures)
 
 
-class Image(Slots):
+class Image(ImageOutputs):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate
@@ -127,15 +127,14 @@ class Image(Slots):
         what = "could not be read"
         if self.found:
             failures, self.found = [*self.found, *failures], []
-        for slot in tuple(self.unconfirmed):
-            if self.quality[slot] == Quality.STALE and (unsent := self.try_send(slot)):
-                what = "could not be written or read"
-                failures += unsent
+        if self.at_once.unconfirmed and (unsent := self.at_once.send_again()):
+            what = "could not be written or read"
+            failures += unsent
         self._log_marked()
         if failures:
             self.fail(what, failures)
         good = not any(self.quality[self.sampled])
-        self.sampled_good = None if self.unconfirmed else good
+        self.sampled_good = None if self.at_once.unconfirmed else good
         return good
 
     def update(self, blocks: Sequence[Block] | None = None, dt: float | None = None) -> bool:
@@ -247,7 +246,7 @@ class Image(Slots):
         if not self.commands.accept(slot, value, source):
             return False
         self.pending[slot] = value
-        if not self.items[slot].synchronous and (failures := self.try_send(slot)):
+        if failures := self.deliveries[slot].written(slot):
             self.fail("could not be written", failures)
             return False
         return True
@@ -257,27 +256,6 @@ class Image(Slots):
         taken = self.command(slot, value)
         self.hasten(slot)
         return taken
-
-    def try_send(self, slot: int) -> list[Failure]:
-        """Send the pending value of one asynchronous actuator to the hardware, now."""
-        failures: list[Failure] = []
-        if slot in self.elsewhere and self.elsewhere[slot].is_ordered(slot):
-            return failures
-        value, raw = self.pending[slot], self.transfer.defaults[slot]
-        if value != self._defaults[slot]:
-            try:
-                raw = self.wires[slot].raw(value)
-            except Exception as error:  # of a linearization of the user's
-                self._unconverted(slot, error, failures)
-                return failures
-        self.sent[slot], self.sent_raws[slot] = value, raw
-        try:
-            self.transfer.write(slot, self.sent_raws[slot])
-        except FAILURES as error:
-            self.fail_output(slot, cause_of_failure(error), failures)
-        else:
-            self.accepted(slot)
-        return failures
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots, all synchronous or none.
@@ -289,7 +267,7 @@ class Image(Slots):
         elif self.writes.write_many(slots, values):  # asynchronous ones are restricted: they are asked
             return True
         free = self._ask_many(slots, each, values)
-        if self.items[each[0]].synchronous:
+        if not self.deliveries[each[0]].at_once:
             return all(free)
         return self.update_some([slot for slot, taken in zip(each, free, strict=True) if taken]) and all(free)
 
@@ -313,9 +291,9 @@ class Image(Slots):
 
     def _resets_again(self, slot: int) -> bool:
         """Whether a failed reset is no failure yet: the default is sent again in the next period."""
-        if self.items[slot].direction is not Direction.OUTPUT or not self._is_sent_again(slot):
+        if self.items[slot].direction is not Direction.OUTPUT or not self.deliveries[slot].is_sent_again(slot):
             return False
-        self.unsent.discard(slot)  # it is sent again as what is pending
+        self.at_once.owed.discard(slot)  # it is sent again as what is pending
         self.hasten(slot)
         self.set_quality(slot, Quality.STALE)
         return True
@@ -324,8 +302,8 @@ class Image(Slots):
         """The path of an actuator that is away from its default, and stays there once its device is initialised again:
         nothing sends what it had. "" for any other object."""
         item = self.items[slot]
-        rests = isinstance(item, Actuator) and not item.synchronous and item._max_age is None
-        return item.path if rests and self.pending[slot] != self._defaults[slot] else ""
+        stays = isinstance(item, Actuator) and not (self.deliveries[slot].survives(slot) or self.is_at_default(slot))
+        return item.path if stays else ""
 
     def initialize_again(self, slot: int) -> Failure | None:
         """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
@@ -338,7 +316,7 @@ class Image(Slots):
         """Its driver has initialised it."""
         item = self.items[slot]
         if isinstance(item, Actuator):
-            if item.synchronous or item._max_age is not None:
+            if self.deliveries[slot].survives(slot):
                 self._goes_on_from_default(slot)
             else:
                 self.settle([slot], ToDefault.IS_THERE)
@@ -354,9 +332,7 @@ class Image(Slots):
         self._give_default(slot)
         self.hasten(slot)
         self.accepted(slot)
-        if not self.items[slot].synchronous and self.pending[slot] != self._defaults[slot]:
-            self.unconfirmed[slot] = self.clock.now
-            self.set_quality(slot, Quality.STALE)
+        self.deliveries[slot].goes_on(slot)
 
     def initialize(self, slot: int) -> Failure | None:
         return self.settle([slot], ToDefault.INITIALIZE).get(slot)
@@ -395,8 +371,7 @@ class Image(Slots):
 
     def _send(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
         for slot in slots:
-            failures = self.try_send(slot) if slot in self.asynchronous else []
-            yield slot, next(iter(failures), None)
+            yield slot, next(iter(self.deliveries[slot].written(slot)), None)
 
     def _is_there(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
         for slot in slots:
@@ -408,7 +383,7 @@ class Image(Slots):
             self.set_quality(slot, Quality.BAD)
             if self.values[slot] != self.sent[slot]:
                 self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
-            self._keep_unsent(slot)
+            self.deliveries[slot].refused(slot)
         elif self.items[slot].direction is Direction.OUTPUT:
             self.accepted(slot)
 
@@ -425,7 +400,7 @@ class Image(Slots):
             try:
                 self._convert([slot])
             except Exception as error:
-                self._unconverted(slot, error, failures)
+                self.unconverted(slot, error, failures)
                 failed.add(slot)
         return failed
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from umo.cycle.columns import Block
+from umo.cycle.deliveries import AtOnce, WithPeriod
 from umo.cycle.events import Event, EventLimit, limited
 from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
@@ -79,13 +80,18 @@ class Remote:
 
 
 class OffCycleDrivers:
-    """The drivers off the cycle of one machine (a capability, and `Elsewhere` of its image)."""
+    """The drivers off the cycle of one machine (a capability, and `Elsewhere` of its sensors)."""
 
     def __init__(self, image: Image, wired: Wired, drivers: Sequence[tuple[str, OffCycle]]) -> None:
         self._image, self._clock, self._columns = image, image.clock, image.columns
         self._remotes = [Remote(image, name, driver) for name, driver in drivers]
         self._remote_of = {slot: remote for remote in self._remotes for slot in remote.place}
-        image.elsewhere.update(dict.fromkeys(self._remote_of, self))
+        posted, ordered = Posted(self, image), Ordered(self, image)
+        for slot in self._remote_of:
+            if image.items[slot].direction is Direction.INPUT:
+                image.elsewhere[slot] = self
+            else:
+                image.deliveries[slot] = ordered if image.deliveries[slot].at_once else posted
         self._beginning = False
         """Whether the worker has just initialised these objects."""
         self._updated = False
@@ -367,19 +373,49 @@ class OffCycleDrivers:
         elif now - time > remote.driver.max_age:
             self._set_stale(slot)
 
-    def is_accepted(self, slot: int) -> bool:
+    def confirms_later(self, slot: int) -> bool:
         """While the machine runs a write is accepted when the device has confirmed it."""
+        return self._remote_of[slot].driver.running and not self._beginning
+
+    def order(self, slot: int) -> None:
+        """Order what was sent of an asynchronous actuator."""
         remote = self._remote_of[slot]
-        if not remote.driver.running or self._beginning:
-            return True
-        if not self._image.items[slot].synchronous:
-            first = remote.awaited.get(slot, (0, self._clock.now))[1]
-            remote.awaited[slot] = remote.driver.order(remote.place[slot]), first
-        return False
+        first = remote.awaited.get(slot, (0, self._clock.now))[1]
+        remote.awaited[slot] = remote.driver.order(remote.place[slot]), first
 
     def is_ordered(self, slot: int) -> bool:
         """What was ordered already is not ordered again before it is carried out."""
         return slot in self._remote_of[slot].awaited and self._image.sent[slot] == self._image.pending[slot]
+
+
+class Posted(WithPeriod):
+    """The period posts it, and the device confirms it later."""
+
+    def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
+        super().__init__(image)
+        self._drivers = drivers
+
+    def accepted(self, slot: int) -> None:
+        if not self._drivers.confirms_later(slot):
+            super().accepted(slot)
+
+
+class Ordered(AtOnce):
+    """A write orders it, and the device confirms it later."""
+
+    def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
+        super().__init__(image)
+        self._drivers = drivers
+        self.owed, self.unconfirmed = image.at_once.owed, image.at_once.unconfirmed
+
+    def written(self, slot: int) -> list[Failure]:
+        return [] if self._drivers.is_ordered(slot) else super().written(slot)
+
+    def accepted(self, slot: int) -> None:
+        if self._drivers.confirms_later(slot):
+            self._drivers.order(slot)
+        else:
+            super().accepted(slot)
 
 
 def _away(now: float, path: str, cause: str, left_out: int) -> Event:

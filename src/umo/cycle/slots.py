@@ -1,7 +1,7 @@
 """The slots of the process image: the columns of a machine's numbers, their blocks, and what becomes of one object.
 
-Slot order: sampled inputs, updated outputs, then the asynchronous objects. A slot is judged here after its reading, or
-fails; what moves the slots is in `image.py`.
+Slot order: sampled inputs, updated outputs, then the asynchronous objects. A sensor is judged here after its
+reading, or fails; what becomes of an actuator is in `deliveries.py`, what moves the slots in `image.py`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import groupby
-from math import inf
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -23,7 +22,7 @@ from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
 from umo.drivers.off_cycle import OffCycle
 from umo.errors import BadInput, DriverError, Failure, RangeError
-from umo.objects import Actuator, Binary, DigitalSensor, Quality, Sensor
+from umo.objects import Binary, DigitalSensor, Quality, Sensor
 from umo.objects.atomic import Digital
 from umo.objects.scaling import to_raw, to_value
 from umo.wiring.rates import WHOLE, RateMap
@@ -36,19 +35,13 @@ MAX_OFFSET_RAW = 2.0**62
 
 
 class Elsewhere(Protocol):
-    """The circuits whose values come and go at times of their own (`umo.cycle.off_cycle`)."""
+    """The circuits whose values come at times of their own (`umo.cycle.off_cycle`)."""
 
     def read_at(self, slot: int) -> float:
         """The time in s of the reading that is being accepted."""
 
     def was_read(self, slot: int, failures: list[Failure]) -> None:
         """A reading was accepted: it has its own time."""
-
-    def is_accepted(self, slot: int) -> bool:
-        """Whether a write that was just made is accepted already; else it will be confirmed."""
-
-    def is_ordered(self, slot: int) -> bool:
-        """Whether what is pending was ordered already, and is not carried out yet."""
 
 
 class Slots:
@@ -80,22 +73,12 @@ class Slots:
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
         self.scales = scales = Scales(self.wires, self.transfer.defaults)
         self._low, self._high, self._defaults = scales.low.data, scales.high.data, scales.defaults.data
-        self.asynchronous = {
-            slot for slot, item in enumerate(self.items) if item.direction is Direction.OUTPUT and not item.synchronous
-        }
-        """The asynchronous actuators."""
-        self.unsent: set[int] = set()
-        """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
-        `update`."""
         self.elsewhere: dict[int, Elsewhere] = {}
-        """By slot, what is exchanged at times of its own."""
+        """By sensor, what is read at times of its own."""
         self.found: list[Failure] = []
         """Failures that were found since the last sample, which tells them."""
         self.failed: set[int] = set()
         """The sensors that failed and have not been initialised since."""
-        self.unconfirmed: dict[int, float] = {}
-        """Asynchronous actuators with on_error="retry" whose pending value was not confirmed, each with the time in s
-        of the first attempt. While they are STALE, it is sent again in every period."""
         self._marked: list[tuple[int, str]] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
@@ -122,10 +105,6 @@ class Slots:
         slow = [block for block in self.blocks if block.part != WHOLE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
         """The slots of parts that have rates of their own."""
-        sent = (slot for block in self.outputs for slot in range(block.start, block.stop))
-        self._sent_by_period = frozenset(sent if slow else ())
-        self.urgent: set[int] = set()
-        """The actuators whose pending value is sent in this period in any case, in a machine with such parts."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
@@ -219,21 +198,6 @@ class Slots:
         quantity = value if linearization is None else linearization.to_input(value)
         return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))
 
-    def set_default(self, slot: int) -> None:
-        """Its default is pending."""
-        self.pending[slot] = self._defaults[slot]
-        self.hasten(slot)
-
-    def hasten(self, slot: int) -> None:
-        """What is pending is sent in this period, also if the actuator's part is not due."""
-        if slot in self._sent_by_period:
-            self.urgent.add(slot)
-
-    def _give_default(self, slot: int) -> None:
-        """Its default is what is sent next."""
-        self.sent[slot], self.sent_raws[slot] = self._defaults[slot], self.transfer.defaults[slot]
-        self.stepped[slot] = self.clock.now
-
     def _is_inside(self, slot: int, value: float) -> bool:
         """Whether a sensor's value is GOOD."""
         return self._low[slot] <= value <= self._high[slot]
@@ -320,22 +284,6 @@ class Slots:
         if slot in self.elsewhere:
             self.elsewhere[slot].was_read(slot, failures)
 
-    def accepted(self, slot: int) -> None:
-        """One actuator was sent a value, and there was no error."""
-        if slot not in self.elsewhere or self.elsewhere[slot].is_accepted(slot):
-            self.confirmed(slot)
-
-    def confirmed(self, slot: int) -> None:
-        """One actuator has accepted what was sent to it."""
-        self.values[slot] = self.sent[slot]
-        self.times[slot] = self.clock.now
-        if self.stepped[slot] == inf:
-            self.stepped[slot] = self.clock.now
-        if self.quality[slot]:
-            self.set_quality(slot, Quality.GOOD)
-            self.unsent.discard(slot)
-            self.unconfirmed.pop(slot, None)
-
     def fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item: Any = self.items[slot]
         max_age = item._max_age
@@ -349,7 +297,9 @@ class Slots:
                     self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
                     self._marked.append((slot, cause))
         else:
-            self._fail(slot, cause, failures)
+            self.failed.add(slot)
+            self.set_quality(slot, Quality.BAD)
+            failures.append(self.transfer.failure(slot, cause))
 
     def fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The same of many, such as all that a driver reads."""
@@ -382,42 +332,6 @@ class Slots:
         if self._marked:
             self.events.log(partial(_marked_text, self.transfer, self._marked))
             self._marked = []
-
-    def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
-        """The pending value has no raw integer."""
-        self._fail(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
-
-    def fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
-        if self._is_sent_again(slot):
-            self.set_quality(slot, Quality.STALE)
-        else:
-            self._fail(slot, cause, failures)
-
-    def _is_sent_again(self, slot: int) -> bool:
-        """Whether what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
-        not known whether the device answers, a synchronous actuator was not tried."""
-        item, now = cast(Actuator, self.items[slot]), self.clock.now
-        if item._max_age is not None:
-            since = self.times[slot] if item.synchronous else self.unconfirmed.setdefault(slot, now)
-            if now - since <= item._max_age:
-                return True
-        return item.synchronous and self.transfer.is_unknown(slot)
-
-    def _fail(self, slot: int, cause: str, failures: list[Failure]) -> None:
-        if self.items[slot].direction is Direction.INPUT:
-            self.failed.add(slot)
-        else:
-            self._keep_unsent(slot)
-        self.set_quality(slot, Quality.BAD)
-        failures.append(self.transfer.failure(slot, cause))
-
-    def _keep_unsent(self, slot: int) -> None:
-        """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
-        written."""
-        item = self.items[slot]
-        if item.direction is Direction.OUTPUT and not item.synchronous:
-            at_default = self.pending[slot] == self._defaults[slot]
-            (self.unsent.add if at_default else self.unsent.discard)(slot)
 
 
 def _marked_text(transfer: Transfer, marked: Sequence[tuple[int, str]]) -> str:

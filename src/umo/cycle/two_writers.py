@@ -127,7 +127,7 @@ class TwoWriters:
 
     def _bits(self, slot: int) -> int:
         """When it was written last, as the column `written` says. An asynchronous actuator is sent as it is written."""
-        if slot not in self._image.asynchronous:
+        if not self._image.deliveries[slot].at_once:
             return int(self._written[slot])
         clock, time = self._image.clock, self._image.times[slot]
         return NOW if time >= clock.now else LAST if time >= clock.now - 1.5 * clock.dt else 0

@@ -1,0 +1,183 @@
+"""The actuators of the image: what becomes of one, and how what is pending of it reaches its device.
+
+Each actuator has one delivery, chosen when it is connected:
+
+WithPeriod   a synchronous actuator: every `update` sends what is pending
+AtOnce       an asynchronous one: a write sends it, and nothing else does
+Posted       a synchronous one of a driver off the cycle: the period posts it, the device confirms it later
+Ordered      an asynchronous one of a driver off the cycle: a write orders it, the device confirms it later
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, ClassVar
+
+from umo.cycle.clock import Clock
+from umo.cycle.slots import Slots
+from umo.cycle.transfer import FAILURES, cause_of_failure
+from umo.errors import Failure
+from umo.objects import Quality
+from umo.wiring.wired import Wired
+
+
+class ImageOutputs(Slots):
+    """The slots of a machine's objects, with what becomes of the actuators among them."""
+
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
+        super().__init__(wired, clock, equipment, axes, alarms)
+        with_period, self.at_once = WithPeriod(self), AtOnce(self)
+        self.deliveries = [with_period if item.synchronous else self.at_once for item in self.items]
+        """How what is pending of each reaches its device; of a sensor nothing is."""
+        sent = (slot for block in self.outputs for slot in range(block.start, block.stop))
+        self._sent_by_period = frozenset(sent if self.slow else ())
+        self.urgent: set[int] = set()
+        """The actuators whose pending value is sent in this period in any case, in a machine with parts that have rates
+        of their own."""
+
+    def set_default(self, slot: int) -> None:
+        """Its default is pending."""
+        self.pending[slot] = self._defaults[slot]
+        self.hasten(slot)
+
+    def is_at_default(self, slot: int) -> bool:
+        """Whether its default is pending."""
+        return bool(self.pending[slot] == self._defaults[slot])
+
+    def hasten(self, slot: int) -> None:
+        """What is pending is sent in this period, also if the actuator's part is not due."""
+        if slot in self._sent_by_period:
+            self.urgent.add(slot)
+
+    def _give_default(self, slot: int) -> None:
+        """Its default is what is sent next."""
+        self.sent[slot], self.sent_raws[slot] = self._defaults[slot], self.transfer.defaults[slot]
+        self.stepped[slot] = self.clock.now
+
+    def accepted(self, slot: int) -> None:
+        """One actuator was sent a value, and there was no error."""
+        self.deliveries[slot].accepted(slot)
+
+    def confirmed(self, slot: int) -> None:
+        """One actuator has accepted what was sent to it."""
+        self.values[slot] = self.sent[slot]
+        self.times[slot] = self.clock.now
+        if self.stepped[slot] == inf:
+            self.stepped[slot] = self.clock.now
+        if self.quality[slot]:
+            self.set_quality(slot, Quality.GOOD)
+            self.at_once.settled(slot)
+
+    def fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        if self.deliveries[slot].is_sent_again(slot):
+            self.set_quality(slot, Quality.STALE)
+        else:
+            self._has_failed(slot, cause, failures)
+
+    def unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
+        """The pending value has no raw integer."""
+        self._has_failed(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+
+    def _has_failed(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        self.deliveries[slot].refused(slot)
+        self.set_quality(slot, Quality.BAD)
+        failures.append(self.transfer.failure(slot, cause))
+
+
+class WithPeriod:
+    """Every `update` sends what is pending, written or not."""
+
+    at_once: ClassVar[bool] = False
+    """Whether a write sends it."""
+
+    def __init__(self, image: ImageOutputs) -> None:
+        self._image = image
+        self._items: Any = image.items
+
+    def written(self, slot: int) -> list[Failure]:
+        """A value was taken, or the default is to be sent: send it where no `update` does; what failed."""
+        return []
+
+    def accepted(self, slot: int) -> None:
+        """It was sent a value, and there was no error."""
+        self._image.confirmed(slot)
+
+    def refused(self, slot: int) -> None:
+        """The device did not accept what is pending."""
+
+    def is_sent_again(self, slot: int) -> bool:
+        """Whether what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
+        not known whether the device answers, it was not tried."""
+        return self._is_within(slot, self._image.times[slot]) or self._image.transfer.is_unknown(slot)
+
+    def _is_within(self, slot: int, since: float) -> bool:
+        """Whether no more than its `max_age` has passed since this time, in s."""
+        max_age = self._items[slot]._max_age
+        return max_age is not None and bool(self._image.clock.now - since <= max_age)
+
+    def survives(self, slot: int) -> bool:
+        """Whether it gets what is pending when its device was away and has been initialised again."""
+        return True
+
+    def goes_on(self, slot: int) -> None:
+        """Its device has been initialised again, and gets what is pending."""
+
+
+class AtOnce(WithPeriod):
+    """A write sends it. A default that was not accepted is owed, and sent in every period until it is."""
+
+    at_once = True
+
+    def __init__(self, image: ImageOutputs) -> None:
+        super().__init__(image)
+        self.owed: set[int] = set()
+        """Those whose default the device did not accept."""
+        self.unconfirmed: dict[int, float] = {}
+        """Those with on_error="retry" whose pending value was not confirmed, each with the time in s of the first
+        attempt. While they are STALE, it is sent again in every period."""
+
+    def written(self, slot: int) -> list[Failure]:
+        failures: list[Failure] = []
+        image = self._image
+        value, raw = image.pending[slot], image.transfer.defaults[slot]
+        if not image.is_at_default(slot):
+            try:
+                raw = image.wires[slot].raw(value)
+            except Exception as error:  # of a linearization of the user's
+                image.unconverted(slot, error, failures)
+                return failures
+        image.sent[slot], image.sent_raws[slot] = value, raw
+        try:
+            image.transfer.write(slot, image.sent_raws[slot])
+        except FAILURES as error:
+            image.fail_output(slot, cause_of_failure(error), failures)
+        else:
+            image.accepted(slot)
+        return failures
+
+    def send_again(self) -> list[Failure]:
+        """What was not confirmed; what has failed of it."""
+        stale = [slot for slot in self.unconfirmed if self._image.quality[slot] == Quality.STALE]
+        return [failure for slot in stale for failure in self._image.deliveries[slot].written(slot)]
+
+    def refused(self, slot: int) -> None:
+        """A default is sent again, until it is accepted or another value is written."""
+        (self.owed.add if self._image.is_at_default(slot) else self.owed.discard)(slot)
+
+    def settled(self, slot: int) -> None:
+        """The device has what is pending."""
+        self.owed.discard(slot)
+        self.unconfirmed.pop(slot, None)
+
+    def is_sent_again(self, slot: int) -> bool:
+        if self._items[slot]._max_age is None:
+            return False
+        return self._is_within(slot, self.unconfirmed.setdefault(slot, self._image.clock.now))
+
+    def survives(self, slot: int) -> bool:
+        return self._items[slot]._max_age is not None
+
+    def goes_on(self, slot: int) -> None:
+        if not self._image.is_at_default(slot):
+            self.unconfirmed[slot] = self._image.clock.now
+            self._image.set_quality(slot, Quality.STALE)
