@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 from random import Random
 from typing import Any, ClassVar
 
@@ -53,6 +54,11 @@ def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
 def test_a_rule_that_does_not_exist_is_an_error_that_names_the_nearest() -> None:
     with pytest.raises(ValueError, match=r"no rule 'blok write' \(did you mean 'block write'\?\); the rules are:"):
         conform(simulated(), only=["blok write"])
+
+
+def test_the_documentation_has_the_text_of_each_rule() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "howto-prove-a-driver.md").read_text("utf-8")
+    assert [rule.id for rule in all_rules() if f"| {rule.id} | {rule.text} |" not in page] == []
 
 
 def test_a_default_outside_the_range_that_may_be_driven_is_an_error() -> None:

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from conformance.device import READ, Device, frame
 from helpers.waiting import until
 from umo.drivers.streams import Serial
 from umo.testing.conformance import PtyTap, Tap, TcpTap
@@ -169,6 +170,15 @@ def test_the_connection_ends_after_a_changed_answer(tapped: tuple[Tap, Line]) ->
     assert found == b"O" or (found == b"" and not tap.ordered)  # a terminal that is hung up drops what it holds
     line.again()
     assert line.ask(b"two") == b"TWO"
+
+
+def test_a_connection_may_be_reset_in_place_of_an_answer() -> None:
+    with Device() as device, TcpTap(device.host, device.port) as tap:
+        line = socket.create_connection((tap.host, tap.port), PATIENT)
+        with line, tap.spoiling(lambda answer: b"", reset=True):
+            line.sendall(frame(1, READ, [(40, 0)]))
+            with pytest.raises(ConnectionResetError):
+                line.recv(100)
 
 
 def test_healing_ends_whatever_is_spoiled(tapped: tuple[Tap, Line]) -> None:

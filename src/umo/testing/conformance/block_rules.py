@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations, cycle, islice
 from random import Random
+from time import sleep
 from typing import TypeVar
 
 import numpy as np
@@ -21,6 +22,8 @@ from umo.text import some
 T = TypeVar("T")
 MAX_PAIRS = 30
 """Pairs of channels that are tried as blocks, in each of their orders."""
+LOOK_INTERVAL = 0.01
+"""Time in s until the second look at a channel, doubled each time: a driver that is told its values keeps them."""
 LOOKS = 5
 """Looks at a channel until it has stood still for one of them."""
 FEWEST_BLOCKS = 4
@@ -31,6 +34,8 @@ SINGLE_EACH = 4
 """Blocks after which a channel is read alone."""
 TURNS, FEWEST_TURNS = 9, 4
 """Times that a few writes follow one another; that are tried at any rate, also of readings."""
+MAX_REFUSED = 2
+"""Channels that the device refuses, of each direction: the failure of one must not be told of the other."""
 PATTERNS = 8
 """Patterns of levels beside those in which one output alone is not at its default."""
 
@@ -114,20 +119,23 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
             i = wrong[0]
             of = f" in the block {', '.join(texts)}" if len(texts) > 1 else ""
             raise RuleBroken(f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}")
+        sleep(LOOK_INTERVAL * 2**look)
 
 
 @rule(Cost(each=6, calls=32, more=350))
 def block_write(context: RuleContext) -> str | None:
-    """write_many brings each output to its own level: all outputs in any order, halves, pairs and one."""
+    """write_many brings each output straight to its own level, and no other one anywhere: all outputs in any order,
+    halves, pairs and one."""
     outputs = context.required_outputs
     with context.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
         for number, (part, raws) in enumerate(context.as_time_allows(tasks, FEWEST_BLOCKS, "blocks")):
             step = 1 if number % 2 else -1
-            before = {each: each.default for each in outputs if each not in part}
-            for each in before:
-                probe.write(each.channel, each.default)
-            probe.write_many([output.channel for output in part[::step]], raws[::step])
+            before = {each: each.other(number) for each in outputs if each not in part}
+            for each, raw in before.items():
+                probe.write(each.channel, raw)
+            with context.straight(before | dict(zip(part, raws, strict=True)), "a write_many"):
+                probe.write_many([output.channel for output in part[::step]], raws[::step])
             _check(context, probe, part, raws, "write_many")
             _check(context, probe, tuple(before), list(before.values()), "a write_many of others")
         _write_nothing(context, probe)
@@ -213,28 +221,31 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
         raise RuleBroken("read_many wrote into the array of an earlier call")
 
 
-@rule(Cost(each=4, calls=6, waits=8))
+@rule(Cost(each=8, calls=12, waits=16))
 def block_failures(context: RuleContext) -> str | None:
-    """If a channel of a block fails, the others are transferred, or the error names them too."""
+    """If a channel of a block fails, the others are transferred, or the error names them too; it names no other."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
-    missing = []
+    missing, tried = [], False
     with context.opened() as probe:
         for direction, others, check in (
             (Direction.INPUT, context.readable, _read_with),
             (Direction.OUTPUT, context.visible, _write_with),
         ):
-            bad = next((text for text in context.subject.refused if direction in probe.channel(text).direction), None)
+            refused = [text for text in context.subject.refused if direction in probe.channel(text).direction]
             what = "reads" if direction is Direction.INPUT else "writes"
             if not others:
                 missing.append(f"{what}: no other channel that can be seen")
-            elif bad is None:
+            elif not refused:
                 missing.append(f"{what}: no channel of this direction is known that the device refuses")
-            elif context.failure(partial(probe.read, bad) if what == "reads" else partial(probe.write, bad, 0)) is None:
-                missing.append(f"{what}: one of {bad} alone succeeds")
-            else:
+            for bad in refused[:MAX_REFUSED] if others else ():
+                alone = partial(probe.read, bad) if what == "reads" else partial(probe.write, bad, 0)
+                if context.failure(alone) is None:
+                    missing.append(f"{what}: one of {bad} alone succeeds")
+                    continue
                 check(context, probe, bad)
-    if len(missing) == 2:
+                tried = True
+    if not tried:
         raise NotTried("; ".join(missing))
     return context.remark(*(f"not tried with {each}" for each in missing))
 

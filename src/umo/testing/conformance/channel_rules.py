@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError, text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NOTHING, Cost, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
 @rule(Cost(opens=1))
 def channels(context: RuleContext) -> None:
-    """A channel's text means one channel of fixed direction and bits; another text raises ChannelError."""
+    """A channel's text means one channel of fixed direction and bits; another text raises ChannelError. Two
+    channels have no place in common."""
     probe, other = context.new(), context.new()
     for text in context.channels:
         channel = probe.channel(text)
@@ -31,10 +33,18 @@ def channels(context: RuleContext) -> None:
             raise RuleBroken(f"{each.channel} is an input")
         if not channel.lowest <= each.least <= each.greatest <= channel.highest:
             raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
+    _check_places(context, probe)
     _check_unknown(context, probe.driver)
     if context.failure(other.open) is None:
         _check_open(context, probe, other)
     context.failure(other.close)
+
+
+def _check_places(context: RuleContext, probe: Probe) -> None:
+    """umo refuses two objects on one place."""
+    for one, other in combinations(context.channels, 2):
+        if both := {*probe.channel(one).places} & {*probe.channel(other).places}:
+            raise RuleBroken(f"{one} and {other} have the same place {both.pop()!r}: umo takes one of them only")
 
 
 def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
@@ -65,30 +75,40 @@ def _takes(driver: Driver[Any], text: str) -> bool:
     return True
 
 
-@rule(NOTHING)
+@rule(Cost(opens=1))
 def before_open(context: RuleContext) -> str | None:
     """Before `open` a driver accesses no hardware, not for `check_watchdog` either; `devices` names it alike for two
-    drivers."""
+    drivers, whenever it is asked; `forms` is a list of texts."""
     before = _connections(context)
     probe, other = context.new(), context.new()
     for text in context.channels:
         probe.channel(text)
+    devices = _devices(probe)
+    if isinstance(probe.driver.forms, str):
+        raise RuleBroken(f"forms is the text {probe.driver.forms!r}, not a list of texts")
+    if seconds := context.subject.watchdog:
+        context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, seconds)
+    for driver, which in ((other, "of another driver"), (probe, "when asked again")):
+        if (now := _devices(driver)) != devices:
+            raise RuleBroken(f"devices() returned {devices}, and {which} {now}")
+    if not all(isinstance(each, str) for each in devices):
+        raise RuleBroken(f"devices() returned {devices}, not texts")
+    if _connections(context) != before:
+        raise RuleBroken("it connected to the device before open")
+    with context.leaving(other):
+        if context.failure(other.open) is None and (now := _devices(other)) != devices:
+            raise RuleBroken(f"devices() returned {devices} before open and {now} after it")
+    line = context.subject.line
+    return None if line is not None and line.ordered else "whether it connects before open was not seen"
+
+
+def _devices(probe: Probe) -> list[str]:
     given = probe.call("devices", probe.driver.devices)
     if isinstance(given, str):
         raise RuleBroken(
             f"devices() returned the text {given!r}, not a list of texts: each character counts as a device"
         )
-    devices = list(given)
-    if seconds := context.subject.watchdog:
-        context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, seconds)
-    if devices != other.call("devices", lambda: list(other.driver.devices())):
-        raise RuleBroken(f"devices() returned {devices} and then another answer")
-    if not all(isinstance(each, str) for each in devices):
-        raise RuleBroken(f"devices() returned {devices}, not texts")
-    if _connections(context) != before:
-        raise RuleBroken("it connected to the device before open")
-    line = context.subject.line
-    return None if line is not None and line.ordered else "whether it connects before open was not seen"
+    return list(given)
 
 
 def _connections(context: RuleContext) -> int:

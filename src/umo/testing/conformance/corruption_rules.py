@@ -21,6 +21,8 @@ from umo.testing.conformance.spoiling import (
     watching,
 )
 
+CHECKSUM_SIZES = (1, 2, 4)
+"""Bytes that a checksum has."""
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
     "(`steady` of an Input, --steady)"
@@ -163,9 +165,9 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
     return bytes(answers[-1])
 
 
-@rule(Cost(opens=4, calls=84, connects=16, waits=10, settles=12))
+@rule(Cost(opens=4, calls=100, connects=20, waits=10, settles=15))
 def short_answer(context: RuleContext) -> str | None:
-    """An answer that is cut short, with or without the end of the connection, is an error."""
+    """An answer that is cut short, with or without the end of the connection or its reset, is an error."""
 
     def half(answer: bytes) -> bytes:
         return answer[: len(answer) // 2]
@@ -174,6 +176,7 @@ def short_answer(context: RuleContext) -> str | None:
         context,
         [
             Spoilt("no answer and the end of the connection", lambda answer: b"", hangup=True, blind=True),
+            Spoilt("no answer and a reset of the connection", lambda answer: b"", reset=True, blind=True),
             Spoilt("half of an answer", half, blind=True),
             Spoilt("half of an answer and the end of the connection", half, hangup=True, blind=True),
             Spoilt("the first byte of an answer and the end of the connection", lambda a: a[:1], hangup=True),
@@ -188,7 +191,7 @@ def short_answer(context: RuleContext) -> str | None:
     return whole
 
 
-@rule(Cost(opens=2, each=6, calls=150, connects=34, waits=12, settles=22))
+@rule(Cost(opens=2, each=6, calls=180, connects=40, waits=12, settles=28))
 def garbled_answer(context: RuleContext) -> str | None:
     """An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or
     register in a sound answer cannot be noticed; it is tried only where answers have a checksum."""
@@ -211,7 +214,16 @@ def garbled_answer(context: RuleContext) -> str | None:
             Spoilt(f"an answer with a changed bit in byte {place}", _flipped(place, bit))
             for place, bit in ((-1, 7), (-2, 0), (-4, 4), (-6, 2), (0, 6), (1, 1), (2, 3))
         ]
+        ways += [
+            Spoilt(f"a changed answer that ends with {size} bytes of 0, as without a checksum", _unchecked(size))
+            for size in CHECKSUM_SIZES
+        ]
     return each_spoiled(context, ways, structured=True)
+
+
+def _unchecked(size: int) -> Change:
+    """All bits of the byte before the checksum are changed, and the checksum is 0."""
+    return lambda answer: answer[: -size - 1] + bytes([answer[-size - 1] ^ 0xFF]) + bytes(size)
 
 
 def _flipped(place: int, bit: int) -> Change:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import pairwise
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import DriverError, text_of
+from umo.errors import DriverError, WiringError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
@@ -22,6 +23,8 @@ MAX_ALONE = 8
 """Channels that are read alone while the device is away."""
 MAX_OLD = 2
 """Earlier readings that are one too many: of three, by each kind of reading."""
+MANY_FAILURES = 100
+"""Calls that fail while the device is away."""
 STILL = 40
 """Readings of a level that stays, after which a driver might take it for one that always does."""
 MAX_LEVEL = 1 << 40
@@ -66,10 +69,11 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output) -> 
         context.expect(probe, output, output.default, f"{call} after a write without an answer")
 
 
-@rule(Cost(opens=4, each=4, calls=14, connects=4, waits=8))
+@rule(Cost(opens=4, each=8, calls=14, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away each call fails in time; when it is back the next call works, and what failed is not
-    made up for."""
+    """While the device is away each call fails in time; when it is back the next call works, however many have failed,
+    and what failed is not made up for. A level that was written before is written again: the device may have lost it.
+    """
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
@@ -81,10 +85,13 @@ def vanish(context: RuleContext) -> str | None:
                 if in_time(context, probe, call) is None:
                     raise RuleBroken(f"{context.watch.doing} succeeded while the device was away")
             other = _not_opened(context)
+            for _ in context.as_time_allows(range(MANY_FAILURES), 0, "failures in a row"):
+                context.failure(context.transfers(probe)[0])
         probe.timeout = context.patience
         _moves_nothing(context, probe)
         context.must_work(probe, "the device is back", default=False)
         _right(context, probe, "the device was away")
+        _writes_again(context, probe)
         _opens_after_all(context, other)
         with loss():
             pass  # nobody has noticed
@@ -103,11 +110,30 @@ def _moves_nothing(context: RuleContext, probe: Probe) -> None:
     if context.subject.levels is None or not context.readable:
         return
     before = {output: context.level(probe, output) for output in context.visible}
-    probe.read(context.readable[0])
+    if (error := context.failure(probe.read, context.readable[0])) is not None:
+        raise RuleBroken(f"since the device is back, {context.watch.doing} fails: {text_of(error)}") from error
     for output, raw in before.items():
         now = context.level(probe, output)
         if context.same(output, output.other(), now) and not context.same(output, output.other(), raw):
             raise RuleBroken(f"{output.channel} went from {raw} to {now} by a write that had failed")
+
+
+def _writes_again(context: RuleContext, probe: Probe) -> None:
+    """The driver writes what it has written before the device was away; another client has moved the output since."""
+    if context.subject.sole_writer:
+        return
+    with context.second(direct=context.subject.direct is not None) as other:
+        if other is None:
+            return
+        for output in context.visible[:2]:
+            raw = output.other()
+            rewrite(context, probe, output, raw, "the device was away")
+            with context.loss():
+                context.failure(context.transfers(probe)[0])
+            for level in (raw, output.default):  # the other client may send changes only
+                rewrite(context, other, output, level, "the device was away")
+            rewrite(context, probe, output, raw, "the device was away")
+            context.expect(probe, output, raw, f"write({raw}), written before the device was away, and moved since")
 
 
 def _not_opened(context: RuleContext) -> Probe:
@@ -144,11 +170,11 @@ def _right(context: RuleContext, probe: Probe, after: str) -> None:
         context.expect(probe, output, output.other(number), f"write({output.other(number)}) since {after}")
 
 
-@rule(Cost(opens=3, each=17, calls=14))
+@rule(Cost(opens=3, each=22, calls=14))
 def two_clients(context: RuleContext) -> str | None:
     """A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes
-    stays when the other writes something else, and is what the other reads. Reset and initialise reach the default from
-    there."""
+    stays when the other writes something else, alone or as a block, and is what the other reads. Reset and initialise
+    reach the default from there."""
     with context.opened() as first:
         context.use(first)  # a device may be in use from the first transfer on
         second = context.new()
@@ -192,6 +218,14 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
             context.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
         except RuleBroken as broken:
             raise RuleBroken(f"{broken} {SOLE_WRITER}") from broken
+    for one in context.visible:
+        second.write(one.channel, one.other(1))
+        others = [each for each in context.visible if each != one]
+        first.write_many([each.channel for each in others], [each.other() for each in others])
+        try:
+            context.expect(second, one, one.other(1), "a write_many of another client to all others")
+        except RuleBroken as broken:
+            raise RuleBroken(f"{broken} {SOLE_WRITER}") from broken
 
 
 def _read_back(context: RuleContext, first: Probe, second: Probe) -> None:
@@ -233,7 +267,7 @@ def _join(context: RuleContext, second: Probe) -> None:
     context.use(second)
 
 
-@rule(Cost(opens=2, each=10, calls=26, settles=8, more=90))
+@rule(Cost(opens=2, each=10, calls=26, settles=8, more=160))
 def fresh(context: RuleContext) -> str | None:
     """A reading is that of its own call, not of an earlier one."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure
@@ -266,20 +300,26 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
         if old == MAX_OLD:
             text = f"{context.watch.doing} gave an earlier reading of {view}, {old} times of {number}"
             raise RuleBroken(text, f"earlier reading of {view}")
-    if context.budget.more and all(
-        _is_old(context, probe, other, output, readings[-1], n, STILL) for n in range(MAX_OLD)
+    ends = output.least, output.greatest
+    for levels, still, when in (
+        (ends, 1, "after a step over the whole range"),
+        (None, STILL, f"once it had been the same {STILL} times"),
     ):
-        text = f"{context.watch.doing} gave an earlier reading of {view}, once it had been the same {STILL} times"
-        raise RuleBroken(text, f"earlier reading of {view}")
+        if not context.budget.more:
+            return
+        turns = [(n, still + 3 * n * (still > 1)) for n in range(2 * MAX_OLD)]  # it may ask now and then
+        if sum(_is_old(context, probe, other, output, readings[-1], *turn, levels) for turn in turns) >= MAX_OLD:
+            text = f"{context.watch.doing} gave an earlier reading of {view}, {when}"
+            raise RuleBroken(text, f"earlier reading of {view}")
 
 
 def _is_old(
     context: RuleContext, probe: Probe, other: Probe | None, output: Output, reading: Callable[[], int], number: int,
-    still: int = 1,
+    still: int = 1, levels: tuple[int, int] | None = None,
 ) -> bool:  # fmt: skip
     """Whether a level is read that was there before, and was read so `still` times, though another has come since for
-    sure."""
-    levels = (output.default, output.other(number))
+    sure. `levels`: these two in turns; default: the default and another one."""
+    levels = levels or (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
     mover.write(output.channel, before)
@@ -302,19 +342,30 @@ def errors_are_named(context: RuleContext) -> None:
     connection.device_claim = DeviceClaim((), "conformance")
     connection.pause = lambda seconds: None
     texts = {path: entry["channel"] for path, entry in wiring["wire"].items()}
-    failed: DriverError | None = None
-    with connection as m:
+    failed = False
+    with _wired(connection) as m:
         connection.driver("subject").timeout = context.haste
         with loss():
             for step in (m.sample, m.update):
                 try:
                     step()
                 except DriverError as error:
-                    failed = error
+                    failed = True
                     _check_names(error, texts)
         connection.driver("subject").timeout = context.patience
-    if failed is None:
+    if not failed:
         raise NotTried("no transfer of a connected machine has failed without an answer")
+
+
+@contextmanager
+def _wired(connection: connect[Machine]) -> Iterator[Machine]:
+    """The connected machine; RuleBroken if umo does not wire the channels."""
+    with ExitStack() as stack:
+        try:
+            machine = stack.enter_context(connection)
+        except WiringError as error:
+            raise RuleBroken(f"umo does not wire the channels: {text_of(error)}") from error
+        yield machine
 
 
 def _check_names(error: DriverError, texts: dict[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""Rules of what adds up over many calls: descriptors, threads, memory; the time per transfer."""
+"""Rules of what adds up over many calls: descriptors, threads, memory."""
 
 from __future__ import annotations
 
@@ -10,19 +10,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import cycle
-from time import monotonic, perf_counter, sleep
-from typing import Any
-
-import numpy as np
+from time import monotonic, sleep
 
 from umo.drivers.contract import Driver
 from umo.presentation.digits import number_text
-from umo.presentation.durations import duration
-from umo.testing.conformance.certificate import TransferTime, time_text
+from umo.testing.conformance.certificate import time_text
 from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, RuleBroken, rule
 from umo.testing.conformance.taps import Tap
 
 DESCRIPTORS = "/proc/self/fd"
@@ -36,8 +32,6 @@ LOOK_INTERVAL = 0.005
 """Time in s between two looks: a period."""
 MAX_CLOSING_TIME = 5.0
 """Time in s until what was closed has ended at the other end too."""
-TIMED_CALLS = 300
-"""Calls of each kind that are timed at most."""
 ROUNDS, MAX_ROUNDS = 3, 9
 """Measurements of memory: a cache may still fill in the first ones. There are more if it grew in each of them."""
 MAX_WARMING = 1.0
@@ -66,23 +60,46 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
-@rule(Cost(opens=9, each=12, calls=100, connects=48, waits=14, sleeps=0.6, more=600))
+@rule(Cost(opens=15, each=12, calls=100, connects=48, waits=14, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
     """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
-    garbled answers, and calls without an answer."""
+    garbled answers, and calls without an answer, nor by a `close` that fails. No child process inherits one."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before = _counts(context, None)
     # The closed drivers are kept: closing is not left to the garbage collector.
     closed = _open_often(context, FEWEST_OPENINGS, most, SILENT_OPENINGS)
-    after, openings = _counts(context, before), len(closed) - SILENT_OPENINGS
+    after, openings = _counts(context, before), len(closed) - 2 * SILENT_OPENINGS
     context.left_out += [f"{openings} of {most} openings"] if openings < most else []
     for what, number in before.items():
         if after[what] > number:
             raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
+    _check_inherited(context)
     words = [f"{openings} openings"]
     words += [] if context.subject.line is not None else ["no line, so no lost connections and spoiled answers"]
     return "; ".join(words)
+
+
+def _check_inherited(context: RuleContext) -> None:
+    """A device stays held as long as any process has its descriptor."""
+    before = _inherited()
+    with context.opened() as probe:
+        context.use(probe)
+        if left := _inherited() - before:
+            raise RuleBroken(
+                f"child processes inherit descriptors of the driver (set_inheritable): {len(left)} of them"
+            )
+
+
+def _inherited() -> set[int]:
+    """Open descriptors that a child process gets."""
+    found = set()
+    with suppress(OSError):
+        for descriptor in map(int, os.listdir(DESCRIPTORS)):
+            with suppress(OSError):
+                if os.get_inheritable(descriptor):
+                    found.add(descriptor)
+    return found
 
 
 def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
@@ -93,7 +110,7 @@ def _open_often(context: RuleContext, least: int, most: int, silent: int) -> lis
         context.share, began = len(closed) / most, monotonic()
         closed.append(_open_and_cut(context))
         longest = max(longest, monotonic() - began)
-    return closed + [_open_in_silence(context) for _ in range(silent)]
+    return closed + [each(context) for _ in range(silent) for each in (_open_in_silence, _close_in_silence)]
 
 
 def _open_in_silence(context: RuleContext) -> Probe:
@@ -106,6 +123,18 @@ def _open_in_silence(context: RuleContext) -> Probe:
         _look_often(context, probe)
     _look_often(context, probe)
     context.failure(probe.close)
+    return probe
+
+
+def _close_in_silence(context: RuleContext) -> Probe:
+    """Left while nobody answers: what was opened is closed, whatever `close` says of that."""
+    probe, line = context.new(), context.subject.line
+    context.bring_up(probe)
+    probe.timeout = context.haste
+    with line.silent() if line is not None else nullcontext():
+        for text in tuple(probe.opened):
+            context.failure(probe.finalize, text)
+        context.failure(probe.close)
     return probe
 
 
@@ -169,46 +198,6 @@ def _descriptors(context: RuleContext) -> int:
     return 0  # they can be counted on Linux only
 
 
-@rule(Cost(calls=20))
-def time_(context: RuleContext) -> str:
-    """The median time per transfer is within the timeout; the certificate has the times."""
-    with context.opened(direct=True) as probe:
-        kinds = _kinds(context, probe)
-        for kind, call in kinds.items():
-            taken: list[float] = []
-            most = TIMED_CALLS if context.cycles is None else max(20, min(context.cycles, TIMED_CALLS))
-            while len(taken) < 5 or (len(taken) < most and context.budget.more):
-                began = perf_counter()
-                probe.call(kind, call)
-                taken.append(perf_counter() - began)
-            median, p99 = (float(np.percentile(taken, share)) for share in (50, 99))
-            context.times[kind] = TransferTime(median, p99, len(taken))
-    if not context.times:
-        raise NotTried("the subject has no channels")
-    for kind, each in context.times.items():
-        if each.median > context.subject.timeout:
-            timeout = duration(context.subject.timeout)
-            raise RuleBroken(f"{kind} takes {time_text(each.median)}, its timeout is {timeout}")
-    return ", ".join(f"{kind} {time_text(each.median)}" for kind, each in context.times.items())
-
-
-def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
-    """Each kind of transfer of the driver, without what the kit does around it."""
-    driver = probe.driver
-    kinds: dict[str, Callable[[], Any]] = {}
-    if context.readable:
-        readable = tuple(map(probe.channel, context.readable))
-        out = np.zeros(len(readable), np.int64)
-        kinds["read"] = lambda: driver.read(readable[0])
-        kinds[f"read_many of {len(readable)}"] = lambda: driver.read_many(readable, out)
-    if context.subject.outputs:
-        outputs = tuple(probe.channel(each.channel) for each in context.subject.outputs)
-        raws = np.array([each.default for each in context.subject.outputs], np.int64)
-        kinds["write"] = lambda: driver.write(outputs[0], int(raws[0]))
-        kinds[f"write_many of {len(outputs)}"] = lambda: driver.write_many(outputs, raws)
-    return kinds
-
-
 @rule(Cost(each=1, calls=26, settles=2))
 def long_run(context: RuleContext) -> str:
     """Over many transfers no call fails or becomes slow, each reading is right, and the process does not grow."""
@@ -234,8 +223,8 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
 
 @rule(Cost(opens=3, calls=520, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
-    """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail, or
-    looks for a device that is away."""
+    """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail,
+    lost connections, or looks for a device that is away."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever
     with context.opened(direct=True) as probe:
         run = LongRun(context, probe)

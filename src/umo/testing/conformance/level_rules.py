@@ -32,8 +32,8 @@ Happening = Callable[[RuleContext, "Witness", int], object]
 @rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
 def levels_kept(context: RuleContext) -> str | None:
     """Only what is written moves an output: it stays where it is when the driver connects again, after a lost
-    connection, a timeout or a garbled answer, and while it looks for its device. After the device itself was away the
-    driver may bring outputs to their defaults, as it has lost their levels."""
+    connection, a timeout, a garbled answer or an error that the device answers, and while it looks for its device.
+    After the device itself was away the driver may bring outputs to their defaults, as it has lost their levels."""
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")
     happenings = _happenings(context)
@@ -58,6 +58,8 @@ def _happenings(context: RuleContext) -> Mapping[str, Happening]:
     if (line := context.subject.line) is not None:
         found["a lost connection"] = lambda *_: line.drop()
         found |= {"a timeout": _in_vain, "a garbled answer": _garbled, "a look": _looked}
+    if context.subject.refused:
+        found["an error answer"] = _refused
     return found
 
 
@@ -88,6 +90,13 @@ def _harmless(context: RuleContext, probe: Probe, number: int) -> list[DriverCal
 
 def _in_vain(context: RuleContext, witness: Witness, number: int) -> None:
     context.unanswered(_in_haste(context, witness, number))
+
+
+def _refused(context: RuleContext, witness: Witness, number: int) -> None:
+    for text in context.subject.refused:
+        for call in context.refused_calls(witness.probe, text):
+            with witness.looking(), context.in_haste(witness.probe):
+                context.failure(call)
 
 
 def _garbled(context: RuleContext, witness: Witness, number: int) -> None:

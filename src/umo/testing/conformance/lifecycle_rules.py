@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from umo.errors import text_of
@@ -10,6 +10,7 @@ from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.pulses import looks_for_pulses
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -19,9 +20,10 @@ MAX_OTHERS = 8
 """Other outputs that are looked at beside one."""
 
 
-@rule(Cost(opens=8, each=5, more=24))
+@rule(Cost(opens=11, each=9, calls=6, connects=2, waits=1, more=24))
 def initialise(context: RuleContext) -> str | None:
-    """An output comes up at its default; the others stay where they are."""
+    """An output comes up at its default, also after an initialise that has failed; the others stay where they are.
+    Channels are initialised in any order."""
     for output, _ in _left_levels(context):
         others = [each for each in context.visible if each != output]
         with context.leaving(context.new()) as probe:
@@ -29,8 +31,39 @@ def initialise(context: RuleContext) -> str | None:
             probe.initialize(output.channel, output.default)
             context.expect(probe, output, output.default, f"initialize({output.default})")
             _check_the_rest(context, probe, output, others[:MAX_OTHERS])
+    _in_any_order(context)
+    if context.subject.line is not None:
+        _again_after_a_failure(context)
     unseen = context.subject.levels is None and len(context.visible) > 1
     return context.remark(*(["whether the others stay was not seen: no record"] if unseen else []))
+
+
+def _in_any_order(context: RuleContext) -> None:
+    """Channels mean the same, in whatever order they are initialised."""
+    found: list[dict[str, int]] = []
+    for order in (context.channels, context.channels[::-1]):
+        with context.leaving(context.new()) as probe:
+            probe.open()
+            for text in order:
+                probe.initialize(text, context.default(text))
+            for output in context.visible:
+                context.expect(probe, output, output.default, f"initialize({output.default})")
+            found.append({text: probe.read(text) for text in context.known})
+    for text, raw in found[0].items():
+        if not context.alike(text, raw, now := found[1][text]):
+            why = f"{text} reads {now} if channels are initialised in the order {some(context.channels[::-1])}"
+            raise RuleBroken(f"{why}, and {raw} in the opposite one")
+
+
+def _again_after_a_failure(context: RuleContext) -> None:
+    """The answer to initialise gets lost; then it is made again."""
+    output = context.required_outputs[0]
+    with context.opened() as probe:
+        probe.timeout = context.haste
+        context.unanswered(probe.initialize, output.channel, output.default)
+        rewrite(context, probe, output, output.other(), "an initialise without an answer")
+        probe.initialize(output.channel, output.default)
+        context.expect(probe, output, output.default, f"initialize({output.default}), which had failed before")
 
 
 def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
@@ -71,9 +104,10 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
             raise RuleBroken(f"{text} initialised", f"level of {each.channel}")
 
 
-@rule(Cost(each=10, calls=6))
+@rule(Cost(each=14, calls=6))
 def reset(context: RuleContext) -> str | None:
-    """Reset brings an output to its default from any level; it changes nothing of an input or another output."""
+    """Reset brings an output from any level to the default that it is given; it changes nothing of an input or another
+    output, not for a moment either."""
     with context.opened() as probe:
         _check_inputs(context, probe)
         for output in context.required_outputs:
@@ -81,6 +115,9 @@ def reset(context: RuleContext) -> str | None:
                 probe.write(output.channel, raw)
                 probe.reset(output.channel, output.default)
                 context.expect(probe, output, output.default, f"reset({output.default}) from {raw}")
+            for default in (output.other(), output.default):  # not that of initialise alone
+                probe.reset(output.channel, default)
+                context.expect(probe, output, default, f"reset({default})")
         _check_others(context, probe)
     unseen = context.subject.inputs and not context.steady
     return context.remark(*(["no input is known to be steady, so none was seen to stay"] if unseen else []))
@@ -92,7 +129,9 @@ def _check_others(context: RuleContext, probe: Probe) -> None:
         for output in order:
             probe.write(output.channel, output.other())
         for number, gone in enumerate(order):
-            probe.reset(gone.channel, gone.default)
+            goals = {each: each.other() for each in order[number + 1 :]} | {gone: gone.default}
+            with context.straight(goals, f"a reset of {gone.channel}"):
+                probe.reset(gone.channel, gone.default)
             for output in order[number + 1 :]:
                 context.expect(probe, output, output.other(), f"reset of {gone.channel}")
 
@@ -156,9 +195,9 @@ def _direct(context: RuleContext, output: Output, levels: Sequence[int], left: i
     return {output.channel} if levels else set()
 
 
-@rule(Cost(opens=2, each=5))
+@rule(Cost(opens=2, each=13))
 def finalise(context: RuleContext) -> str | None:
-    """Channels are finalised in any order; the others go on working, and keep their levels."""
+    """Channels are finalised in any order; the others go on working, keep their levels and read the same."""
     if len(context.channels) < 2:
         raise NotTried("the subject has one channel only")
     for order in (context.channels, context.channels[::-1]):
@@ -167,8 +206,9 @@ def finalise(context: RuleContext) -> str | None:
                 probe.write(output.channel, output.other())
             for gone, text in pairwise(order):
                 probe.reset(gone, context.default(gone))
+                before = {each: probe.read(each) for each in context.steady[:MAX_OTHERS] if each in probe.opened}
                 probe.finalize(gone)
-                _check_left(context, probe, gone)
+                _check_left(context, probe, gone, before)
                 try:
                     _use(context, probe, text)
                 except OSError as error:
@@ -176,8 +216,11 @@ def finalise(context: RuleContext) -> str | None:
     return context.looked()
 
 
-def _check_left(context: RuleContext, probe: Probe, gone: str) -> None:
-    """The outputs that were not finalised are where they were."""
+def _check_left(context: RuleContext, probe: Probe, gone: str, before: Mapping[str, int]) -> None:
+    """The outputs that were not finalised are where they were, and inputs read what they read before."""
+    for text in before.keys() & set(probe.opened):
+        if (now := probe.read(text)) != before[text]:
+            raise RuleBroken(f"{text} read {before[text]}, and {now} once {gone} was finalised", f"reading of {text}")
     for output in context.visible:
         if output.channel in probe.opened:
             context.expect(probe, output, output.other(), f"finalize of {gone}")

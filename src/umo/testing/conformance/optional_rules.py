@@ -12,10 +12,11 @@ from umo.errors import DeclarationError, text_of
 from umo.objects.units import check_unit, convert, line_between
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
-from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
+from umo.testing.conformance.timing_rules import clock_set_back
 from umo.text import some
 
 SCALE_SHARE = 0.05
@@ -28,18 +29,26 @@ AGE_LOOKS = 5
 """How many times `settle` is waited for the old level at most: a driver may keep its readings for longer than that."""
 AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
 """Times in s after which a level that has come is read."""
+PAIR_WAITS = (0.0, 0.0, 0.0)
+"""The same for a pair of channels."""
+MAX_AGE_PAIRS = 3
+"""Pairs of channels whose ages are looked at, with each output."""
+SET_BACK = 3600.0
+"""Time in s by which the clock of the day is set back."""
 UNFED = 1.5
 """Times of the watchdog after which it has run out."""
-TOO_LONG = 1e9
-"""Time in s that no watchdog has: 31 years."""
+NO_TIMES = (1e9, -1.0)
+"""Times in s that no watchdog has: 31 years, and one that is over."""
+QUIET_TIME = 0.1
+"""Time in s in which a driver that is left alone must send nothing to be judged."""
 FEEDS = 6
 """Requests within the time of a watchdog that is not to run out."""
 
 
-@rule(Cost(each=1, calls=10, sleeps=1))
+@rule(Cost(each=5, calls=10, sleeps=1))
 def physical_scale(context: RuleContext) -> str:
     """The scale that a driver gives for a channel is one: a resolution that is not 0, a known unit; the same before and
-    after `open`. Both ends of a loop-back are the same value by it."""
+    after `open`, and at any level. Both ends of a loop-back are the same value by it."""
     given = {text: _scale(context.new(), text) for text in context.channels}
     with context.opened() as probe:
         for text, before in given.items():
@@ -48,9 +57,20 @@ def physical_scale(context: RuleContext) -> str:
                 raise RuleBroken(f"physical_scale of {text} is {_words(before)} before open and {_words(now)} after it")
         if not any(given.values()):
             raise NotTried("the driver gives no scale")
+        _same_at_each_level(context, probe, given)
         compared = [each for each in context.viewed if _compared(context, probe, each, given)]
     alone = [text for text, scale in given.items() if scale and text not in _ends(context, compared)]
     return f"nothing to compare the scale of {some(alone)} with" if alone else ""
+
+
+def _same_at_each_level(context: RuleContext, probe: Probe, given: Mapping[str, PhysicalScale | None]) -> None:
+    for end in ("least", "greatest"):
+        for output in context.subject.outputs:
+            probe.write(output.channel, getattr(output, end))
+        for text, scale in given.items():
+            if (now := _scale(probe, text)) != scale:
+                at = f"with the outputs at their {end} levels"
+                raise RuleBroken(f"physical_scale of {text} is {_words(scale)}, and {_words(now)} {at}")
 
 
 def _scale(probe: Probe, text: str) -> PhysicalScale | None:
@@ -103,10 +123,10 @@ def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping
     return True
 
 
-@rule(Cost(each=1, calls=34, sleeps=0.5))
+@rule(Cost(each=1, calls=75, sleeps=1.5))
 def ages(context: RuleContext) -> str | None:
     """The age of a reading is no less than the time since the level has changed, if it is an old level, and no more, if
-    it is the new one. There is one for each channel of the block."""
+    it is the new one. There is one for each channel of the block, and none hangs on the clock of the day."""
     texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
@@ -117,10 +137,22 @@ def ages(context: RuleContext) -> str | None:
         if not context.viewed:
             return "no output moves an input: it was only seen that there is an age for each channel"
         for output in context.viewed:
-            for number, pause in enumerate(AGE_WAITS):
-                _moves(context, probe, output, number, pause)
+            for block, waits in _age_blocks(context.view(output), texts):
+                for number, pause in enumerate(waits):
+                    _moves(context, probe, output, block, (number, pause))
+        _clock_is_set_back(probe, texts)
     still = [text for text in texts if text not in _ends(context, list(context.viewed))]
     return f"{some(still)}: only that there is an age" if still else None
+
+
+def _clock_is_set_back(probe: Probe, texts: tuple[str, ...]) -> None:
+    """The clock of the day is set back between a reading and the question how old it is, as seen by `time.time`."""
+    probe.read_many(texts)
+    try:
+        with clock_set_back(lambda: SET_BACK):
+            _ages(probe, texts)
+    except RuleBroken as broken:
+        raise RuleBroken(f"{broken}; the clock of the day was set back by {duration(SET_BACK)} meanwhile") from broken
 
 
 def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
@@ -137,27 +169,39 @@ def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
     return found
 
 
-def _moves(context: RuleContext, probe: Probe, output: Output, number: int, pause: float) -> None:
-    """A level changes between two times, and is read after a pause."""
-    texts = context.readable
+def _age_blocks(view: str, texts: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple[float, ...]]]:
+    """All channels, and pairs with this one, each with the times in s after which it is read: each has its own age."""
+    pairs = [(view, text) for text in texts if text != view]
+    return [(texts, AGE_WAITS), *((pair, PAIR_WAITS) for pair in pairs[:MAX_AGE_PAIRS])]
+
+
+def _moves(context: RuleContext, probe: Probe, output: Output, texts: tuple[str, ...], turn: tuple[int, float]) -> None:
+    """A level changes between two times, and is read in a block after a pause."""
+    number, pause = turn
     old, new = (output.other(), output.default) if number % 2 else (output.default, output.other())
     probe.write(output.channel, old)
     any(context.is_read(probe, output, old) for _ in range(AGE_LOOKS))
     probe.read_many(texts)
+    sleep(1.2 * AGE_TOLERANCE)  # what is kept of it is too old for the new level
     began = monotonic()
     probe.write(output.channel, new)
     context.arrive(None, output, new)
     came = monotonic()
     for wait in (pause, AGE_INTERVAL):
         sleep(wait)
-        _check_age(context, probe, output, (old, new), (began, came))
+        _check_age(context, probe, output, texts, (old, new), (began, came))
 
 
 def _check_age(
-    context: RuleContext, probe: Probe, output: Output, levels: tuple[int, int], times: tuple[float, float]
+    context: RuleContext,
+    probe: Probe,
+    output: Output,
+    texts: tuple[str, ...],
+    levels: tuple[int, int],
+    times: tuple[float, float],
 ) -> None:
     """A level is read that has changed between these times."""
-    (old, new), (began, came), texts = levels, times, context.readable
+    (old, new), (began, came) = levels, times
     view = context.view(output)
     found = dict(zip(texts, probe.read_many(texts), strict=True))[view]
     least = monotonic() - came - context.watch.took - AGE_TOLERANCE
@@ -173,25 +217,56 @@ def _time(seconds: float) -> str:
     return duration(round(seconds, 3)) if isfinite(seconds) else f"{seconds} s"
 
 
-@rule(Cost(each=2, calls=2))
+@rule(Cost(each=4, calls=8, connects=2, waits=3))
 def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
-    moves no output."""
+    moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
+    away."""
     kind = type(context.new().driver)
     if kind.report is Driver.report and kind.inspect is Driver.inspect:
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
         for number, output in enumerate(context.subject.outputs):
             probe.write(output.channel, output.other(number))
-        _check_report(probe)
-        for text in context.readable:
-            said = probe.call(f"inspect of {text}", probe.driver.inspect, probe.channel(text))
-            if not isinstance(said, str) or "\n" in said:
-                raise RuleBroken(f"inspect of {text} returned {said!r}, not a line of text")
-        for output in context.visible:
-            place = context.subject.outputs.index(output)
-            context.expect(probe, output, output.other(place), "report")
+        goals = {
+            each: each.other(place) for place, each in enumerate(context.subject.outputs) if each in context.visible
+        }
+        with context.straight(goals, "report or inspect"):
+            _check_report(probe)
+            for text in context.readable:
+                said = probe.call(f"inspect of {text}", probe.driver.inspect, probe.channel(text))
+                if not isinstance(said, str) or "\n" in said:
+                    raise RuleBroken(f"inspect of {text} returned {said!r}, not a line of text")
+        for output, raw in goals.items():
+            context.expect(probe, output, raw, "report")
+        _inspects_aside(context, probe)
+        _reports_while_away(context, probe)
     return context.remark() if context.subject.outputs else None
+
+
+def _inspects_aside(context: RuleContext, probe: Probe) -> None:
+    """A reading behind `inspect` of another channel is its own, alone and in a block."""
+    for asked, text in zip(context.known, (*context.known[1:], *context.known[:1]), strict=True):
+        before = probe.read(text)
+        for many in (False, True):
+            probe.call(f"inspect of {asked}", probe.driver.inspect, probe.channel(asked))
+            now = probe.read_many((text,))[0] if many else probe.read(text)
+            if not context.alike(text, before, now):
+                why = f"{text} read {before}, and {now} right after inspect of {asked}"
+                raise RuleBroken(why, f"reading of {text}")
+
+
+def _reports_while_away(context: RuleContext, probe: Probe) -> None:
+    if context.subject.line is None and context.subject.gone is None:
+        return
+    probe.timeout = context.haste
+    with context.loss():
+        context.failure(context.transfers(probe)[0])
+        for call in context.enquiries(probe):
+            if isinstance(error := context.failure(call), WrongKind):
+                raise RuleBroken(f"while the device is away, {context.watch.doing} raises {text_of(error)}")
+    probe.timeout = context.patience
+    context.try_out(probe)
 
 
 def _check_report(probe: Probe) -> None:
@@ -213,10 +288,11 @@ def _is_plain(value: Any) -> bool:
     return value is None or isinstance(value, str | bool | int | float) or hasattr(value, "dtype")
 
 
-@rule(Cost(each=1, calls=1, watchdogs=7))
+@rule(Cost(each=1, calls=1, watchdogs=9, sleeps=0.1))
 def watchdog(context: RuleContext) -> str | None:
     """Armed with a time, the watchdog of the circuit lets go of the outputs after that time without a request, and not
-    before; each call of `watchdog` sets the time anew. `check_watchdog` refuses what the circuit cannot take."""
+    before, also if the driver has connected again since; each call of `watchdog` sets the time anew, and makes no
+    requests come by themselves. `check_watchdog` refuses what the circuit cannot take."""
     seconds = context.subject.watchdog
     if type(context.new().driver).watchdog is Driver.watchdog:
         raise NotTried("the driver has no watchdog of its circuit")
@@ -225,6 +301,7 @@ def watchdog(context: RuleContext) -> str | None:
         raise NotTried("nothing says with which time to arm it (`watchdog` of the subject, or of the wiring)")
     long = 2 * UNFED * seconds
     with context.opened() as probe:
+        beats = _sends_by_itself(context, QUIET_TIME)
         try:
             _check_limits(context, probe)
             longer = _arm(probe, long) is None
@@ -238,7 +315,10 @@ def watchdog(context: RuleContext) -> str | None:
                 raise RuleBroken(f"the watchdog does not take {duration(seconds)}: {text_of(error)}") from error
             _check_held(context, probe, f"while it was armed with {duration(seconds)}")
             _feed(context, probe, seconds)
-            _check_let_go(context, probe, seconds)
+            _check_let_go(context, probe, seconds, beats, "")
+            if context.subject.line is not None:
+                _connects_again(context, probe, seconds)
+                _check_let_go(context, probe, seconds, beats, " and connected again since")
         finally:
             _arm(probe, 0.0)
     return context.remark(*(() if longer else (f"it does not take {duration(long)}, so it was armed once",)))
@@ -256,9 +336,29 @@ def _arm(probe: Probe, seconds: float) -> OSError | None:
 
 def _check_limits(context: RuleContext, probe: Probe) -> None:
     """A time that is taken can be armed: without a limit it would wrap in the circuit."""
-    refusal = context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, TOO_LONG)
-    if refusal is None and (error := _arm(probe, TOO_LONG)) is not None:
-        raise RuleBroken(f"check_watchdog takes {TOO_LONG:g} s, and then {context.watch.doing} fails: {text_of(error)}")
+    for seconds in NO_TIMES:
+        if context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, seconds) is not None:
+            continue
+        if (error := _arm(probe, seconds)) is not None:
+            fails = f"{context.watch.doing} fails: {text_of(error)}"
+            raise RuleBroken(f"check_watchdog takes {seconds:g} s, and then {fails}")
+        if seconds < 0:
+            raise RuleBroken(f"check_watchdog and watchdog take {seconds:g} s, a time that is over")
+
+
+def _sends_by_itself(context: RuleContext, seconds: float) -> bool:
+    """Whether requests come while nothing is called."""
+    with context.counted() as traffic:
+        sleep(seconds)
+    return bool(traffic.asked)
+
+
+def _connects_again(context: RuleContext, probe: Probe, seconds: float) -> None:
+    """umo arms the watchdog again after an absence only, not behind a call that has connected again and succeeded."""
+    context.line.drop()
+    if context.failure(_drive, context, probe) is not None:
+        context.insist(_drive, context, probe)
+        _arm(probe, seconds)
 
 
 def _drive(context: RuleContext, probe: Probe) -> None:
@@ -282,14 +382,16 @@ def _check_held(context: RuleContext, probe: Probe, when: str) -> None:
             raise RuleBroken(f"the watchdog has let go of {output.channel}, {when}")
 
 
-def _check_let_go(context: RuleContext, probe: Probe, seconds: float) -> None:
+def _check_let_go(context: RuleContext, probe: Probe, seconds: float, beats: bool, since: str) -> None:
     """Nothing is asked for long enough. It is the circuit's own choice which outputs it lets go of, and to what."""
     outputs = context.required_outputs
     _drive(context, probe)
-    with context.counted() as traffic:
-        sleep(UNFED * seconds)
-    if traffic.asked:
-        raise NotTried("the driver sends requests by itself while nothing is called, so the watchdog does not run out")
+    if _sends_by_itself(context, UNFED * seconds):
+        requests = "requests by itself while nothing is called, so the watchdog does not run out"
+        if not beats:
+            raise RuleBroken(f"since it was armed, the driver sends {requests}")
+        raise NotTried(f"the driver sends {requests}")
     if all(context.same(each, each.other(), context.level(probe, each)) for each in outputs):
         at = some([f"{each.channel} at {each.other()}" for each in outputs])
-        raise RuleBroken(f"armed with {duration(seconds)}, still {at} after {duration(UNFED * seconds)} of silence")
+        armed = f"armed with {duration(seconds)}{since}"
+        raise RuleBroken(f"{armed}, still {at} after {duration(UNFED * seconds)} of silence")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from threading import Event, Thread
@@ -211,6 +211,21 @@ class OutputObserver(DriverFactory):
                     sleep(LOOK_INTERVAL)
         else:
             yield found
+
+    @contextmanager
+    def straight(self, goals: Mapping[Output, int], doing: str) -> Iterator[None]:
+        """RuleBroken if an output goes within the block anywhere but straight to its goal, which may be the level that
+        it has. Where there is no record of levels, nothing is seen of it."""
+        record = self.subject.levels
+        for output in goals:
+            if record is not None:
+                record(output.channel)
+        yield
+        for output, goal in goals.items():
+            first, *levels = record(output.channel) if record is not None else (goal,)
+            if odd := [level for level in levels if level != first and not self.same(output, goal, level)]:
+                text = f"{output.channel} went from {first} to {odd[0]} for a moment in {doing}"
+                raise RuleBroken(text, f"level of {output.channel}")
 
     @contextmanager
     def _polling(self, text: str, found: list[int]) -> Iterator[None]:

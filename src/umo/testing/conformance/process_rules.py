@@ -14,6 +14,9 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import Any, TextIO
 
+from umo.drivers.contract import Driver
+from umo.errors import text_of
+from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.process_snapshot import change, state, threads
 from umo.testing.conformance.rule_context import RuleContext
@@ -21,6 +24,8 @@ from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 
 IDLE_TIME = 0.25
 """Time in s for which processor time is measured."""
+PAUSE = 1.2
+"""Time in s for which nothing is called."""
 MAX_SHARE = 0.5
 """Share of the time in which a thread could run that it uses at most while it waits."""
 TRIES = 2
@@ -32,16 +37,17 @@ WAITING_FUNCTIONS = {
 """Functions in C in which drivers wait for their devices."""
 
 
-@rule(Cost(calls=20, connects=6, waits=6, sleeps=1.3))
+@rule(Cost(calls=25, connects=6, waits=6, sleeps=2.5))
 def idle(context: RuleContext) -> str | None:
     """No processor time is used for waiting: not while the device is silent or away or its connection has ended, not
-    between calls, not after `close`."""
+    between calls, not after `close`. A pause between two calls does no harm."""
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with context.opened() as probe:
         for call in context.transfers(probe)[::2]:
             call()
         _quiet(context, lambda: sleep(IDLE_TIME), "between two calls")
+        _works_after_a_pause(context, probe)
         if context.subject.line is not None:
             probe.timeout = max(context.haste, IDLE_TIME)
             for call in context.transfers(probe)[:4:2]:
@@ -51,6 +57,15 @@ def idle(context: RuleContext) -> str | None:
             _quiet_while_away(context, probe)
     _quiet(context, lambda: sleep(IDLE_TIME), "after close")
     return None if context.subject.line is not None else "not while the device is silent: there is no line"
+
+
+def _works_after_a_pause(context: RuleContext, probe: Probe) -> None:
+    """Where the device has not ended the connection meanwhile, each call works."""
+    line = context.subject.line
+    before = line.open_connections if line is not None else 0
+    sleep(PAUSE)
+    if line is not None and line.open_connections == before:
+        context.must_work(probe, f"a pause of {duration(PAUSE)}")
 
 
 def _quiet_while_away(context: RuleContext, probe: Probe) -> None:
@@ -91,19 +106,34 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=5, calls=5))
+@rule(Cost(opens=6, calls=35, connects=5))
 def interrupt(context: RuleContext) -> str | None:
-    """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else."""
+    """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else. The driver can still
+    be used after that, as outputs are reset then; so it can once it was asked to end a wait (`stop_waiting`)."""
     # The interrupt is raised where the call would wait in a function in C
     kinds = len(context.transfers(context.new()))
+    _asked_to_stop(context)
     waited = [number for number in range(kinds) if _interrupted(context, number)]
     if not waited:
         raise NotTried("no call waits in a function that can be interrupted")
     return f"{kinds - len(waited)} of {kinds} calls did not wait" if len(waited) < kinds else None
 
 
+def _asked_to_stop(context: RuleContext) -> None:
+    """A stop is requested while nothing is called. That of a timer ends its next wait."""
+    probe = context.new()
+    if type(probe.driver).stop_waiting is Driver.stop_waiting or probe.driver.realtime or probe.driver.simulates_time:
+        return
+    with context.leaving(probe):
+        context.bring_up(probe)
+        if (error := context.failure(probe.call, "stop_waiting", probe.driver.stop_waiting)) is not None:
+            why = "it is called in a signal handler, and must raise nothing"
+            raise RuleBroken(f"stop_waiting failed: {text_of(error)}; {why}") from error
+        context.must_work(probe, "stop_waiting was called")
+
+
 def _interrupted(context: RuleContext, number: int) -> bool:
-    """Whether a call of this kind waited, and so was interrupted. What it leaves behind is not judged."""
+    """Whether a call of this kind waited, and so was interrupted. A few calls may fail by what it has left behind."""
     probe, before, waits = context.new(), sys.getprofile(), _Interrupt()
     try:
         context.bring_up(probe)
@@ -116,6 +146,12 @@ def _interrupted(context: RuleContext, number: int) -> bool:
             sys.setprofile(before)
         if waits.raised and not context.watch.interrupted:
             raise RuleBroken(f"{context.watch.doing} swallowed Ctrl-C while it waited in {waits.raised}")
+        if waits.raised:
+            interrupted = context.watch.doing
+            with context.in_haste(probe):
+                for _ in range(TRIES):
+                    context.try_out(probe)
+            context.must_work(probe, f"Ctrl-C ended a {interrupted}")
     finally:
         context.failure(context.leave, probe)
     return bool(waits.raised)
@@ -136,18 +172,15 @@ class _Interrupt:
 @rule(Cost(calls=46, connects=5, waits=8))
 def process(context: RuleContext) -> str | None:
     """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale,
-    processors, priority, garbage collector, child processes, logging, blocked signals, timers, warnings, hooks for
-    exceptions, errors of numpy, the mask of new files, functions of the standard library; nothing is printed, also if a
-    call fails."""
-    on, remark = gc.isenabled(), None
+    processors, priority, limits, garbage collector, child processes, logging, blocked signals, timers, warnings, hooks
+    for exceptions, errors of numpy, the mask of new files, functions of the standard library; nothing is printed, also
+    if a call fails, or when the driver is no longer used."""
+    on = gc.isenabled()
     gc.disable()  # as in the control process
     try:
-        with _printed(context) as printed, context.opened() as probe:
-            context.use(probe)
-            try:
-                _fail(context, probe)
-            except NotTried as reason:
-                remark = str(reason)
+        with _printed(context) as printed:
+            remark = _used(context)
+            gc.collect()  # its destructor, if that waits for the garbage collector
         if gc.isenabled():
             raise RuleBroken("it switched the garbage collector on, which is off in the control process")
     finally:
@@ -157,6 +190,17 @@ def process(context: RuleContext) -> str | None:
     if changed := change(context.before, state()):
         raise RuleBroken(f"it changed {changed}")
     return remark
+
+
+def _used(context: RuleContext) -> str | None:
+    """A driver is opened, used, left and given up. Why no call could be made to fail, if so."""
+    with context.opened() as probe:
+        context.use(probe)
+        try:
+            _fail(context, probe)
+        except NotTried as reason:
+            return str(reason)
+    return None
 
 
 def _fail(context: RuleContext, probe: Probe) -> None:
@@ -173,9 +217,9 @@ def _fail(context: RuleContext, probe: Probe) -> None:
 
 
 def _resume(context: RuleContext, probe: Probe) -> None:
-    """Calls of which the first may find out that the connection is lost."""
-    probe.timeout = context.patience
-    for _ in range(TRIES):
+    """Calls that may fail, as those before have left something behind."""
+    for timeout in (context.haste, context.patience):
+        probe.timeout = timeout
         context.try_out(probe)
 
 
@@ -197,8 +241,9 @@ def _printed(context: RuleContext) -> Iterator[list[str]]:
             return len(text)
 
     last, logging.lastResort = logging.lastResort, logging.NullHandler()
+    hook, sys.unraisablehook = sys.unraisablehook, sys.__unraisablehook__  # a test runner may have its own
     try:
         with redirect_stdout(Output(sys.stdout)), redirect_stderr(Output(sys.stderr)):
             yield found
     finally:
-        logging.lastResort = last
+        logging.lastResort, sys.unraisablehook = last, hook

@@ -8,6 +8,7 @@ import locale
 import logging
 import os
 import re
+import resource
 import select
 import signal
 import socket
@@ -26,6 +27,7 @@ TASKS = Path("/proc/self/task")
 STATUS = Path("/proc/self/status")
 PATCHED = (builtins, os, select, signal, socket, threading, time)
 """Modules of which some libraries replace functions for the whole process."""
+LIMITS = tuple(name for name in dir(resource) if name.startswith("RLIMIT_"))
 TIMERS = ("ITIMER_REAL", "ITIMER_VIRTUAL", "ITIMER_PROF")
 
 
@@ -68,6 +70,7 @@ def state() -> State:
         "number of handlers of the root logger": len(logging.getLogger().handlers),
         "locale": locale.setlocale(locale.LC_ALL),
         "processors and priority": _scheduling(),
+        "limits of the process": {name: resource.getrlimit(getattr(resource, name)) for name in LIMITS},
         "signals that are blocked": sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())),
         "timers of the process that run": [name for name in TIMERS if signal.getitimer(getattr(signal, name))[0]],
         "mask of new files": _umask(),

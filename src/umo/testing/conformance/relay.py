@@ -38,6 +38,8 @@ class AnswerMode:
     change: Change | None = None
     hangup: bool = False
     """Whether the connection is closed after a changed answer."""
+    reset: bool = False
+    """Whether the end of the connection is a reset, as from a device that has restarted."""
     holding: bool = False
     """Whether they are kept, to be delivered late."""
     splitting: bool = False
@@ -126,6 +128,11 @@ class Relay(ABC):
             for each in tuple(self._open):
                 self._close(each)
 
+    @property
+    def open_connections(self) -> int:
+        """Connections that neither side has ended."""
+        return len(self._open)
+
     def settle(self) -> None:
         """Returns when everything has been dealt with that waits now."""
         with self._turn:
@@ -154,6 +161,10 @@ class Relay(ABC):
 
     def _mirror(self, tapped: Tapped) -> None:
         """A request is about to be passed on."""
+        return
+
+    def _reset(self, tapped: Tapped) -> None:
+        """The driver finds its connection reset, where this kind of line can do so."""
         return
 
     # The thread --------------------------------------------------------------------------------------
@@ -255,6 +266,8 @@ class Relay(ABC):
             self._put(tapped, tapped.driver, tapped.held + changed)
             tapped.held = b""
             if mode.hangup and changed != answer:
+                if mode.reset:
+                    self._reset(tapped)
                 self._close(tapped)
         elif mode.step:
             tapped.trickle, tapped.next_due = answer, monotonic() + mode.step

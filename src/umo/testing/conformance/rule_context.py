@@ -9,7 +9,7 @@ from math import inf
 from time import monotonic
 from typing import Any, TypeVar
 
-from umo.drivers.contract import Direction
+from umo.drivers.contract import Direction, Driver
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
@@ -122,6 +122,20 @@ class RuleContext(OutputObserver):
             found += [partial(probe.reset, texts[-1], outputs[-1].default)]
         return found
 
+    def enquiries(self, probe: Probe) -> list[DriverCall]:
+        """A call of each kind that the driver has of its own beside transfers, and that may ask the device. The
+        watchdog is not armed by it."""
+        driver, kind = probe.driver, type(probe.driver)
+        found: dict[str, tuple[Any, ...]] = {"report": ()}
+        for text in self.readable[:1]:
+            found["inspect"] = (probe.channel(text),)
+        for text in self.channels[:1]:
+            found["physical_scale"] = (probe.channel(text),)
+        if self.subject.watchdog:
+            found["watchdog"] = (0.0,)
+        own = (name for name in found if getattr(kind, name) is not getattr(Driver, name))
+        return [partial(probe.call, name, getattr(driver, name), *found[name]) for name in own]
+
     def use(self, probe: Probe) -> None:
         """A call of each kind, which has to succeed."""
         for call in self.transfers(probe):
@@ -221,11 +235,13 @@ class RuleContext(OutputObserver):
         found, lost = self.spoiled(lambda answer: b"", False, call, *arguments)
         return found if isinstance(found, OSError) else None, lost
 
-    def spoiled(self, change: Change, hangup: bool, call: Callable[..., Any], *arguments: Any) -> tuple[Any, bool]:
+    def spoiled(
+        self, change: Change, hangup: bool, call: Callable[..., Any], *arguments: Any, reset: bool = False
+    ) -> tuple[Any, bool]:
         """A call whose answer is changed: what it returned or raised, and whether there was an answer to change."""
         line = self.line
         before = line.spoiled
-        with line.spoiling(change, hangup=hangup):
+        with line.spoiling(change, hangup=hangup, reset=reset):
             try:
                 found = call(*arguments)
             except OSError as error:

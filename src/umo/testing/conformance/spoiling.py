@@ -31,6 +31,8 @@ class Spoilt:
     words: str
     change: Change
     hangup: bool = False
+    reset: bool = False
+    """Whether the end of the connection is a reset."""
     blind: bool = False
     """Nothing is left of the answer by which the driver could know a value: a call that succeeds made it up."""
 
@@ -111,7 +113,7 @@ def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text
     output = next((each for each in context.viewed if context.view(each) == text), None)
     known = _moved(context, probe, watcher, output) if output is not None else probe.read(text)
     probe.timeout = context.haste
-    found, changed = context.spoiled(way.change, way.hangup, probe.read, text)
+    found, changed = context.spoiled(way.change, way.hangup, probe.read, text, reset=way.reset)
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         if way.blind:
@@ -142,7 +144,9 @@ def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
     probe.timeout = context.patience
     probe.write(output.channel, output.default)
     probe.timeout = context.haste
-    found, changed = context.spoiled(way.change, way.hangup, probe.write, output.channel, output.other())
+    found, changed = context.spoiled(
+        way.change, way.hangup, probe.write, output.channel, output.other(), reset=way.reset
+    )
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         raise RuleBroken(f"{context.watch.doing} succeeded with {way.words}")

@@ -26,9 +26,9 @@ class Tap(Relay):
     """Whether a connection that the driver opens again begins without what was sent to the one before."""
     _gone = False
 
-    def spoiling(self, change: Change, *, hangup: bool = False) -> AbstractContextManager[None]:
-        """Each answer is changed; `hangup`: then the connection is closed."""
-        return self._in(AnswerMode(change=change, hangup=hangup))
+    def spoiling(self, change: Change, *, hangup: bool = False, reset: bool = False) -> AbstractContextManager[None]:
+        """Each answer is changed; `hangup`: then the connection is closed; `reset`: as if the device had restarted."""
+        return self._in(AnswerMode(change=change, hangup=hangup or reset, reset=reset))
 
     def silent(self) -> AbstractContextManager[None]:
         """Requests reach the device, answers get lost."""

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import selectors
 import socket
+import struct
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from threading import Timer
 
+from umo.testing.conformance.relay import Tapped
 from umo.testing.conformance.taps import Tap
 
+AT_ONCE = struct.pack("ii", 1, 0)
+"""A socket that is closed lingers for 0 s: the other end finds the connection reset."""
 MAX_CONNECTING = 1.0
 """Time in s that connecting to the device may take."""
 
@@ -55,6 +60,10 @@ class TcpTap(Tap):
             self._selector.unregister(self._listener)
             self._listener.close()
             self._listener = None
+
+    def _reset(self, tapped: Tapped) -> None:
+        with socket.socket(fileno=os.dup(tapped.driver)) as driver:
+            driver.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, AT_ONCE)
 
     def _accept(self) -> None:
         assert self._listener is not None

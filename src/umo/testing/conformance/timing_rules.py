@@ -27,16 +27,19 @@ TRICKLE_TIMEOUT = 0.3
 """Timeout in s of a call whose answer trickles, so that two waits in place of one can be told."""
 TRICKLE_STEP = 0.7
 """Share of the timeout between two bytes that trickle."""
+QUICK_CALLS = 30
+"""Times that a driver is used, before an answer takes longer than those it is used to."""
 LEAST_DELAY, MAX_DELAY = 0.15, 2.0
 """Delay in s of an answer that a timeout of twice this time waits for; in between it is twice the short timeout."""
 CONNECTING_DELAY = 0.1
 """Time in s after which a request to connect is answered, once it is repeated."""
 
 
-@rule(Cost(opens=5, calls=20, connects=13, waits=20, sleeps=0.2))
+@rule(Cost(opens=5, calls=20, connects=17, waits=24, sleeps=0.2))
 def timeout(context: RuleContext) -> str | None:
     """A call ends within `timeout`, which it reads, by a TimeoutError; also if only the last of its answers is missing,
-    if bytes come without end, or nothing answers the request to connect."""
+    if bytes come without end, or nothing answers the request to connect. `inspect`, `report`, `physical_scale` and
+    `watchdog` end within it too."""
     line = context.line
     with context.opened() as probe:
         context.use(probe)  # what is kept of it must not be given later
@@ -52,6 +55,9 @@ def timeout(context: RuleContext) -> str | None:
                 raise RuleBroken(
                     f"{context.watch.doing} raised {type(error).__name__}, not a TimeoutError: {text_of(error)}"
                 ) from error
+        for call in context.enquiries(probe):
+            _alive(context, probe, context.transfers(probe)[0])
+            _timed(context, probe, partial(context.unanswered, call))
         for call in context.transfers(probe)[1::2]:  # the blocks
             with line.endless(context.haste / 4):
                 in_time(context, probe, call)
@@ -68,7 +74,9 @@ def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
     counts = set()
     for _ in range(2):
         _alive(context, probe, call)
+        probe.timeout = context.patience
         counts.add(_answers(context, call))
+        probe.timeout = context.haste
     if len(counts) > 1 or (count := counts.pop()) < 2:
         return
     with context.line.counting() as traffic:
@@ -108,10 +116,10 @@ def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 
 @contextmanager
-def _clock_set_back() -> Iterator[None]:
-    """The clock of the day is set back, again and again, as seen by `time.time`."""
-    right, began = time.time, monotonic()
-    time.time = lambda: right() - CLOCK_FACTOR * (monotonic() - began)
+def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
+    """The clock of the day is set back by so much, as seen by `time.time`."""
+    right = time.time
+    time.time = lambda: right() - seconds()
     try:
         yield
     finally:
@@ -198,15 +206,16 @@ def one_deadline(context: RuleContext) -> None:
 
 
 def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: float) -> None:
-    """The clock of the day is set back while an answer trickles: a timeout is no time of the day."""
+    """The clock of the day is set back, again and again, while an answer trickles: a timeout is no time of the day."""
+    began = monotonic()
     try:
-        with context.line.trickling(step), _clock_set_back():
+        with context.line.trickling(step), clock_set_back(lambda: CLOCK_FACTOR * (monotonic() - began)):
             in_time(context, probe, call)
     except RuleBroken as broken:
         raise RuleBroken(f"{broken}; the clock of the day was set back meanwhile") from broken
 
 
-@rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2))
+@rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2, more=60))
 def patience(context: RuleContext) -> str | None:
     """What is answered within `timeout` is taken: an answer that takes half of it, a connection that takes its time. A
     longer one, set after `open`, holds at once: initialise and reset get one."""
@@ -217,6 +226,8 @@ def patience(context: RuleContext) -> str | None:
         probe.timeout = context.patience
         for text in context.channels:
             probe.initialize(text, context.default(text))
+        for _ in context.as_time_allows(range(QUICK_CALLS), 0, "calls with quick answers"):
+            context.use(probe)  # an answer that takes longer than those is taken all the same
         for call in context.transfers(probe)[::-2]:  # the last is a reset
             probe.timeout = quick
             probe.timeout = 2 * delay

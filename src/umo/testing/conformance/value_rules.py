@@ -1,20 +1,27 @@
-"""Rules of values: ranges, their ends, one beyond, directions."""
+"""Rules of transfers and their values: the time they take, ranges, their ends, one beyond, directions."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from umo.drivers.contract import Direction
-from umo.errors import DriverError
-from umo.testing.conformance.probe import Probe
+from umo.errors import DriverError, text_of
+from umo.presentation.durations import duration
+from umo.testing.conformance.certificate import TransferTime, time_text
+from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
 INT64 = 1 << 63
+TIMED_CALLS = 300
+"""Calls of each kind that are timed at most."""
 FEWEST_LEVELS = 8
 """Levels of each output that are tried at any rate."""
 
@@ -39,6 +46,47 @@ def answers(context: RuleContext) -> None:
 def _steady_values(context: RuleContext, probe: Probe, block: bool) -> list[int]:
     texts = context.steady
     return probe.read_many(texts) if block else [probe.read(text) for text in texts]
+
+
+@rule(Cost(calls=20))
+def time_(context: RuleContext) -> str:
+    """The median time per transfer is within the timeout; the certificate has the times."""
+    with context.opened(direct=True) as probe:
+        kinds = _kinds(context, probe)
+        for kind, call in kinds.items():
+            taken: list[float] = []
+            most = TIMED_CALLS if context.cycles is None else max(20, min(context.cycles, TIMED_CALLS))
+            while len(taken) < 5 or (len(taken) < most and context.budget.more):
+                began = perf_counter()
+                if (error := context.failure(probe.call, kind, call)) is not None:  # other rules judge that
+                    raise NotTried(f"{kind} failed: {text_of(error)}")
+                taken.append(perf_counter() - began)
+            median, p99 = (float(np.percentile(taken, share)) for share in (50, 99))
+            context.times[kind] = TransferTime(median, p99, len(taken))
+    if not context.times:
+        raise NotTried("the subject has no channels")
+    for kind, each in context.times.items():
+        if each.median > context.subject.timeout:
+            timeout = duration(context.subject.timeout)
+            raise RuleBroken(f"{kind} takes {time_text(each.median)}, its timeout is {timeout}")
+    return ", ".join(f"{kind} {time_text(each.median)}" for kind, each in context.times.items())
+
+
+def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
+    """Each kind of transfer of the driver, without what the kit does around it."""
+    driver = probe.driver
+    kinds: dict[str, Callable[[], Any]] = {}
+    if context.readable:
+        readable = tuple(map(probe.channel, context.readable))
+        out = np.zeros(len(readable), np.int64)
+        kinds["read"] = lambda: driver.read(readable[0])
+        kinds[f"read_many of {len(readable)}"] = lambda: driver.read_many(readable, out)
+    if context.subject.outputs:
+        outputs = tuple(probe.channel(each.channel) for each in context.subject.outputs)
+        raws = np.array([each.default for each in context.subject.outputs], np.int64)
+        kinds["write"] = lambda: driver.write(outputs[0], int(raws[0]))
+        kinds[f"write_many of {len(outputs)}"] = lambda: driver.write_many(outputs, raws)
+    return kinds
 
 
 @rule(Cost(each=7, calls=10, more=600))
@@ -81,9 +129,9 @@ def _beyond(probe: Probe, output: Output) -> tuple[int, ...]:
 
 
 def _beyond_words(probe: Probe, output: Output) -> tuple[int, ...]:
-    """Levels that a conversion to fewer bits would bring into the range."""
+    """Levels that a conversion to fewer bits would bring into the range, or that only 64 bits hold."""
     highest = probe.channel(output.channel).highest
-    return tuple(raw for bits in (16, 32) if (raw := (1 << bits) + output.other()) > highest + 1)
+    return tuple(raw for bits in (16, 32, 62) if (raw := (1 << bits) + output.other()) > highest + 1)
 
 
 def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> None:
@@ -97,6 +145,8 @@ def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> No
         probe.write(output.channel, output.default)
         error = context.failure(call)
         came_to = context.level(probe, output)
+        if isinstance(error, WrongKind):
+            raise RuleBroken(f"{context.watch.doing} raised {text_of(error)}, which is no OSError")
         if error is None:
             raise RuleBroken(f"{context.subject.name} took {raw} for {output.channel}, which is at {came_to} now")
         if not context.is_at(probe, output, output.default):
@@ -127,16 +177,17 @@ def directions(context: RuleContext) -> str | None:
 
 @rule(Cost(each=2, calls=2))
 def reading(context: RuleContext) -> str | None:
-    """Reading changes no output."""
+    """Reading changes no output, not for a moment either."""
     if not context.readable:
         raise NotTried("the driver has no inputs")
     outputs = context.required_outputs
     with context.opened() as probe:
         for number, output in enumerate(outputs):
             probe.write(output.channel, output.other(number))
-        for text in context.readable:
-            probe.read(text)
-        probe.read_many(context.readable)
+        with context.straight({output: output.other(n) for n, output in enumerate(outputs)}, "reading all inputs"):
+            for text in context.readable:
+                probe.read(text)
+            probe.read_many(context.readable)
         for number, output in enumerate(outputs):
             context.expect(probe, output, output.other(number), "reading all inputs")
     return context.remark()
