@@ -25,13 +25,19 @@ class Device:
     error = 0
 
     def __init__(self, memory=None):
-        self.sent, self.is_open, self.answer = [], False, None
+        self.sent, self.is_open, self.answer, self.descriptor = [], False, None, -1
         self.memory = bytearray(128) if memory is None else memory
 
     def open_path(self, path):
-        self.is_open = True
+        self.is_open, self.descriptor = True, os.open(os.devnull, os.O_RDONLY)
+        os.set_inheritable(self.descriptor, True)  # as open(2) in C leaves it
+
+    def fileno(self):
+        return self.descriptor
 
     def close(self):
+        if self.is_open:
+            os.close(self.descriptor)
         self.is_open = False
 
     def __setattr__(self, name, value):
@@ -118,6 +124,12 @@ def test_a_setting_that_the_controller_refuses_leaves_nothing_open(device):
     with pytest.raises(DriverError, match=r"the controller of /dev/spidev0\.0 refuses mode = 3"):
         opened(mode=3)
     assert not device.is_open
+
+
+def test_no_child_process_inherits_the_device(device):
+    driver = opened()
+    assert not os.get_inheritable(device.fileno())
+    driver.close()
 
 
 def test_a_transfer_is_a_command_and_data_under_one_chip_select(device):

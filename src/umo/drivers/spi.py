@@ -116,6 +116,7 @@ class Spi(RegisterDriver):
         self._bus = self._spidev.SpiDev()
         with opening(self.path):
             self._bus.open_path(self.path)
+        os.set_inheritable(self._bus.fileno(), False)  # opened in C: a child process would hold the device
         for name, value in self._settings.items():
             try:
                 setattr(self._bus, name, value)
