@@ -132,7 +132,7 @@ def test_what_can_be_done_is_known_before_what_was_asked_for_is_carried_out(
 ) -> None:
     box, machine = Scripted(), Plant(timer=timer(), tanks=[Tank(level=sensor(resolution=1.0)) for _ in range(3)])
     with connect(machine, wired(machine, box)) as m:
-        ann, engine = Operator(m), m._machine.alarms
+        ann, engine = Operator(m), m._machine.whole.alarms
         box.set("tanks.0.level", 95)
         box.set("tanks.1.level", 85)
         ann.run(3)
@@ -193,7 +193,7 @@ def test_an_alarm_out_of_service_comes_back_when_it_is_returned(rig: Rig) -> Non
 def test_an_event_that_is_no_longer_kept_leaves_the_time_unknown(rig: Rig) -> None:
     rig.flood(0)
     for _ in range(KEPT_EVENTS):
-        rig.connection.machine.tell("", "something else")
+        rig.connection.machine.root.cycle.tell("something else")
     assert [(row.since, row.who) for row in rig.rows] == [(None, "")] * 2
 
 

@@ -47,7 +47,7 @@ from umo.cycle.deliveries import AtOnce
 from umo.cycle.events import CommandState
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
-from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine_view import MachineView
 from umo.errors import DriverError, Interlocked, UmoError
 from umo.objects import Quality
 from umo.operation.resting import Resting
@@ -193,7 +193,7 @@ class Rig:
 
     def __enter__(self) -> Rig:
         self.connection.__enter__()
-        machine: Any = self.m._machine
+        machine: Any = self.m._machine.whole
         self.machine, self.image, self.commands = machine, machine.image, machine.commands
         self.image.transfer.now = lambda: 0.0  # on a busy computer a call takes its time: it is no timeout
         self.slot = self.valve._slot
@@ -234,7 +234,7 @@ class Rig:
         self.look("")
 
     def equipment_fails(self, level: int) -> None:
-        self.machine.fail(self.levels[level], TaskFailed("it was asked to"))
+        self.machine.equipment.contain(self.levels[level], TaskFailed("it was asked to"))
 
     def clear(self) -> None:
         self.m.cycle.clear()
@@ -420,7 +420,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "work goes on with what a client holds": (
         CommandStage._goes_on, "return self._image.go_on(slot, value)", "self._image.pending[slot] = value; return True"
     ),
-    "a client survives a reset": (ConnectedMachine.reset, "self.commands.end_client(slot)", "pass"),
+    "a client survives a reset": (MachineView.reset, "self.whole.commands.end_client(slot)", "pass"),
     "a client survives a device that was away": (Image.was_initialized_again, "self.commands.end_client(slot)", "pass"),
     "what is not restored is not told": (CommandStage.go_on, "self.events.add(", "(lambda event, logged: None)("),
     "resting takes from a client": (Resting.begin, "if not image.commands.client_of(slot)", ""),

@@ -46,7 +46,7 @@ class Sorted:
     @property
     def cause(self) -> str:
         """Why nothing is sorted. A signal to the process of the tests stops every machine in it."""
-        stop = self.m._machine.stop
+        stop = self.m._machine.whole.stop
         return f"this process got the signal {stop.signal}" if stop.requested else self.m.sorter.cause
 
     def to(self, command: str, *states: PackMLState) -> None:
@@ -217,7 +217,7 @@ def test_without_parts_the_sorter_suspends_itself_tells_it_and_goes_on_when_part
         run.until(S.SUSPENDED)
         assert (len(run.plant.accepted) + len(run.plant.rejected), run.m.sorter.waits) == (2, True)
         assert run.m.sorter.cause == "no part came on 500 mm of belt"
-        alarms = run.m._machine.alarms
+        alarms = run.m._machine.whole.alarms
         assert alarms is not None
         number = alarms.paths.index("sorter.no parts")
         periods(run.m, 4_900)
@@ -247,7 +247,7 @@ def test_a_jam_is_an_alarm_until_it_is_cleared() -> None:
     with sorting(faults=["jam"], patience=100.0) as run:
         run.until(S.ABORTED)
         periods(run.m, 2)
-        alarms = run.m._machine.alarms
+        alarms = run.m._machine.whole.alarms
         assert alarms is not None
         number = alarms.paths.index("sorter.jam")
         assert AlarmState(alarms.states[number]) is AlarmState.UNACKNOWLEDGED
@@ -311,7 +311,7 @@ def test_a_client_gives_the_commands() -> None:
 
 def test_the_counts_and_the_bin_are_kept_over_a_restart() -> None:
     with connect(machine(), SIMULATED) as m:
-        assert set(m._machine.directory.kept) == {"sorter.in_bin", "sorter.unit.produced", "sorter.unit.rejected"}
+        assert set(m._machine.whole.directory.kept) == {"sorter.in_bin", "sorter.unit.produced", "sorter.unit.rejected"}
 
 
 def test_parts_that_lie_on_the_belt_at_the_first_start_are_pushed_onto_the_chute() -> None:

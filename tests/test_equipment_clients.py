@@ -383,7 +383,7 @@ def test_a_fault_of_the_outer_equipment_while_the_actions_of_the_inner_end_ends_
         rig.do("call", "a.outlet.watch")
         rig.do("call", "a.outlet.turn")
         rig.boxes["of_a"].at(len(rig.boxes["of_a"].calls) + 1, OSError("the coil is broken"))
-        assert rig.connection.machine.fail(a.outlet, ValueError("it is stuck"))
+        assert rig.connection.machine.equipment.contain(a.outlet, ValueError("it is stuck"))
         assert "it is stuck" in a.outlet.cycle.fault
         rig.periods(2)
         assert (a.outlet.cycle.fault, a.cycle.fault is not None) == ("ValueError: it is stuck", True)
@@ -524,7 +524,7 @@ def test_an_axis_in_fault_that_refuses_a_motion_leaves_nothing_that_only_the_col
             await next_period()
 
     with Commanded(machine=m) as rig:
-        rig.connection.machine.fail(m.x, ValueError("it is stuck"))
+        rig.connection.machine.equipment.contain(m.x, ValueError("it is stuck"))
         m.cycle.start(move())
         gc.disable()
         try:
@@ -549,7 +549,7 @@ def test_an_axis_in_fault_that_cannot_be_disabled_is_not_controlled_after_clear(
         rig.do("call", f"x.{motion}", arguments={"jog": {"velocity": 5.0}, "move_to": {"position": 40.0}}[motion])
         rig.periods(1)
         assert m.x.enabled
-        rig.connection.machine.fail(m.x, ValueError("it is stuck"))
+        rig.connection.machine.equipment.contain(m.x, ValueError("it is stuck"))
         assert any("the brake did not answer" in text for text in rig.texts)
         assert (m.x.enabled, m.x.motor.read()) == (False, 0.0)
         rig.do("clear", "x")

@@ -379,7 +379,7 @@ def test_an_invalid_raw_is_a_failed_reading(synchronous: bool, raw: int, lineari
             with pytest.raises(DriverError, match=rf"the circuit reports an invalid reading \(raw {each}\); encoder"):
                 m.sample() if synchronous else m.encoder.read()
             assert (m.encoder.raw, m.encoder.quality) == (each, Quality.BAD)
-            assert (m._machine.image.values[m.encoder._slot], m.encoder.time) == good
+            assert (m._machine.whole.image.values[m.encoder._slot], m.encoder.time) == good
 
 
 def test_a_wiring_gives_the_invalid_raws_of_its_circuit() -> None:

@@ -389,7 +389,7 @@ def test_no_action_that_ships_takes_a_number_that_is_not_finite(name: str) -> No
                         result = offered.call(**given)
                         m.cycle.start(result)
                         periods(m)
-                    m._machine.sequences.cancel()  # type: ignore[attr-defined]
+                    m._machine.whole.sequences.cancel()  # type: ignore[attr-defined]
                     assert pending(m) == before, (offered.path, given)
         takes_numbers = any(each.range for offered in actions_of(m).values() for each in offered.arguments)
         assert bool(tried) is takes_numbers

@@ -472,7 +472,7 @@ def test_a_machine_without_such_drivers_has_the_plain_image() -> None:
     machine = bench()
     with connect(machine, wired(machine, Scripted())) as m:
         period(m)
-        assert type(m.cycle._machine.image if hasattr(m.cycle, "_machine") else m.encoder._image) is Image
+        assert type(m.cycle._machine.whole.image if hasattr(m.cycle, "_machine") else m.encoder._image) is Image
 
 
 def test_a_sensor_that_is_read_alone_has_its_own_time_too() -> None:

@@ -11,6 +11,7 @@ from typer.testing import Result
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.cycle.laid_out import laid_out
+from umo.cycle.machine_view import connect_compounds
 from umo.cycle.period import PHASES
 from umo.states import OnOff
 from umo.testing import Scripted, periods
@@ -73,7 +74,7 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
         on_tick = machine.clock.on_tick
         machine.clock.on_tick = lambda: (seen.append("TICK"), on_tick())
         period.bind()
-        machine._connect_compounds()
+        connect_compounds(machine)
         for _ in range(6):
             period.settle_once(lambda: None)
             seen.clear()

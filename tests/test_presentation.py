@@ -161,7 +161,7 @@ def test_from_a_trace_every_raw_integer_comes_back(read: list[int]) -> None:
     m = bench()
     trace, raws = Trace(), []
     with connect(m, wired(m, Scripted({"encoder": read}), clock=VirtualTimer())) as machine:
-        machine._machine.observers += [trace, lambda frame: raws.append(m.encoder.raw)]
+        machine._machine.whole.observers += [trace, lambda frame: raws.append(m.encoder.raw)]
         periods(m, len(read))
     head, *rows = (line.strip().split(",") for line in lines(trace))
     texts = [row[head.index("encoder[mm]")] for row in rows]

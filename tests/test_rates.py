@@ -110,8 +110,8 @@ def test_dt_is_the_exact_time_since_the_last_period_of_the_part() -> None:
 def test_after_missed_ticks_a_part_runs_late_once_and_its_grid_stays(missed: list[int]) -> None:
     machine = plant()
     with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=missed))) as m:
-        clock, number, due = m._machine.clock, 0, []
-        phase = next(rate.phase for rate in m._machine.groups._map._rates if rate.part is m.middle)
+        clock, number, due = m._machine.whole.clock, 0, []
+        phase = next(rate.phase for rate in m._machine.whole.groups._map._rates if rate.part is m.middle)
         for _ in missed:
             periods(m)
             begun = clock.number
@@ -132,7 +132,7 @@ def test_a_part_with_several_of_its_periods_missed_counts_its_own_ticks() -> Non
     machine = Plant(timer=timer(), fast=unit(), middle=unit(Counting), slow=unit(Slow))
     with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=[0] * 10 + [35]))) as m:
         periods(m, 11)
-        assert sum(m.middle.acted) == sum(each % 10 == m._machine.groups.parts[0].phase for each in range(1, 46))
+        assert sum(m.middle.acted) == sum(each % 10 == m._machine.whole.groups.parts[0].phase for each in range(1, 46))
 
 
 def test_the_fast_outputs_are_sent_before_a_slow_part_is_sampled_and_computes() -> None:
@@ -219,7 +219,7 @@ def test_a_slew_rate_of_a_slow_part_counts_the_time_of_its_own_periods() -> None
     machine = Machine(timer=timer(), ramped=Ramped(valve=actuator(slew_rate=100.0)))
     box = Scripted()
     with connect(machine, wired(machine, box)) as m:
-        first = m._machine.groups.parts[0].phase or 10
+        first = m._machine.whole.groups.parts[0].phase or 10
         periods(m, first)
         sent = [m.ramped.valve.read()]
         for _ in range(3):
@@ -494,7 +494,7 @@ def test_phases_are_spread_so_that_parts_do_not_meet() -> None:
 def test_a_slow_part_has_phases_of_its_own_in_the_periods_in_which_it_acts() -> None:
     machine, box, clock = plant(), Scripted(), VirtualTimer()
     with connect(machine, wired(machine, box, clock=clock)) as m:
-        whole = m._machine
+        whole = m._machine.whole
         phases = PhaseTimes(whole.image, {"box": box, "clock": clock}, whole.groups.parts)
         mine = ["sample box for middle", "update box for middle", "control middle"]
         taken: list[list[bool]] = []

@@ -42,8 +42,10 @@ def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path:
         if station == "conveyor":
             put(m.sorter.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
-        clock = m._machine.clock
-        clients = m._machine.clients = ClientControl(m._machine, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)
+        clock = m._machine.whole.clock
+        clients = m._machine.whole.clients = ClientControl(
+            m._machine.whole, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now
+        )
 
         def send(do: str, path: str = "", **more: Any) -> None:
             letters.waiting.append(ClientCommand(1, "client", "key", do, path, **more))

@@ -109,7 +109,7 @@ def trace(seeds: list[int], levels: int, dead: Sequence[range], commands: list[t
     found = []
     letters = Letters()
     with connect(m, {"drivers": {"box": box, "other": other, "clock": VirtualTimer()}, "wire": wire}) as m:
-        machine = m._machine
+        machine = m._machine.whole
         if commands is not None:
             machine.clients = ClientControl(machine, letters, letters, Mode.AUTOMATIC, lambda: 1.0)
             letters.waiting.append(ClientCommand(0, "ann", "key", "lease"))

@@ -397,7 +397,7 @@ def test_a_wrong_result_is_told_by_its_type_and_is_not_written_out_in_every_peri
 
     with connect(Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
         periods(m, 5)
-        told = [event.text for event in m._machine.events if event.path == "odd"]
+        told = [event.text for event in m._machine.whole.events if event.path == "odd"]
         assert "it gives an object of the type list, which is not True or False" in told[0]
         assert "it gives an object of the type Large, which" in str(m.motor.inhibited)
     assert Large.shown == 0

@@ -74,7 +74,7 @@ class Two:
         assert told[0] == told[1]
 
     def clear(self) -> None:
-        told = [told_by(partial(each.machine.clear, each.root)) for each in self.connections]
+        told = [told_by(partial(each.machine.equipment.clear, each.root)) for each in self.connections]
         assert told[0] == told[1]
         for m in self.machines:
             m.acknowledge()

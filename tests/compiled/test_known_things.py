@@ -79,7 +79,7 @@ def test_any_settings_are_as_in_python(set_at: list[Setting]) -> None:
 
 @pytest.mark.parametrize("name", ["PV", "bias"])
 def test_a_client_that_tunes_is_seen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(WAYS, "tune", lambda module, m: m._machine.directory.tunables[name].set(20.0))
+    monkeypatch.setitem(WAYS, "tune", lambda module, m: m._machine.whole.directory.tunables[name].set(20.0))
     assert check([("tune", AFTER, "client")]).state == ("python" if name == "PV" else "compiled")
 
 

@@ -67,7 +67,7 @@ def test_what_fails_in_equipment_is_its_fault_in_the_same_period(seed: int, tmp_
                 part = m if place < 0 else running.machine.equipment.all[place].compound
                 can = both.c.clear(place)
                 try:
-                    running.machine.clear(part)
+                    running.machine.equipment.clear(part)
                 except EquipmentFault:
                     refused += 1
                     assert not can

@@ -93,6 +93,6 @@ def test_a_station_is_equal_to_the_bit(station: str, late: bool, tmp_path: Path)
                 with suppress(UmoError):
                     act(m, random)
                 if both.c.clear():
-                    running.machine.clear(m)
+                    running.machine.equipment.clear(m)
                 both.push()
         assert both.told[None] > PERIODS / 4

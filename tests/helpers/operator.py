@@ -22,7 +22,7 @@ class Operator:
         self.m, self.number, self.lease = machine, 0, 0
         self.letters = Letters()
         self._held: set[str] = set()
-        self.machine: Any = getattr(machine._machine, "whole", machine._machine)
+        self.machine: Any = machine._machine.whole
         self.clients = self.machine.clients = ClientControl(
             self.machine, self.letters, self.letters, mode, lambda: BOOT + self.machine.clock.now
         )
@@ -77,4 +77,4 @@ class Operator:
 
     @property
     def driven(self) -> str:
-        return str(self.machine.facts()["driven"])
+        return str(self.machine.root._machine.facts()["driven"])

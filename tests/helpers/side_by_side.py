@@ -143,7 +143,7 @@ class SideBySide:
 
     def __init__(self, programs: Sequence[Translated], machine: Rig, model: ControllerModel, folder: Path) -> None:
         self._machine, self._model, self._programs = machine, model, programs
-        self._image = machine._machine.image
+        self._image = machine._machine.whole.image
         parts = [_renamed(number, each.translation) for number, each in enumerate(programs) if each.translation]
         model.laws = [ControllerLaw(machine._enter_fault, -1)]
         whole = _whole(parts)

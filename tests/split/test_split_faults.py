@@ -96,7 +96,7 @@ def test_what_fails_alone_does_so_on_the_controller_until_it_is_cleared(
         assert (failed.mode, failed.outputs) == (mode, oven.defaults)
         assert "too hot" in str(connected.equipment.fault_of(zone))
         zone.highest = 1000.0
-        connected.clear(zone)
+        connected.equipment.clear(zone)
         play(m, lambda: zone.heater.read() == 50.0)
         assert next(each for each in record if heats(each)).mode == RUNNING
 

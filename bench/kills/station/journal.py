@@ -37,7 +37,7 @@ class Journal:
     def __init__(self, root: Compound) -> None:
         self._numbers = {path: each for path, each in numbers_of(root).items() if each.declared.kept}
         self._units = {path: law for _, path, law in laws_in(root) if isinstance(law, UnitStates)}
-        self._alarms: Any = root._machine.alarms  # type: ignore[attr-defined]
+        self._alarms: Any = root._machine.whole.alarms  # type: ignore[attr-defined]
         file = Path(os.environ[FILE])
         names = {"numbers": [*self._numbers], "states": [*self._units], "alarms": self._alarms.paths}
         file.with_suffix(".json").write_text(json.dumps(names))

@@ -48,7 +48,7 @@ class Machine(Compound):
             self.cells[WRONG] += count.read() != 1000 + 111 * i and count.quality is Quality.GOOD
         now = monotonic_ns()
         age = (now // CLOCK - int(self.clock.read())) % 65_536 * CLOCK * 1e-9
-        period = (now - self._machine.phases.began) * 1e-9
+        period = (now - self._machine.whole.phases.began) * 1e-9
         self.cells[WRONG] += self.cells[MAX_AGE] * 1e-3 + period < age and self.clock.quality is Quality.GOOD
 
 

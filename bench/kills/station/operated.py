@@ -132,7 +132,7 @@ class Operated(
         self.filler.unit.chance = self.brewer.unit.chance = self.chance
 
     def begin(self) -> None:
-        self._machine.observers.insert(0, Journal(self))  # before the frame: none is without its row
+        self._machine.whole.observers.insert(0, Journal(self))  # before the frame: none is without its row
         self.cycle.start(self._operate())
 
     async def _operate(self) -> None:
@@ -167,7 +167,7 @@ class Operated(
             pass
 
     def _operate_an_alarm(self) -> None:
-        alarms: AlarmEngine = self._machine.alarms  # type: ignore[attr-defined]
+        alarms: AlarmEngine = self._machine.whole.alarms  # type: ignore[attr-defined]
         row = self.chance.randrange(len(alarms.paths))
         wanted = self.chance.choice(OPERATIONS)
         operation = Operation.RETURN if alarms.able([row], Operation.RETURN) else wanted

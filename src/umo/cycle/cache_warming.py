@@ -16,6 +16,7 @@ from typing import Any
 from umo.cycle.clock import Clock
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine_view import connect_compounds
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import bare
@@ -69,6 +70,7 @@ class CacheWarming:
         copied = Wired({"nowhere": nowhere}, wires, wired.period, items[0])
         self._root = _Copy(objects=items)
         self._machine = ConnectedMachine(self._root, Image(copied, Clock(wired.period or 0.0)), StopFlag())
+        connect_compounds(self._machine)
         self._timer: Any = items[0]
         self._sound = True
         synchronous = [item for item in items if item.synchronous]

@@ -107,7 +107,9 @@ class ClientActions:
         try:
             result = self._call(begun, partial(action.call, **arguments))
             if begun not in self._running:
-                raise self._machine.fault_of(begun.part) or CommandRefused(f"{path} was cancelled as it began")
+                raise self._machine.equipment.fault_of(begun.part) or CommandRefused(
+                    f"{path} was cancelled as it began"
+                )
         except BaseException:  # what it has begun until then ends with it
             self._end(begun, "")
             self.release(path, "")
@@ -143,7 +145,7 @@ class ClientActions:
         result = self.within(action.started, call)
         if isinstance(result, Coroutine):
             task = action.started.task(result, action.part)
-            if (fault := self._machine.fault_of(action.part)) is not None:
+            if (fault := self._machine.equipment.fault_of(action.part)) is not None:
                 task.cancel()  # it never begins
                 raise fault
             action.task = task

@@ -69,7 +69,7 @@ class ClientControl:
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self._actions = ClientActions(machine)
         (
-            machine.actuators_of(machine.root),
+            machine.parts.of(machine.root).actuators,
             machine.directory.actions,
             machine.directory.loops,
         )  # known from now on: they take long
@@ -82,6 +82,7 @@ class ClientControl:
         self.mode = mode
         machine.sequences.paused = mode is Mode.MANUAL
         machine.phases.commanding.insert(0, self.look)
+        machine.fault_ends.others.append(self.end_in)
 
     @property
     def at_work(self) -> Sequences | None:
@@ -253,7 +254,7 @@ class ClientControl:
         action = directory.action_at(command.path) or _known(directory.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
-            if (fault := self._machine.fault_of(action.part)) is not None:
+            if (fault := self._machine.equipment.fault_of(action.part)) is not None:
                 raise fault
         arguments = action.converted(command.arguments)
         signed = 0.0 if action.release is None else self._last_sign(action.path, DEAD_MAN_TIME)
@@ -270,7 +271,7 @@ class ClientControl:
         condition of one still holds."""
         self.lease.check(command.key)
         part, commands = self._object(command.path), self._machine.commands
-        slots = self._machine.actuators_of(part)
+        slots = self._machine.parts.of(part).actuators
         before = commands.inhibiting(slots, latched=True)
         part.acknowledge()
         if left := commands.inhibiting(slots, latched=True):
@@ -281,10 +282,10 @@ class ClientControl:
         """The faults of the equipment in an object and around it, "": in the machine; told which, and which interlocks
         still inhibit their actuators."""
         self.lease.check(command.key)
-        cleared = self._machine.clear(self._object(command.path))
+        cleared = self._machine.equipment.clear(self._object(command.path))
         text = f"cleared: {some(cleared)}" if cleared else "nothing was in fault"
         parts = [self._object(path) for path in cleared or [command.path]]
-        slots = frozenset().union(*map(self._machine.actuators_of, parts))
+        slots = frozenset().union(*(self._machine.parts.of(part).actuators for part in parts))
         if left := self._machine.commands.inhibiting(slots):
             text += f"; still inhibited: {'; '.join(left)}"
         return CommandState.DONE, plain(text)

@@ -12,6 +12,7 @@ from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine_view import connect_compounds
 from umo.cycle.off_cycle import OffCycleDrivers
 from umo.cycle.stopping import StopFlag
 from umo.objects import Compound
@@ -27,6 +28,7 @@ def machine_of(root: Compound, wired: Wired, stop: StopFlag) -> ConnectedMachine
     image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)), len(alarms))
     attached: list[Capability] = [*OffCycleDrivers.of(image, wired), *capabilities_in(root)]
     machine = ConnectedMachine(root, image, stop, wired.injection, wired.process.outputs, wired.rates, attached)
+    connect_compounds(machine)
     machine.alarms = engine_of(alarms, image, machine.commands, machine.equipment.all)
     if machine.alarms is not None:
         machine.phases.showing.append(machine.alarms.look)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from heapq import heapify, heappop, heappush
 from types import MethodType
-from typing import Any
 
 from umo.cycle.clock import Clock
 from umo.cycle.image import Image
@@ -140,21 +139,3 @@ class RateGroups:
             heappush(queue, (part.due, key))
             due.append(key)
         return [self._parts[key] for key in sorted(due)]  # numbered from the fastest on
-
-
-class MachineOfGroup:
-    """The machine, seen from compounds of one rate (`umo.objects.link.Machine`). `period` in s: of their laws, which
-    may act on a controller. Default: the clock's."""
-
-    def __init__(self, machine: Any, clock: Clock, period: float | None = None) -> None:
-        self.whole, self._clock = machine, clock
-        self.period = clock.period if period is None else period
-
-    @property
-    def clock(self) -> Clock:
-        """In a sequence, whoever's it is, the clock by which that takes its steps."""
-        task = self.whole.current_task
-        return self._clock if task is None else task.clock or self.whole.clock
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.whole, name)

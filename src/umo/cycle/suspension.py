@@ -269,7 +269,7 @@ class Suspension:
         self.resuming = self._machine.sequences.others()
         if changed:
             self.resuming.start(_sent())
-        nodes = [node for node in self._resuming if self._machine.fault_of(node) is None]
+        nodes = [node for node in self._resuming if self._machine.equipment.fault_of(node) is None]
         for node in nodes:
             self.resuming.start(_resumed(node), node)
         return bool(nodes)

@@ -22,6 +22,7 @@ import numpy as np
 
 from umo.cycle.columns import Source
 from umo.cycle.conversion import extension
+from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
 from umo.generate.bound_fields import WRONG, BoundFields
@@ -305,11 +306,11 @@ class CompiledLaws:
         self._conditions.use()
         self._watch.on_renewal = self._use_watch
         self._use_watch()
-        self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
+        self._tell("the laws are compiled: they were the same as in Python so far")
         if self._translation.notes:
-            self._machine.tell("", f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
+            self._tell(f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
         if self._conditions.left_out:
-            self._machine.tell("", f"the conditions of interlocks run in Python: {self._conditions.left_out}")
+            self._tell(f"the conditions of interlocks run in Python: {self._conditions.left_out}")
         self._machine.acting_laws.replace([self._compiled(number, law) for number, law in enumerate(self._python)])
 
     def _compiled(self, number: int, law: MethodType) -> MethodType:
@@ -342,7 +343,10 @@ class CompiledLaws:
         self._release()
         self._machine.acting_laws.replace(self._python)
         text = f"the laws run in Python, not compiled: {reason}"
-        self._machine.tell("", text, logged=True)
+        self._tell(text, logged=True)
+
+    def _tell(self, text: str, logged: bool = False) -> None:
+        self._machine.events.add(Event(self._machine.clock.now, "", text), logged=logged)
 
     def release(self) -> None:
         """The machine is disconnected: its objects have their attributes themselves again."""

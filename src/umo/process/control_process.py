@@ -355,7 +355,7 @@ class Control:
         gc.freeze()
         wait_busily(self._plan.wired, busy_wait)
         self._stop_if_asked()
-        if connection.machine.running:
+        if not connection.machine.stop.requested:
             connection.machine.phases.skip_ticks()
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]

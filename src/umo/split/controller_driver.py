@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from time import monotonic
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.rate_groups import MachineOfGroup
+from umo.cycle.machine_view import GroupView
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
 from umo.drivers.streams import Host, Serial, place_of
@@ -119,9 +119,7 @@ class Controller(Driver[Channel]):
         assert self._plan is not None
         for each in (part, *walk(part)):
             if self._cycle is not None and isinstance(each, Compound):
-                vars(each)["_machine"] = MachineOfGroup(
-                    cast(ConnectedMachine, each._machine), machine.clock, self._cycle
-                )
+                vars(each)["_machine"] = GroupView(machine, machine.clock, self._cycle)
         self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
         self._watch = KnownWatch(self._plan.translation.known, self._note_changes)
         self._ends = self._rested = False
@@ -255,9 +253,9 @@ class Controller(Driver[Channel]):
         """Faults of equipment in the part, and one of the part as a whole: on the controller it is the machine."""
         assert self._machine is not None and self._part is not None and self._plan is not None
         for part, fault in mirror.new_faults(state):
-            self._machine.fail(part, DriverError(self._plan.fault_text(fault)))
+            self._machine.equipment.contain(part, DriverError(self._plan.fault_text(fault)))
         if state.mode is ControllerMode.FAULTED and not self._contained:
-            self._contained = self._machine.fail(self._part, DriverError(self._fault_text(state)))
+            self._contained = self._machine.equipment.contain(self._part, DriverError(self._fault_text(state)))
 
     def _start(self, link: LinkHost, mirror: PartMirror) -> None:
         """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""

@@ -14,6 +14,7 @@ from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine_view import connect_compounds
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
@@ -141,6 +142,7 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
     alone = replace(wired, wires=wires, period=period, rates=(), process=ProcessSettings())
     image = Image(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
     machine = ConnectedMachine(part, image, StopFlag())
+    connect_compounds(machine)
     try:
         model = model_of(machine, alone)
         model.name = part._path

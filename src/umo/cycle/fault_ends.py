@@ -1,0 +1,42 @@
+"""What a fault of equipment ends: whatever is under way in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
+from umo.cycle.events import Event
+from umo.cycle.sequences import Sequences
+from umo.errors import EquipmentFault
+from umo.objects import Compound, walk
+from umo.user_code import Raised, attempt, told
+
+EndIn = Callable[[Equipment, Callable[[], EquipmentFault]], list[BaseException]]
+"""A function that ends what somebody has under way in equipment, for this fault; the errors of the cleaning up."""
+
+
+class FaultEnds:
+    """What is under way in the equipment of one machine, by whomever."""
+
+    def __init__(self, equipment: Containment, sequences: Sequences) -> None:
+        self._sequences = sequences
+        self.others: list[EndIn] = []
+        """What ends that which others have under way, such as clients."""
+        self._moving: dict[int, list[Compound]] = {}
+        """What moves in each equipment by itself, by the id of the compound: told of its fault."""
+        for each in equipment.all:
+            nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
+            moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]
+            self._moving[id(each.compound)] = moving
+
+    def end(self, equipment: Equipment, fault: Callable[[], EquipmentFault], now: float) -> list[Event]:
+        """End it all; events of what has failed in its cleaning up. `now`: s on the cycle's clock."""
+        raised: list[Raised] = []
+        if moving := self._moving.get(id(equipment.compound)):
+            raised = [error for node in moving if (error := attempt(node._enter_fault)[1]) is not None]
+        errors = self._sequences.end_in(equipment.nodes, fault) if self._sequences.running else []
+        for end_in in self.others:
+            errors += end_in(equipment, fault)
+        if not (raised or errors):
+            return []
+        return [Event(now, equipment.path, f"{CLEANING_UP}{each.text}") for each in [*raised, *map(told, errors)]]

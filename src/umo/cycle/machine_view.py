@@ -1,0 +1,180 @@
+"""The machine, seen from its compounds (`umo.objects.link.Machine`): what `m.cycle` and the calls of a part ask for.
+
+Compounds of one rate share a view, which has the clock of their rate. That of the whole machine is a plain attribute:
+each `m.now` asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Coroutine, Sequence
+from functools import partial
+from inspect import iscoroutine
+from random import Random
+from typing import Any, cast
+
+from umo.cycle.clock import Clock
+from umo.cycle.columns import TAKEN_BY_CLIENT
+from umo.cycle.events import Event
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.piling_up import FEW
+from umo.cycle.sequences import Task
+from umo.cycle.stage import Stage
+from umo.drivers.contract import Direction
+from umo.errors import EquipmentFault
+from umo.objects import Compound, Node, described
+from umo.presentation.run_facts import driven_text, facts_of
+from umo.user_code import check_acts_at_once
+from umo.wiring.rates import WHOLE
+
+
+class MachineView:
+    """What compounds ask of their machine."""
+
+    clock: Clock
+
+    def __init__(self, machine: ConnectedMachine) -> None:
+        self.whole = machine
+
+    @property
+    def period(self) -> float:
+        return self.clock.period
+
+    @property
+    def running(self) -> bool:
+        return not self.whole.stop.requested
+
+    @property
+    def is_manual(self) -> bool:
+        return self.whole.is_manual
+
+    @property
+    def random(self) -> Random:
+        return self.whole.random
+
+    @property
+    def laws(self) -> Sequence[tuple[Compound, str, Any]]:
+        return self.whole.directory.laws
+
+    @property
+    def current_task(self) -> Task | None:
+        task: Task | None = self.whole.turn.task
+        return None if task is None else task.started
+
+    # A part --------------------------------------------------------------------------------------------
+
+    def sample(self, part: Node) -> bool:
+        return self.whole.image.sample_some(self.whole.parts.of(part).inputs)
+
+    def update(self, part: Node) -> bool:
+        return self.whole.image.update_some(self.whole.parts.of(part).outputs)
+
+    def reset(self, part: Node) -> None:
+        slots = self.whole.parts.of(part).all
+        for slot in slots:
+            self.whole.commands.end_client(slot)
+        self.whole.image.reset_some(slots)
+
+    def acknowledge(self, part: Node) -> bool:
+        return self.whole.commands.acknowledge(self.whole.parts.of(part).actuators)
+
+    def fault_of(self, part: Node) -> EquipmentFault | None:
+        return self.whole.equipment.fault_of(part)
+
+    def fail(self, part: Node, error: BaseException) -> bool:
+        return self.whole.equipment.contain(part, error)
+
+    def clear(self, part: Node) -> list[str]:
+        return self.whole.equipment.clear(part)
+
+    def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
+        machine = self.whole
+        if machine.equipment.is_in_fault(part):
+            Task(sequence).cancel()  # it never begins
+            raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
+        by_client = None if machine.clients is None else machine.clients.at_work
+        sequences = machine.sequences if by_client is None else by_client
+        task = sequences.start(sequence, part)
+        group = machine.groups.of(part)
+        if by_client is None and group is not machine.groups.whole:
+            task.clock = group.clock  # it takes its steps in the periods of its part
+        task.started_in = machine.clock.number
+        beside = sequences.of(part)
+        if len(beside) >= FEW and (text := machine.piling_up.look(task, beside)):
+            machine.events.add(Event(machine.clock.now, part._path, text), logged=True)
+        return task
+
+    # What is told --------------------------------------------------------------------------------------
+
+    def tell(self, path: str, text: str) -> None:
+        self.whole.events.add(Event(self.whole.clock.now, path, text))
+
+    def progress(self, text: str, done: int | None, total: int | None) -> None:
+        frame, clients = self.whole.frame, self.whole.clients
+        frame.progress = frame.progress.then(text, done, total)
+        if clients is not None and clients.at_work is not None:
+            clients.progress(frame.progress.text)
+
+    def result(self, so_far: Any) -> None:
+        if iscoroutine(so_far):
+            so_far.close()
+            raise TypeError(f"`{so_far.__name__}` is a sequence, no result: write `await` before its call")
+        check_acts_at_once("the function of a result", so_far)
+        self.whole.result_so_far = so_far
+
+    def facts(self) -> dict[str, str]:
+        """The state of the machine in words."""
+        machine, clients = self.whole, self.whole.clients
+        stage = Stage.RUNNING if self.running else Stage.STOPPING
+        mode, holder = (None, "") if clients is None else (clients.mode, clients.lease.holder)
+        now, missed = machine.clock.now, machine.clock.missed_in_all
+        faults = {each.path: each.reason() for each in machine.equipment.all if each.in_fault}
+        driven = self._driven(holder) if self.is_manual else ""
+        progress = machine.frame.progress
+        return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
+
+    def _driven(self, holder: str) -> str:
+        image, taken = self.whole.image, TAKEN_BY_CLIENT
+        slots = (slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
+        each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
+        return driven_text(each, holder)
+
+
+class WholeView(MachineView):
+    """The machine, seen from compounds without a rate of their own, in a machine that has none."""
+
+    def __init__(self, machine: ConnectedMachine) -> None:
+        super().__init__(machine)
+        self.clock = machine.clock
+
+
+class GroupView(MachineView):
+    """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
+    Default: the clock's."""
+
+    period: float = 0.0
+
+    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
+        super().__init__(machine)
+        self._clock = clock
+        self.period = clock.period if period is None else period
+
+    @property
+    def clock(self) -> Clock:  # type: ignore[override]
+        """In a sequence, whoever's it is, the clock by which that takes its steps."""
+        task = self.current_task
+        return self._clock if task is None else task.clock or self.whole.clock
+
+
+def connect_compounds(machine: ConnectedMachine) -> None:
+    """The root has the calls of the period, each part those of its own."""
+    groups, period = machine.groups, machine.phases
+    whole = WholeView(machine)
+    views: dict[int, MachineView] = {}
+    for group in groups.all if groups.parts else ():
+        views[group.number] = GroupView(machine, group.clock)
+    root, *parts = machine.compounds
+    root._connect(views.get(WHOLE, whole), period.sample, period.control, period.update)
+    for part in parts:
+        calls = partial(whole.sample, part), partial(machine.acting_laws.act_for, part), partial(whole.update, part)
+        part._connect(views.get(groups.of(part).number, whole), *calls)
+    machine.acting_laws.choose()
