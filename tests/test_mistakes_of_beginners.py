@@ -120,6 +120,15 @@ CLASS = {
     "    past = []\n\n    def note(self) -> None:\n        self.past.append(1)\n": "`past` is one for all",
 }
 """The same in a class."""
+RIGHT_CLASS = [
+    f"    law = None\n    on = False\n\n    def control(self) -> None:\n{body}"
+    for body in (
+        "        self.law = self.law or Hysteresis(self.a, self.b, 1, low=0, high=1)\n",
+        "        self.law = Hysteresis(self.a, self.b, 1, low=0, high=1) if self.law is None else self.law\n",
+        "        if self.on:\n            return\n        self.law = Hysteresis(self.a, self.b, 1, low=0, high=1)\n",
+    )
+]
+"""What is right in a class, although it looks like a mistake."""
 RIGHT = [
     "print(f'{m.level.read()} mm', m.level)",
     "task = m.cycle.start(m.fill(3.0))\nawait task\nm.target = task.result",
@@ -165,7 +174,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
         file.write_text(file.read_text() + text)
         lines.append(("application.py", len(file.read_text().splitlines()), code))
     lines.append(("control.py", len(control.read_text().splitlines()), ""))
-    for number, code in enumerate(CLASS):
+    for number, code in enumerate([*CLASS, *RIGHT_CLASS]):
         control.write_text(f"{control.read_text()}\n\nclass Mistaken{number}(Compound):\n{code}")
         lines.append(("control.py", len(control.read_text().splitlines()), code))
     all_told: dict[str, list[str]] = {code: [] for _, _, code in lines}
@@ -183,7 +192,7 @@ def test_check_finds_it_with_what_to_write(found: dict[str, list[str]], code: st
     assert any({**SEQUENCE, **CLASS}[code] in each for each in found[code]), found[code]
 
 
-@pytest.mark.parametrize("code", ["", *RIGHT])
+@pytest.mark.parametrize("code", ["", *RIGHT, *RIGHT_CLASS])
 def test_what_is_right_is_not_accused(found: dict[str, list[str]], code: str) -> None:
     assert found[code] == []
 

@@ -582,6 +582,24 @@ def test_what_an_attribute_has_at_the_end_is_told_then(caplog: pytest.LogCapture
     assert rest == "nobody awaits `self.fill()`, so nothing of it is done; write `cycle.start(...)` around it"
 
 
+def test_what_a_stop_has_kept_from_being_awaited_is_not_told(caplog: pytest.LogCaptureFixture):
+    async def application(m: Any) -> None:
+        m.keep()
+        await wait("1 s")
+        await m.job
+
+    connection = connect(bench(Keeps), None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # Python's own, when it lets go of the sequence
+        with connection as m:
+            m.cycle.start(application(m))
+            periods(m)
+            connection.stop.request()
+        del m, connection
+        gc.collect()
+    assert not [record for record in caplog.records if "awaits" in record.getMessage()]
+
+
 def test_what_an_attribute_lets_go_elsewhere_is_told_with_its_line_and_ends_nothing():
     """It may have been one that an error has kept from being awaited."""
 

@@ -160,7 +160,7 @@ PROGRAMS = {"stations", "testing", "cli"}
 """Rooms of programs that use what the others have."""
 KNOWN = {
     "suspension": r"suspen|^resuming$",
-    "rates": r"^Rate(Map|d.*|Groups?)?$|^rate_groups$|^Part(Clock|Group)$|^MachineOfGroup$|^WHOLE$|^urgent$|^hasten$",
+    "rates": r"^Rate(Map|d.*|Groups?)?$|^rate_groups$|^Part(Clock|Group)$|^GroupView$|^WHOLE$|^urgent$|^hasten$",
     "faults": r"in_fault|fault_of|EquipmentFault|EquipmentState|Containment",
 }
 """A file knows one of these if a name in its code, also an import's, matches."""

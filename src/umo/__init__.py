@@ -98,7 +98,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *_ROOM_OF]
+    return sorted({*globals(), *__all__})
 
 
 def load(

@@ -191,7 +191,8 @@ class _Check:
     def _replaced(self, node: ast.Assign, scope: NameScope) -> None:
         """A value is assigned to what is a function."""
         targets = [each for each in node.targets if isinstance(each, ast.Attribute)]
-        for target in targets if isinstance(node.value, VALUES) else ():
+        is_none = isinstance(node.value, ast.Constant) and node.value.value is None  # which switches a hook off
+        for target in targets if isinstance(node.value, VALUES) and not is_none else ():
             of = self._code.thing(target.value, scope)
             if isinstance(of, Instance) and isinstance(
                 inspect.getattr_static(of.kind, target.attr, None), FunctionType

@@ -39,6 +39,8 @@ NAME_IT = "name the errors that are expected, as in `except TaskFailed:`"
 HOOKS = ("control", "setup", "interlocks")
 """What a class may have for umo to call."""
 SIMPLE = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Return)
+CONDITIONAL = (ast.BoolOp, ast.IfExp, ast.Lambda, ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+ENDS = (ast.Return, ast.Raise)
 """Statements that have no others in them."""
 CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
 """What changes a container."""
@@ -108,8 +110,20 @@ def _is_in_each_period(node: ast.Call, scope: NameScope) -> bool:
     """Whether a law makes this call in each period, under no condition."""
     if not isinstance(scope.node, ast.FunctionDef):
         return False
-    statements = (each for each in scope.node.body if isinstance(each, SIMPLE))
-    return any(node is inner for each in statements for inner in ast.walk(each))
+    for statement in scope.node.body:
+        if isinstance(statement, SIMPLE) and any(node is each for each in _always_evaluated(statement)):
+            return True
+        if any(isinstance(each, ENDS) for each in ast.walk(statement)):
+            return False
+    return False
+
+
+def _always_evaluated(node: ast.AST) -> Iterator[ast.AST]:
+    """What is evaluated whenever this is."""
+    yield node
+    if not isinstance(node, CONDITIONAL):
+        for each in ast.iter_child_nodes(node):
+            yield from _always_evaluated(each)
 
 
 def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:

@@ -14,6 +14,7 @@ from importlib.util import resolve_name
 from types import FunctionType, ModuleType, NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
+import umo
 from umo.objects import Atomic, Compound, walk
 from umo.objects.laws import laws_in
 from umo.signature import evaluated, hints_of
@@ -200,7 +201,14 @@ def _loaded(path: str, attribute: str | None = None) -> Exactly | None:
     module = sys.modules.get(path)
     if module is None or attribute is None:
         return None if module is None else Exactly(module)
-    return Exactly(vars(module)[attribute]) if attribute in vars(module) else None
+    return _of_module(module, attribute)
+
+
+def _of_module(module: ModuleType, name: str) -> Exactly | None:
+    """What has this name in a module. umo itself imports its names when they are asked for."""
+    if module is umo and name in umo.__all__:
+        return Exactly(getattr(umo, name))
+    return Exactly(vars(module)[name]) if name in vars(module) else None
 
 
 def waits_or_ends(node: ast.AST) -> bool:
@@ -302,7 +310,7 @@ class ModuleCode:
         of = self.thing(node.value, scope)
         if isinstance(of, Exactly):
             if isinstance(of.value, ModuleType):
-                return Exactly(vars(of.value)[node.attr]) if node.attr in vars(of.value) else None
+                return _of_module(of.value, node.attr)
             if isinstance(of.value, type):
                 found = inspect.getattr_static(of.value, node.attr, None)
                 return None if found is None else Exactly(_plain(found))

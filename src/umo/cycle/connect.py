@@ -312,13 +312,13 @@ class connect(Generic[C]):
             finally:
                 self._end_custody(unreached, cause)  # while signals are still only noted: it is not to be interrupted
                 self._give_back()
-        if cause is None:  # an error may have kept what it has ended from awaiting it
-            not_awaited.tell_kept(self.root)
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping or showing
         if hindered:
             what = "not brought to their defaults until the injected faults ended"
             raise StopError(what, [*hindered, *failures]) from cause or stopping or showing
+        if cause is None and not self._was_cut_short():
+            not_awaited.tell_kept(self.root)
         failed = DriverError("failures at the end of the run", failures) if failures else None
         raised = cause
         for what, error in ("stopping its sequences", stopping), ("showing its last period", showing), ("", failed):
@@ -328,6 +328,10 @@ class connect(Generic[C]):
                 add_note(raised, f"also, while {what}: {text_of(error)}" if what else str(error))
         if raised is not None and raised is not cause:
             raise raised
+
+    def _was_cut_short(self) -> bool:
+        """Whether a stop or a fault has ended sequences, which may have been about to await others."""
+        return self.stop.requested or any(each.in_fault for each in self.machine.equipment.all)
 
     def _call_limit(self) -> float:
         """Time in s after which a call of a driver hangs."""

@@ -210,7 +210,7 @@ class Insistence:
         self._find_call(standing)
         if not machines:
             return
-        if standing.call is not None:
+        if standing.call is not None and place_within(frame, standing.call):  # not umo's own, as the wait for a tick
             _tell_call(frame, standing.call, _limit(machines))
         elif standing.code is not None:
             place = place_within(frame, standing.code)

@@ -101,7 +101,8 @@ export class Row {
 
   /** Who drives an actuator, why, and what comes next: as `umo why STATION PATH` tells it. @param {string} inhibited @param {boolean} client */
   _driver(inhibited, client) {
-    const { state, description } = this._feed;
+    const { state, description, ended } = this._feed;
+    if (ended) return "";
     const rank = state?.in_fault?.includes(inhibited) ? "FAULT" : inhibited ? "INTERLOCK" : client ? "CLIENT" : "PROGRAM";
     const [who, next] = description?.drivers?.[rank] ?? [];
     if (!who || !isActuator(this._entry)) return "";

@@ -177,6 +177,7 @@ def process(context: RuleContext) -> str | None:
     if a call fails, or when the driver is no longer used."""
     on = gc.isenabled()
     gc.disable()  # as in the control process
+    gc.collect()  # what prints in its destructor is the driver's from here on
     try:
         with _printed(context) as printed:
             remark = _used(context)
