@@ -480,6 +480,7 @@ def test_a_valve_that_is_away_for_longer_is_a_fault_of_its_reactor() -> None:
     assert "could not be written" in reason
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("fault", "equipment", "reason"),
     first(

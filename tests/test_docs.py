@@ -19,7 +19,7 @@ from umo.cli.app import app
 
 LONG = {"furnace.md", "ztheta.md", "howto-late-periods.md", "howto-inject-faults.md", "howto-write-a-driver.md"}
 LONG |= {"howto-command-a-running-machine.md", "batch.md", "conveyor.md", "driver-fmu.md", "howto-tune.md"}
-LONG |= {"howto-replay.md", "howto-prove-a-driver.md"}
+LONG |= {"howto-replay.md", "howto-prove-a-driver.md", "howto-recordings.md", "howto-stop-safely.md"}
 """Pages whose blocks take seconds: whole runs of stations, a whole certificate, real time."""
 
 

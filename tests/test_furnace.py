@@ -62,6 +62,7 @@ class Run:
 # A good run ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_tunnel_follows_its_profile_and_soaks() -> None:
     run = Run(12, soak=30.0)
     assert run.result["zones_good"] == 12
@@ -142,6 +143,7 @@ def test_a_soak_by_a_clock_that_is_wrong_by_hours_is_refused() -> None:
         Run(fault="timer out of range at 300 s")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("zones", "faults", "error", "message"),
     [

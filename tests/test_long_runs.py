@@ -64,6 +64,7 @@ def times_in(folder: Path) -> list[float]:
 # A trace of every period -------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("periods", first(1, [60_000, 6_048_000]))
 def test_the_files_of_a_week_stay_bounded_and_the_memory_flat(tmp_path: Path, periods: int) -> None:
     """6,048,000 periods of 100 ms are a week. The parts hold the last periods, each once."""

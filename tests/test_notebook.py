@@ -516,6 +516,7 @@ def test_a_run_that_failed_says_why() -> None:
         assert "state: ended · failure: no station 'no-such-station'" in shown(run).heading
 
 
+@pytest.mark.full
 @pytest.mark.slow
 @PROCESSES
 def test_the_cells_of_the_page_do_in_a_notebook_what_it_says(tmp_path: Path) -> None:

@@ -202,6 +202,7 @@ def factor(folder: Path) -> float:
     return found
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time is Linux's")
 def test_a_new_station_runs_in_wall_clock_time_if_asked_to(umo: Callable[..., Result], quick_tank: Path) -> None:
     result = umo("run", "tank", "--target", "35", "--summary", "summary.json")

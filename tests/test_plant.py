@@ -563,6 +563,7 @@ def test_an_exception_of_the_plant_is_a_line_with_its_place(umo: Callable[..., R
     assert "Traceback" not in said(result)
 
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_a_new_station_runs_on_its_own_plant_over_modbus(umo: Callable[..., Result], tank: Path) -> None:
     """As a newcomer does it: `umo plant` in one terminal, `umo run -w modbus` in another."""

@@ -118,6 +118,7 @@ def test_a_thousand_objects_without_a_list_share_the_panel_of_their_unit() -> No
     assert_clear(figure)
 
 
+@pytest.mark.full
 def test_what_has_no_room_is_said_in_the_picture_and_returned() -> None:
     figure, rest = draw(trace_of(rack(14, 14, MAX_ROWS + 5)), "umo run rack")
     assert rest == f"{4 + 5} of {14 + MAX_ROWS + 5}: parts.sensorK_10, parts.sensorL_11 and 7 others"

@@ -324,6 +324,7 @@ def test_a_time_limit_that_is_none_is_refused(umo: Umo, quick: Path, text: str) 
     assert "umo: " in result.stderr
 
 
+@pytest.mark.full
 def test_a_run_in_which_nothing_changes_is_told_with_the_place_where_it_waits(umo: Umo, quick: Path) -> None:
     (quick / "application.py").write_text(FOR_EVER)
     result = umo("run", "tank", "--leak", "0", "--until", "20 min", "--no-record")

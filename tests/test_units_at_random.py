@@ -392,6 +392,7 @@ def test_the_state_of_packml_that_is_shown_is_the_one_that_is(steps: list[tuple[
     check(PackML, steps)
 
 
+@pytest.mark.full
 @settings(max_examples=20, deadline=None)
 @given(steps_of(Procedure))
 def test_the_state_of_a_procedure_that_is_shown_is_the_one_that_is(steps: list[tuple[str, bool]]) -> None:

@@ -120,6 +120,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("fault", first(1, FAILURES))
 @pytest.mark.parametrize("seed", first(1, [2, 1, 3]))
 def test_every_fault_ends_in_its_own_clear_failure(fault: str, seed: int) -> None:

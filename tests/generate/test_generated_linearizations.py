@@ -67,6 +67,7 @@ def ranges() -> list[Any]:
     return [pytest.param(kind, start, id=f"{kind}{start:g}") for kind, start in each]
 
 
+@pytest.mark.full
 @needs_a_compiler
 @pytest.mark.parametrize(("kind", "start"), some(lambda case: case.id == "B50", ranges()))
 def test_a_thermocouple_is_the_same_in_c_over_all_of_its_range(kind: str, start: float, tmp_path: Path) -> None:

@@ -126,6 +126,7 @@ DAMAGES: dict[str, Callable[[bytes, list[tuple[int, int]]], bytes]] = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("damage", first(1, list(DAMAGES)))
 def test_what_is_missing_in_a_recording_is_not_identical(umo: Umo, tmp_path: Path, damage: str) -> None:
     """A test that compares nothing must not pass: the periods that are missing were not compared."""

@@ -142,6 +142,7 @@ def check(seed: int, share: float) -> set[int]:
     return {kind for block in tape.recorded for kind in block.entries["kind"].tolist()}
 
 
+@pytest.mark.full
 @settings(max_examples=3)
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 0.02, 0.1, 0.4]))
 def test_a_replay_repeats_what_a_driver_off_the_cycle_brought(seed: int, share: float) -> None:

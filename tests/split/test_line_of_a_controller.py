@@ -60,6 +60,7 @@ def stopped(controller: RunningController, retry: float) -> None:
     stop_controller(Host("127.0.0.1", controller.port).dial(), "drive", monotonic() + LIMIT, retry)
 
 
+@pytest.mark.full
 def test_the_first_host_keeps_the_line_as_long_as_it_talks_and_the_second_is_told(
     controller: RunningController,
 ) -> None:

@@ -101,6 +101,7 @@ def test_a_part_is_generated_from_its_wiring_and_its_link_is_proved(umo: Umo, tm
         assert next(record).outputs == ZONE.defaults
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("rule", [pytest.param(each, marks=() if each == "silence" else SLOW) for each in MUTANTS])
 def test_a_mistake_of_a_controller_is_found(rule: str, folder: Path, tmp_path: Path) -> None:
     name, right, wrong = MUTANTS[rule]
