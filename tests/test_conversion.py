@@ -173,7 +173,7 @@ def vectors(m: Heap) -> Any:
 
 
 @pytest.mark.parametrize("way", WAYS[1:])
-@settings(max_examples=200)
+@settings(max_examples=2 * settings().max_examples)
 @given(specs=st.lists(SPEC, min_size=3, max_size=8), steps=st.lists(STEP, min_size=10, max_size=40))
 def test_both_ways_are_equal_in_everything(way, specs, steps):
     for one, other in zip(play(specs, steps, "numpy"), play(specs, steps, way), strict=True):

@@ -67,6 +67,7 @@ def calls_of_a_run(folder: Path, process: dict[str, str]) -> int:
     return Cells(folder / "box").numbers[CALLS]
 
 
+@pytest.mark.full
 @pytest.mark.slow
 @pytest.mark.parametrize("outputs", first(1, ["at once", "at next tick"]))
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ def station() -> Iterator[Station]:
         yield Station(m, connection.driver("plant"))
 
 
+@pytest.mark.full
 def test_a_part_in_the_air_is_held_in_manual_mode_and_placed_afterwards() -> None:
     with station() as ann:
         ann.at("turning")

@@ -38,6 +38,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled(folder)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(12)))
 def test_ten_thousand_random_periods_are_equal_to_the_bit(library: Path, seed: int) -> None:
     random, machine, box, steps = Random(seed), everything(), Fragile(), 10_000 if seed else 2_000

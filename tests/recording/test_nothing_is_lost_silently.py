@@ -48,6 +48,7 @@ STEP = st.tuples(st.integers(0, 60), st.booleans(), st.sampled_from([0.0, 0.3, 1
 """Periods before a look, whether the disk is ready then, s that pass."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("examples", first(1, [40, 1000]))
 def test_each_frame_is_in_a_file_or_counted_as_lost(examples: int) -> None:
     @settings(max_examples=examples)
