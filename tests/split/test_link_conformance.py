@@ -82,7 +82,6 @@ def tried(rule: str, program: Path, folder: Path) -> Finding:
             return next(findings(trial, [rule]))
 
 
-@pytest.mark.full
 def test_a_part_is_generated_from_its_wiring_and_its_link_is_proved(umo: Umo, tmp_path: Path) -> None:
     made, file = tmp_path / "made", wiring(tmp_path, 1)
     done = umo(
@@ -148,6 +147,7 @@ def test_a_board_that_is_not_filled_in_is_told_with_what_it_cannot_read(
         assert values["why"] == "the part does not run: it is FAULTED: theta.encoder: DriverError: could not be read"
 
 
+@pytest.mark.full  # in real time, with the timeouts of the page: too short beside three other tests
 def test_the_example_of_the_guide_moves_its_axis(guide: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "program" / "io_board.c").write_text(guide["c"])
     (tmp_path / "move.py").write_text(guide["python"])
