@@ -425,7 +425,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "what is not restored is not told": (CommandStage.go_on, "self.events.add(", "(lambda event, logged: None)("),
     "resting takes from a client": (Resting.begin, "if not image.commands.client_of(slot)", ""),
     "what holds is acknowledged": (Inhibition.acknowledge, "if not self.held:", "if True:"),
-    "an owed default is forgotten": (AtOnce.refused, "self.owed.add if", "self.owed.discard if"),
+    "an owed default is forgotten": (AtOnce.refused, "owed.add if", "owed.discard if"),
     "a rate counts for an owed default": (Image._was_reset, "self.stepped[slot] = inf", "pass"),
     "a Vector asks nobody": (Image.write_many, "np.count_nonzero(self.columns.restrictions[slots])", "False"),
     "an interlock does not stop the program": (Command.admits, 'each.interlock.effect == "stop"', "False"),
@@ -437,7 +437,9 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "what was written is lost with a device": (
         Image._goes_on_from_default, "self._give_default(slot)", "self._give_default(slot); self.set_default(slot)"
     ),
-    "each attempt is the first one": (AtOnce.is_sent_again, "self.unconfirmed.setdefault", "(lambda slot, now: now)"),
+    "each attempt is the first one": (
+        AtOnce.is_sent_again, "self._image.unconfirmed.setdefault", "(lambda slot, now: now)"
+    ),
     "it latches before the first period": (CommandStage._interlocked, "self._image.clock.number > 0", "True"),
     "a late output does not expire": (CommandStage.expire, "self._expired(", "len("),
 }  # fmt: skip

@@ -88,13 +88,11 @@ def __getattr__(name: str) -> Any:
     """Each name, and each package of umo, is imported when it is first asked for (PEP 562): a program that declares or
     analyses does not wait for the cycle and its processes."""
     if (room := _ROOM_OF.get(name)) is not None:
-        found = getattr(importlib.import_module(f"umo.{room}"), name)
-    elif name.startswith("_") or importlib.util.find_spec(f"umo.{name}") is None:
+        found = globals()[name] = getattr(importlib.import_module(f"umo.{room}"), name)
+        return found
+    if name.startswith("_") or importlib.util.find_spec(f"umo.{name}") is None:
         raise AttributeError(f"module 'umo' has no attribute {name!r}")
-    else:
-        return importlib.import_module(f"umo.{name}")
-    globals()[name] = found
-    return found
+    return importlib.import_module(f"umo.{name}")
 
 
 def __dir__() -> list[str]:

@@ -39,9 +39,11 @@ NAME_IT = "name the errors that are expected, as in `except TaskFailed:`"
 HOOKS = ("control", "setup", "interlocks")
 """What a class may have for umo to call."""
 SIMPLE = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Return)
-CONDITIONAL = (ast.BoolOp, ast.IfExp, ast.Lambda, ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
-ENDS = (ast.Return, ast.Raise)
 """Statements that have no others in them."""
+CONDITIONAL = (ast.BoolOp, ast.IfExp, ast.Lambda, ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+"""Expressions whose parts are not evaluated at each time."""
+ENDS = (ast.Return, ast.Raise)
+"""Statements after which a function does not go on."""
 CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
 """What changes a container."""
 

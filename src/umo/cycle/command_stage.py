@@ -380,9 +380,9 @@ class CommandStage:
     def evaluate(self) -> None:
         """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order.
         DriverError if a device did not accept its default; the reset is retried in every period."""
-        if not (self.by_slot or self._image.at_once.owed):
+        if not (self.by_slot or self._image.owed):
             return
-        due = self._image.at_once.owed | self._interlocked()
+        due = self._image.owed | self._interlocked()
         due |= self._expired(due)
         if due:
             self._image.reset_some([slot for slot in self.order if slot in due])

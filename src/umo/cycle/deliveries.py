@@ -26,8 +26,13 @@ class ImageOutputs(Slots):
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
-        with_period, self.at_once = WithPeriod(self), AtOnce(self)
-        self.deliveries = [with_period if item.synchronous else self.at_once for item in self.items]
+        self.owed: set[int] = set()
+        """Asynchronous actuators whose default the device did not accept: it is sent in every period until it does."""
+        self.unconfirmed: dict[int, float] = {}
+        """Those with on_error="retry" whose pending value was not confirmed, each with the time in s of the first
+        attempt. While they are STALE, it is sent again in every period."""
+        with_period, at_once = WithPeriod(self), AtOnce(self)
+        self.deliveries = [with_period if item.synchronous else at_once for item in self.items]
         """How what is pending of each reaches its device; of a sensor nothing is."""
         sent = (slot for block in self.outputs for slot in range(block.start, block.stop))
         self._sent_by_period = frozenset(sent if self.slow else ())
@@ -66,7 +71,13 @@ class ImageOutputs(Slots):
             self.stepped[slot] = self.clock.now
         if self.quality[slot]:
             self.set_quality(slot, Quality.GOOD)
-            self.at_once.settled(slot)
+            self.owed.discard(slot)
+            self.unconfirmed.pop(slot, None)
+
+    def send_again(self) -> list[Failure]:
+        """What was not confirmed; what has failed of it."""
+        stale = [slot for slot in self.unconfirmed if self.quality[slot] == Quality.STALE]
+        return [failure for slot in stale for failure in self.deliveries[slot].written(slot)]
 
     def fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         if self.deliveries[slot].is_sent_again(slot):
@@ -128,14 +139,6 @@ class AtOnce(WithPeriod):
 
     at_once = True
 
-    def __init__(self, image: ImageOutputs) -> None:
-        super().__init__(image)
-        self.owed: set[int] = set()
-        """Those whose default the device did not accept."""
-        self.unconfirmed: dict[int, float] = {}
-        """Those with on_error="retry" whose pending value was not confirmed, each with the time in s of the first
-        attempt. While they are STALE, it is sent again in every period."""
-
     def written(self, slot: int) -> list[Failure]:
         failures: list[Failure] = []
         image = self._image
@@ -155,29 +158,20 @@ class AtOnce(WithPeriod):
             image.accepted(slot)
         return failures
 
-    def send_again(self) -> list[Failure]:
-        """What was not confirmed; what has failed of it."""
-        stale = [slot for slot in self.unconfirmed if self._image.quality[slot] == Quality.STALE]
-        return [failure for slot in stale for failure in self._image.deliveries[slot].written(slot)]
-
     def refused(self, slot: int) -> None:
         """A default is sent again, until it is accepted or another value is written."""
-        (self.owed.add if self._image.is_at_default(slot) else self.owed.discard)(slot)
-
-    def settled(self, slot: int) -> None:
-        """The device has what is pending."""
-        self.owed.discard(slot)
-        self.unconfirmed.pop(slot, None)
+        owed = self._image.owed
+        (owed.add if self._image.is_at_default(slot) else owed.discard)(slot)
 
     def is_sent_again(self, slot: int) -> bool:
         if self._items[slot]._max_age is None:
             return False
-        return self._is_within(slot, self.unconfirmed.setdefault(slot, self._image.clock.now))
+        return self._is_within(slot, self._image.unconfirmed.setdefault(slot, self._image.clock.now))
 
     def survives(self, slot: int) -> bool:
         return self._items[slot]._max_age is not None
 
     def goes_on(self, slot: int) -> None:
         if not self._image.is_at_default(slot):
-            self.unconfirmed[slot] = self._image.clock.now
+            self._image.unconfirmed[slot] = self._image.clock.now
             self._image.set_quality(slot, Quality.STALE)

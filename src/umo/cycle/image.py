@@ -127,14 +127,14 @@ class Image(ImageOutputs):
         what = "could not be read"
         if self.found:
             failures, self.found = [*self.found, *failures], []
-        if self.at_once.unconfirmed and (unsent := self.at_once.send_again()):
+        if self.unconfirmed and (unsent := self.send_again()):
             what = "could not be written or read"
             failures += unsent
         self._log_marked()
         if failures:
             self.fail(what, failures)
         good = not any(self.quality[self.sampled])
-        self.sampled_good = None if self.at_once.unconfirmed else good
+        self.sampled_good = None if self.unconfirmed else good
         return good
 
     def update(self, blocks: Sequence[Block] | None = None, dt: float | None = None) -> bool:
@@ -293,7 +293,7 @@ class Image(ImageOutputs):
         """Whether a failed reset is no failure yet: the default is sent again in the next period."""
         if self.items[slot].direction is not Direction.OUTPUT or not self.deliveries[slot].is_sent_again(slot):
             return False
-        self.at_once.owed.discard(slot)  # it is sent again as what is pending
+        self.owed.discard(slot)  # it is sent again as what is pending
         self.hasten(slot)
         self.set_quality(slot, Quality.STALE)
         return True
@@ -381,11 +381,14 @@ class Image(ImageOutputs):
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
         if failure is not None:
             self.set_quality(slot, Quality.BAD)
-            if self.values[slot] != self.sent[slot]:
-                self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
-            self.deliveries[slot].refused(slot)
-        elif self.items[slot].direction is Direction.OUTPUT:
+        if self.items[slot].direction is not Direction.OUTPUT:
+            return
+        if failure is None:
             self.accepted(slot)
+            return
+        if self.values[slot] != self.sent[slot]:
+            self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
+        self.deliveries[slot].refused(slot)
 
     def _convert(self, slots: Sequence[int]) -> None:
         """Set what is sent next of some actuators, with rates from their last steps; whatever a linearization of the

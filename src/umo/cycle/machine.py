@@ -54,9 +54,6 @@ class Commanding(Protocol):
     def progress(self, text: str) -> None:
         """What is at work tells its progress."""
 
-    def look(self) -> None:
-        """Once per period, before the sequences: take what has come in, go on with what runs."""
-
     def cancel(self) -> None:
         """The machine stops."""
 

@@ -1,7 +1,7 @@
 """The machine, seen from its compounds (`umo.objects.link.Machine`): what `m.cycle` and the calls of a part ask for.
 
-Compounds of one rate share a view, which has the clock of their rate. That of the whole machine is a plain attribute:
-each `m.now` asks for it.
+In a machine with parts of another rate the compounds of each rate share a view, which has the clock of their rate. In
+any other machine there is one view; its clock is a plain attribute, as each `m.now` asks for it.
 """
 
 from __future__ import annotations
@@ -34,10 +34,7 @@ class MachineView:
 
     def __init__(self, machine: ConnectedMachine) -> None:
         self.whole = machine
-
-    @property
-    def period(self) -> float:
-        return self.clock.period
+        self.clock, self.period = machine.clock, machine.clock.period
 
     @property
     def running(self) -> bool:
@@ -139,23 +136,12 @@ class MachineView:
         return driven_text(each, holder)
 
 
-class WholeView(MachineView):
-    """The machine, seen from compounds without a rate of their own, in a machine that has none."""
-
-    def __init__(self, machine: ConnectedMachine) -> None:
-        super().__init__(machine)
-        self.clock = machine.clock
-
-
 class GroupView(MachineView):
     """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
     Default: the clock's."""
 
-    period: float = 0.0
-
     def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
-        super().__init__(machine)
-        self._clock = clock
+        self.whole, self._clock = machine, clock
         self.period = clock.period if period is None else period
 
     @property
@@ -167,11 +153,8 @@ class GroupView(MachineView):
 
 def connect_compounds(machine: ConnectedMachine) -> None:
     """The root has the calls of the period, each part those of its own."""
-    groups, period = machine.groups, machine.phases
-    whole = WholeView(machine)
-    views: dict[int, MachineView] = {}
-    for group in groups.all if groups.parts else ():
-        views[group.number] = GroupView(machine, group.clock)
+    groups, period, whole = machine.groups, machine.phases, MachineView(machine)
+    views = {group.number: GroupView(machine, group.clock) for group in groups.all if groups.parts}
     root, *parts = machine.compounds
     root._connect(views.get(WHOLE, whole), period.sample, period.control, period.update)
     for part in parts:

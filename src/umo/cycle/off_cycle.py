@@ -406,7 +406,6 @@ class Ordered(AtOnce):
     def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
         super().__init__(image)
         self._drivers = drivers
-        self.owed, self.unconfirmed = image.at_once.owed, image.at_once.unconfirmed
 
     def written(self, slot: int) -> list[Failure]:
         return [] if self._drivers.is_ordered(slot) else super().written(slot)

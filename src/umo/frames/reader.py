@@ -332,18 +332,20 @@ class Reader:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
-    def claims(self, frame: Any) -> dict[int, Claim]:
-        """Who drove each actuator at a frame that the program did not drive."""
-        restrictions, faults = frame["restrictions"], self.faults(frame)
+    def claims(self, frame: Any, faults: Mapping[str, str]) -> dict[int, Claim]:
+        """Who drove each actuator at a frame that the program did not drive. `faults`: those of the frame."""
+        restrictions = frame["restrictions"]
         numbers = np.flatnonzero((restrictions != FREE) & (restrictions != ASKED)).tolist()
         return {number: self._claim(frame, number, faults) for number in numbers}
 
     def claim(self, frame: Any, number: int) -> Claim:
         """Who drove an actuator at a frame."""
-        return self.claims(frame).get(number, Claim(Rank.PROGRAM))
+        return self._claim(frame, number, self.faults(frame))
 
     def _claim(self, frame: Any, number: int, faults: Mapping[str, str]) -> Claim:
-        reason, path = self.inhibited(frame, number) or "", str(self.layout.objects[number]["path"])
+        reason, path = self.inhibited(frame, number), str(self.layout.objects[number]["path"])
+        if reason is None:
+            return Claim(Rank.PROGRAM)
         if int(frame["restrictions"][number]) == TAKEN_BY_CLIENT:
             return Claim(Rank.CLIENT, reason)
         in_fault = any(not each or path.startswith(f"{each}.") for each in faults)

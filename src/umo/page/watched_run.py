@@ -219,12 +219,12 @@ class Watched:
         reader, frame = self.reader, self._frame
         told: dict[str, Any] = {}
         if frame is not None:
-            claims = {reader.paths[slot]: claim for slot, claim in reader.claims(frame).items()}
+            told["faults"] = faults = reader.faults(frame)
+            claims = {reader.paths[slot]: claim for slot, claim in reader.claims(frame, faults).items()}
             told["by_client"] = [path for path, claim in claims.items() if claim.rank is Rank.CLIENT]
             told["inhibited"] = {path: claim.reason for path, claim in claims.items() if claim.rank > Rank.CLIENT}
             told["in_fault"] = [path for path, claim in claims.items() if claim.rank is Rank.FAULT]
             told["taken"] = int(frame["taken"])
-            told["faults"] = reader.faults(frame)
             told["alarms"] = [_alarm(row) for row in reader.alarms(frame)]
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}

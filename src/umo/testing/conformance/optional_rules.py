@@ -259,13 +259,11 @@ def _inspects_aside(context: RuleContext, probe: Probe) -> None:
 def _reports_while_away(context: RuleContext, probe: Probe) -> None:
     if context.subject.line is None and context.subject.gone is None:
         return
-    probe.timeout = context.haste
-    with context.loss():
+    with context.in_haste(probe), context.loss():
         context.failure(context.transfers(probe)[0])
         for call in context.enquiries(probe):
             if isinstance(error := context.failure(call), WrongKind):
                 raise RuleBroken(f"while the device is away, {context.watch.doing} raises {text_of(error)}")
-    probe.timeout = context.patience
     context.try_out(probe)
 
 

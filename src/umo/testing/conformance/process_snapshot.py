@@ -8,7 +8,6 @@ import locale
 import logging
 import os
 import re
-import resource
 import select
 import signal
 import socket
@@ -23,12 +22,17 @@ import numpy as np
 
 from umo.text import some
 
+try:
+    import resource
+except ImportError:  # not on Windows
+    resource = None  # type: ignore[assignment]
+
 TASKS = Path("/proc/self/task")
 STATUS = Path("/proc/self/status")
 PATCHED = (builtins, os, select, signal, socket, threading, time)
 """Modules of which some libraries replace functions for the whole process."""
 LIMITS = tuple(name for name in dir(resource) if name.startswith("RLIMIT_"))
-TIMERS = ("ITIMER_REAL", "ITIMER_VIRTUAL", "ITIMER_PROF")
+TIMERS = tuple(name for name in dir(signal) if name.startswith("ITIMER_"))
 
 
 def threads() -> dict[int, tuple[float, float]]:
@@ -71,7 +75,7 @@ def state() -> State:
         "locale": locale.setlocale(locale.LC_ALL),
         "processors and priority": _scheduling(),
         "limits of the process": {name: resource.getrlimit(getattr(resource, name)) for name in LIMITS},
-        "signals that are blocked": sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())),
+        "signals that are blocked": _blocked(),
         "timers of the process that run": [name for name in TIMERS if signal.getitimer(getattr(signal, name))[0]],
         "mask of new files": _umask(),
         "level of the root logger": logging.getLogger().level,
@@ -92,6 +96,10 @@ def _scheduling() -> str:
     """The processors and the priority of this thread."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ""
     return f"{processors} {os.getpriority(os.PRIO_PROCESS, 0)}" if hasattr(os, "getpriority") else str(processors)
+
+
+def _blocked() -> list[int]:
+    return sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())) if hasattr(signal, "pthread_sigmask") else []
 
 
 def _umask() -> str:
