@@ -190,7 +190,7 @@ def _watch_batch(run: Run) -> None:
 
 def _not_so(reactor: Any) -> str:
     """What the frame says of the state and the alarms of a reactor, and is not so; "": all is so."""
-    machine, path, fault = reactor._machine, reactor._path, reactor.cycle.fault is not None
+    machine, path, fault = reactor._machine.whole, reactor._path, reactor.cycle.fault is not None
     signals = {each.path: value for each, value in zip(machine.frame.signals, machine.frame.signal_values, strict=True)}
     alarms = dict(zip(machine.alarms.paths, machine.alarms.states.tolist(), strict=True))
     state, temperature = ProcedureState(int(signals[f"{path}.unit.state"])), reactor.temperature

@@ -242,7 +242,7 @@ def test_what_happened_stands_on_the_time_axis_and_is_told_to_the_mouse(page: An
     page.add_init_script(WRITTEN)
     with shown(page, "traces=encoder&span=1", missed=[*[0] * 1700, 2]) as machine:
         for number in range(9):
-            machine.tell("motor", f"limited, {number}")
+            machine.root._machine.tell("motor", f"limited, {number}")
         periods(machine.root, 500)
         told = eventually(lambda: len(found := told_by(page, 0.5).splitlines()) == 7 and found)
         assert told[0].endswith(" s motor: limited, 0")

@@ -171,7 +171,7 @@ def test_the_outer_law_of_a_cascade_is_tuned_in_a_browser(
         panel.get_by_role("button", name="Begin").click()
         panel.get_by_role("table").wait_for(timeout=1000 * EXPERIMENT)
         panel.screenshot(path=str(tmp_path / "tuned.png"))
-        assert "times faster" in panel.inner_text()
+        assert "; inner loop: " in panel.inner_text()  # a process that looks as if it integrates has no ratio to it
         before = float(reactor["vessel_law.gain"])
         panel.get_by_role("button", name="Accept").click()
         eventually(lambda: reactor["vessel_law.gain"] != before)

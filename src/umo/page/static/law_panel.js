@@ -141,8 +141,8 @@ export class LawPanel {
     this._plots = el("div", { className: "plots" });
     this._accept = el("button", { textContent: "Accept", type: "button", onclick: () => this._tune() });
     const reject = el("button", { textContent: "Reject", type: "button", onclick: () => { this._show(null); this._say("", ""); } });
-    const faster = found.inner?.times_faster ?? null;
-    const inner = faster === null ? "" : `; the inner loop is ${told(faster, "")} times faster`;
+    const { time = null, times_faster: faster = null } = found.inner ?? {};
+    const inner = time === null ? "" : `; inner loop: ${told(time, " s")}${faster === null ? "" : `, ${told(faster, "")} times faster`}`;
     const model = found.model ? `${found.model.kind}, fit ${found.model.fit.toFixed(1)} %` : "no model fits: by the critical point";
     this._result.replaceChildren(el("p", { className: "model", textContent: model + inner }), this._plots,
       el("div", { className: "scroll" }, el("table", {}, el("thead", {}, el("tr", {}, ...heads)), el("tbody", {}, ...rows))),
