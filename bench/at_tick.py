@@ -13,8 +13,8 @@ from time import monotonic_ns
 from typing import Any
 
 from umo import Compound
-from umo.cycle import connect
 from umo.cycle.cache_warming import wait_busily
+from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
 from umo.drivers.simulated import Simulated
 from umo.latency import Samples, native

@@ -13,8 +13,8 @@ from statistics import median
 from time import perf_counter_ns
 from typing import Any
 
-from umo.cycle import connect
 from umo.cycle.cache_warming import wait_busily
+from umo.cycle.connect import connect
 from umo.drivers.simulated import Simulated
 from umo.latency.loop import ONE_THREAD, slice_of
 from umo.latency.native import Slice

@@ -15,8 +15,8 @@ from bench.driver import Fill
 from bench.machine import machine, wiring
 from bench.mix import layout
 from umo import Compound, connect, published
-from umo.cycle import Frame
 from umo.cycle.client_control import ClientControl
+from umo.cycle.frame import Frame
 from umo.frames import Reader, Ring
 from umo.frames.client_memory import HEAD, ClientMemory
 from umo.remote.queue import Receiver

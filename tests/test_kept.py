@@ -17,7 +17,7 @@ from hypothesis import strategies as some
 from helpers.machines import timer
 from umo import Compound, DigitalSensor, Number, connect, published
 from umo.alarms import AlarmState
-from umo.cycle import Frame
+from umo.cycle.frame import Frame
 from umo.cycle.restoring import MAX_EXACT
 from umo.errors import DeclarationError
 from umo.frames import Reader

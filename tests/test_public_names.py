@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -40,3 +42,8 @@ def test_the_hierarchy_drawn_at_the_top_of_errors_is_the_real_one():
     assert {"UmoError", "Cancelled", "Interrupted", "Failure", "Mistake"} == left
     assert issubclass(umo.errors.Interrupted, KeyboardInterrupt)
     assert issubclass(umo.errors.Cancelled, BaseException) and not issubclass(umo.errors.Cancelled, Exception)
+
+
+def test_the_help_of_a_command_waits_for_no_machine() -> None:
+    code = "import sys, umo.cli.app; sys.exit(any(name in sys.modules for name in ('numpy', 'umo.cycle.connect')))"
+    subprocess.run([sys.executable, "-c", code], check=True)

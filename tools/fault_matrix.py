@@ -30,7 +30,8 @@ import numpy as np
 
 from umo import Quality, UmoError
 from umo.alarms import AlarmState
-from umo.cycle import connect, drive
+from umo.cycle.connect import connect
+from umo.cycle.run import drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.faults.effects import Effect

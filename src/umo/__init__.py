@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray
 
-    from umo.cycle import Frame, connect, drive, run
+    from umo.cycle.connect import connect
+    from umo.cycle.frame import Frame
+    from umo.cycle.run import drive, run
     from umo.errors import TaskFailed, UmoError
     from umo.frames import published
     from umo.objects import (
@@ -73,14 +75,16 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "cycle": ("Frame", "connect", "drive", "run"),
+    "cycle.connect": ("connect",),
+    "cycle.frame": ("Frame",),
+    "cycle.run": ("drive", "run"),
     "errors": ("TaskFailed", "UmoError"),
     "frames": ("published",),
     "process": ("RunFailed", "Started", "start"),
     "remote": ("attach",),
     "wiring": ("check",),
 }
-"""The packages of umo that names come from; those that are not here come from `objects`."""
+"""The modules of umo that names come from; those that are not here come from `objects`."""
 _ROOM_OF = dict.fromkeys(__all__, "objects") | {name: room for room, names in _ROOMS.items() for name in names}
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from helpers.machines import bench, wired
 from helpers.tiers import first
 from umo import connect, published
-from umo.cycle import Frame
+from umo.cycle.frame import Frame
 from umo.frames import Reader, ring
 from umo.recording import Recording, recorder
 from umo.recording.record_settings import RecordSettings

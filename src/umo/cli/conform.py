@@ -13,7 +13,6 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.stopping import SIGNALS
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers import Direction, Driver
 from umo.drivers.faults.wrapper import bare
@@ -27,7 +26,7 @@ from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
 from umo.system.device_record import DeviceClaim
 from umo.system.packages import station_of
-from umo.system.signal_handling import handling
+from umo.system.signal_handling import SIGNALS, handling
 from umo.system.streams import limit_waits
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
 from umo.testing.conformance.process_snapshot import State, state

@@ -15,12 +15,11 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
-from umo.cycle.stopping import SIGNALS
 from umo.errors import Mistake, OptionError, WiringError, text_of
 from umo.process.job import Plan
 from umo.process.start import ONE_THREAD
 from umo.system import notify
-from umo.system.signal_handling import handling
+from umo.system.signal_handling import SIGNALS, handling
 
 from .console import say
 

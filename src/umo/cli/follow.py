@@ -9,7 +9,6 @@ from typing import Any
 from umo.cycle.fault_log import FaultLog
 from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
-from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.frames import Reader
 from umo.frames.reader import progress_of
@@ -17,7 +16,7 @@ from umo.objects import Atomic, Compound, atoms
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
-from umo.system.signal_handling import handling
+from umo.system.signal_handling import SIGNALS, handling
 from umo.system.streams import without_waiting
 
 from .console import say

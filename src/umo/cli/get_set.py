@@ -11,7 +11,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from umo.cycle import connect
+from umo.cycle.connect import connect
 from umo.errors import BadInput, DeclarationError, FramesError, OptionError, PathError, RangeError, text_of
 from umo.frames import Reader
 from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, DigitalSensor

@@ -10,8 +10,8 @@ from types import FrameType
 from typing import NoReturn
 
 from umo.cycle.insisting import place_within
-from umo.cycle.stopping import SIGNALS
 from umo.system.processes import flush
+from umo.system.signal_handling import SIGNALS
 from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable, some
 

@@ -14,7 +14,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from umo.cycle import Frame
+from umo.cycle.frame import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
 from umo.system.processes import identity, is_used

@@ -12,7 +12,7 @@ from typing import Self
 
 from rich.console import Console
 
-from umo.cycle import Frame
+from umo.cycle.frame import Frame
 from umo.system.streams import CLEAR_LINE
 from umo.text import printable
 

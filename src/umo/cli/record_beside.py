@@ -18,13 +18,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from umo.cycle.stopping import SIGNALS
 from umo.errors import OptionError, text_of
 from umo.exit_status import ExitStatus
 from umo.frames import Reader
 from umo.process.start import ONE_THREAD
 from umo.system import descriptor_passing, notify
-from umo.system.signal_handling import handling
+from umo.system.signal_handling import SIGNALS, handling
 
 from .console import say
 

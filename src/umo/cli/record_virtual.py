@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from umo.cycle import connect
+from umo.cycle.connect import connect
 from umo.errors import UmoError, text_of
 from umo.frames import Reader, published
 from umo.frames.memory import RunDescriptors

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from umo.cycle import Frame
+from umo.cycle.frame import Frame
 from umo.errors import FramesError, OptionError, UmoError
 from umo.exit_status import ExitStatus
 from umo.replay.code_given import CodeGiven

@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from umo.cycle import Frame, connect, drive
 from umo.cycle.alarming import alarm_log
-from umo.cycle.run import result_of
-from umo.cycle.stopping import SIGNALS, TimeLimit
+from umo.cycle.connect import connect
+from umo.cycle.frame import Frame
+from umo.cycle.run import drive, result_of
+from umo.cycle.stopping import TimeLimit
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import Interrupted, text_of
 from umo.exit_status import ExitStatus
@@ -25,7 +26,7 @@ from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import FIXED_HASHES, LINUX
 from umo.system.processes import HASH_SEED
-from umo.system.signal_handling import handling
+from umo.system.signal_handling import SIGNALS, handling
 from umo.system.streams import limit_waits, lost_lines, send_waiting
 
 from .console import err, out, say

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from umo.cycle import Frame
 from umo.cycle.fault_log import KEPT_FAULTS, FaultLog
+from umo.cycle.frame import Frame
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace, lines
 from umo.errors import UmoError, text_of

@@ -17,10 +17,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command_name
 
-from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import Interrupted, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.system.processes import HASH_SEED
+from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import cut_words, did_you_mean, in_brackets, place_of
 
 from .console import err

@@ -14,8 +14,9 @@ import threading
 from collections.abc import Callable, Sequence
 from time import monotonic, sleep
 
-from umo.cycle.stopping import SIGNALS, StopFlag, connected, in_main_thread, signal_name, usual_handler
+from umo.cycle.stopping import StopFlag, connected, in_main_thread, usual_handler
 from umo.errors import DeclarationError
+from umo.system.signal_handling import SIGNALS, signal_name
 from umo.system.streams import say_without_waiting
 from umo.text import printable, some
 

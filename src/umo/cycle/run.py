@@ -13,10 +13,11 @@ from umo.cycle.frame import Observer
 from umo.cycle.insisting import tell_in_a_line
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.sequence_mistakes import no_machine
-from umo.cycle.stopping import in_main_thread, signal_name
+from umo.cycle.stopping import in_main_thread
 from umo.errors import DeclarationError, Interrupted, text_of
 from umo.objects import Compound, DigitalSensor, children
 from umo.objects.compound import check_machine
+from umo.system.signal_handling import signal_name
 from umo.text import cut_repr, in_brackets, shown_place
 from umo.user_code import check_acts_at_once, definition, is_interrupt
 from umo.wiring import distribute_options

@@ -14,21 +14,8 @@ from typing import Any, NoReturn
 from umo.cycle.frame import Frame
 from umo.cycle.insisting import Insistence, SignalledMachine
 from umo.errors import Interrupted
-from umo.system.signal_handling import handling
+from umo.system.signal_handling import SIGNALS, handling, signal_name
 from umo.system.streams import say_without_waiting
-
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
-if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
-    SIGNALS.append(signal.SIGHUP)  # the terminal was closed
-
-
-def signal_name(number: int) -> str:
-    """Such as SIGTERM."""
-    try:
-        return signal.Signals(number).name
-    except ValueError:  # the real-time signals have numbers alone
-        return f"signal {number}"
-
 
 _flags: dict[StopFlag, None] = {}  # every connected machine's
 _before: dict[int, Any] = {}  # the handlers from before the first of those

@@ -12,12 +12,11 @@ from pathlib import Path
 from types import MappingProxyType, WrapperDescriptorType
 from typing import Any
 
-from umo.cycle import connect
+from umo.cycle.connect import connect
 from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phase_times import PhaseTimes
 from umo.cycle.stage import Stage
-from umo.cycle.stopping import signal_name
 from umo.drivers.contract import Driver
 from umo.errors import FramesError, text_of
 from umo.frames.frame_server import FrameServer, new_path
@@ -27,6 +26,7 @@ from umo.frames.ring import Ring
 from umo.objects import Atomic, DigitalSensor, MachineNumber
 from umo.objects.description import described
 from umo.system.processes import HASH_SEED
+from umo.system.signal_handling import signal_name
 from umo.text import in_brackets, place_of
 from umo.user_code import attempt
 from umo.wiring.wired import Wire

@@ -7,7 +7,7 @@ from statistics import median
 from time import perf_counter_ns
 from typing import Any
 
-from umo.cycle import connect
+from umo.cycle.connect import connect
 from umo.errors import DeclarationError
 from umo.generate.compiled_laws import COMPARED, CompiledLaws, prepare
 from umo.latency.loop import Example, example

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle import connect
 from umo.cycle.cache_warming import wait_busily
+from umo.cycle.connect import connect
 from umo.drivers.timerfd import Ticker
 from umo.errors import DriverError
 from umo.latency import native

@@ -14,15 +14,16 @@ from time import monotonic, sleep
 from types import MappingProxyType
 from typing import IO, Any
 
-from umo.cycle import Frame, connect, drive
 from umo.cycle.cache_warming import wait_busily
 from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
+from umo.cycle.connect import connect
 from umo.cycle.events import CommandState
+from umo.cycle.frame import Frame
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.run import result_of
+from umo.cycle.run import drive, result_of
 from umo.cycle.stage import Stage
-from umo.cycle.stopping import SIGNALS, TimeLimit, end_forked, request_stop
+from umo.cycle.stopping import TimeLimit, end_forked, request_stop
 from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
 from umo.frames.client_memory import ClientMemory
@@ -46,6 +47,7 @@ from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import adjust_oom_score, identity, name_process, parent_of_this
+from umo.system.signal_handling import SIGNALS
 from umo.system.streams import late, limit_waits, lost_lines, never_wait, send_waiting
 from umo.text import Moment, in_brackets
 

@@ -8,10 +8,10 @@ import signal
 from contextlib import suppress
 from time import monotonic, sleep
 
-from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_state import RunState
 from umo.system.processes import Child
+from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import in_brackets, place_among
 
 WHERE_SIGNAL = signal.SIGUSR2

@@ -19,7 +19,6 @@ from typing import NoReturn
 
 from umo.cycle.insisting import place_within
 from umo.cycle.stage import Stage
-from umo.cycle.stopping import SIGNALS
 from umo.errors import Interrupted, text_of
 from umo.latency.blackbox import ON_DEMAND
 from umo.process import kept_values
@@ -43,6 +42,7 @@ from umo.system import realtime
 from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.realtime import CorePlace
+from umo.system.signal_handling import SIGNALS
 from umo.system.streams import late, never_wait, send_waiting
 from umo.text import in_brackets, some
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from umo.cycle import connect
+from umo.cycle.connect import connect
 from umo.cycle.events import Event
 from umo.errors import text_of
 from umo.process import kept_file

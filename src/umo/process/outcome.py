@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import umo.errors as errors
-from umo.cycle.stopping import signal_name
 from umo.errors import AcknowledgeRequired, Interrupted, NotAwaited, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
 from umo.system.descriptors import TooFewDescriptors
+from umo.system.signal_handling import signal_name
 from umo.text import Moment, in_a_line, in_brackets, place_of, printable, str_of
 from umo.user_code import as_json
 

@@ -19,7 +19,6 @@ from types import FrameType
 from typing import Literal
 
 from umo.cycle.attempts import Attempts
-from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, Transfer, settling, wait_for
 from umo.drivers.off_cycle import OffCycle
 from umo.errors import DeviceTimeout, text_of
@@ -28,6 +27,7 @@ from umo.objects.stop_order import stop_sequence
 from umo.process.reset_state import Reached, ResetState
 from umo.system import realtime
 from umo.system.processes import Child, carry_out, name_process
+from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import some
 from umo.wiring import Wired
 

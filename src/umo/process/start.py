@@ -17,7 +17,6 @@ from types import TracebackType
 from typing import Any
 
 from umo.cycle.stage import Progress, Stage
-from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.exit_status import ExitStatus
 from umo.frames import Reader
@@ -33,6 +32,7 @@ from umo.system import descriptors, notify
 from umo.system.device_record import INSPECT
 from umo.system.processes import ENDED, HASH_SEED, STOPPED, ProcessHandle, known
 from umo.system.realtime import Refusal
+from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import some
 
 LINUX = sys.platform.startswith("linux")

@@ -14,7 +14,6 @@ from time import monotonic, monotonic_ns
 from typing import Any
 
 from umo.cycle.stage import Stage
-from umo.cycle.stopping import signal_name
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers.off_cycle import OffCycle
 from umo.drivers.off_cycle.proxy import MARGIN, Worker
@@ -26,6 +25,7 @@ from umo.process.run_state import RunState, worker
 from umo.process.worker import WorkerProcess
 from umo.system import realtime
 from umo.system.processes import Child, carry_out
+from umo.system.signal_handling import signal_name
 from umo.text import some
 from umo.wiring import Wired
 

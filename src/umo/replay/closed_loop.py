@@ -16,10 +16,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from umo.cycle import connect, drive
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
+from umo.cycle.connect import connect
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.run import drive
 from umo.cycle.stopping import TimeLimit
 from umo.errors import text_of
 from umo.process.job import Job, Plan

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from umo.cycle import drive
+from umo.cycle.run import drive
 from umo.errors import OptionError, UmoError, WiringError, text_of
 from umo.objects import Compound
 from umo.objects.numbers import numbers_of

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
 
-from umo.cycle import connect
 from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
 from umo.cycle.clock import WallClock
+from umo.cycle.connect import connect
 from umo.cycle.events import CommandState
 from umo.cycle.frame import Frame, Observer
 from umo.cycle.journal import CAPACITY, Journal

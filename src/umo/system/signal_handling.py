@@ -1,4 +1,4 @@
-"""Handlers of signals for a block of code."""
+"""The signals that stop a program, and handlers of signals for a block of code."""
 
 from __future__ import annotations
 
@@ -8,6 +8,18 @@ from contextlib import contextmanager
 from types import FrameType
 
 Handler = Callable[[int, FrameType | None], object] | signal.Handlers
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
+    SIGNALS.append(signal.SIGHUP)  # the terminal was closed
+
+
+def signal_name(number: int) -> str:
+    """The name of a signal, such as SIGTERM."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # the real-time signals have numbers alone
+        return f"signal {number}"
 
 
 @contextmanager

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from umo.control import wait
-from umo.cycle import Frame, connect, drive
-from umo.cycle.frame import signals_of
+from umo.cycle.connect import connect
+from umo.cycle.frame import Frame, signals_of
 from umo.cycle.law_loops import loop_at
+from umo.cycle.run import drive
 from umo.errors import CommandRefused, OptionError
 from umo.frames.layout import describe_signals
 from umo.objects import Compound, Quality, atoms, described, numbers_of

@@ -8,7 +8,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from umo.cycle import connect
+from umo.cycle.connect import connect
 from umo.errors import DriverError, WiringError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_record import DeviceClaim

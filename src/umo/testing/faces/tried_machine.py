@@ -13,9 +13,9 @@ from typing import Annotated, Any
 
 from umo.alarms import Alarm, High
 from umo.control import wait
-from umo.cycle import connect
 from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
+from umo.cycle.connect import connect
 from umo.errors import FramesError
 from umo.frames import Reader, published
 from umo.frames.client_memory import ClientMemory
