@@ -6,7 +6,6 @@ import hashlib
 import importlib
 import inspect
 import json
-import runpy
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -144,6 +143,8 @@ def _import(text: str, script: str | None) -> Any:
     name, _, attribute = text.partition(":")
     with told_as(DeclarationError, f"{text} cannot be imported"):
         if name == MAIN_MODULE and getattr(sys.modules.get(MAIN_MODULE), "__file__", None) != script:
+            import runpy
+
             module = ModuleType(MAIN_MODULE)
             sys.modules[MAIN_MODULE] = module
             module.__dict__.update(runpy.run_path(str(script), run_name=MAIN_MODULE))
