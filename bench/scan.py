@@ -47,7 +47,7 @@ class Case:
     times: list[float] = field(default_factory=list)
 
     def calibrate(self) -> None:
-        """As many periods as fill a batch, by the shortest of three: one that was held up would leave them few, and cold."""
+        """As many periods as fill a batch, by the shortest of three: one held up would leave few, and cold."""
         self.run(3)
         while self.periods < 100_000 and (took := min(self.once() for _ in range(3))) < BATCH_US / 2:
             self.periods = max(self.periods + 1, int(self.periods * min(10.0, BATCH_US / max(took, 1.0))))
