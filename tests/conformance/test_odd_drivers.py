@@ -40,6 +40,9 @@ from conformance.plain import Bytes, Scpi, TwoBytes, of_bytes, scpi
 from conformance.subjects import careful, plain
 from helpers.tiers import some
 from umo.testing.conformance import Input, Judgement, Output, Subject, conform
+from umo.testing.conformance.budget import Budget
+from umo.testing.conformance.rule_context import RuleContext
+from umo.testing.conformance.rules import chosen_rules
 
 CYCLES = 20
 INPUTS = (Input("in:8"), Input("in:9"))
@@ -173,3 +176,14 @@ def test_a_refused_channel_is_used_in_the_directions_that_the_driver_has(driver:
     with careful(driver, loopbacks=(), refused=refused, levels=None, **channels) as subject:
         certificate = conform(subject, only=["process", "memory", "error answer", "retry", "kind of errors"], cycles=20)
     assert not certificate.failed, str(certificate)
+
+
+def test_a_record_that_jitters_around_the_level_before_is_straight() -> None:
+    recorded = iter(([100], [101, 99, 7]))
+    subject = Subject(
+        "jitters", make=Memory, outputs=(Output("wide", 100, 0, 255),), levels=lambda text: next(recorded),
+        agree=lambda one, raw, other, seen: abs(raw - seen) <= 1,
+    )  # fmt: skip
+    context = RuleContext(subject, CYCLES, Budget(60.0, chosen_rules(None)))
+    with context.straight({subject.outputs[0]: 7}, "a write"):
+        pass

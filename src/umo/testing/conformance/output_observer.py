@@ -223,7 +223,8 @@ class OutputObserver(DriverFactory):
         yield
         for output, goal in goals.items():
             first, *levels = record(output.channel) if record is not None else (goal,)
-            if odd := [level for level in levels if level != first and not self.same(output, goal, level)]:
+            stood = (level for level in levels if not self.alike(self.view(output), first, level))
+            if odd := [level for level in stood if not self.same(output, goal, level)]:
                 text = f"{output.channel} went from {first} to {odd[0]} for a moment in {doing}"
                 raise RuleBroken(text, f"level of {output.channel}")
 
