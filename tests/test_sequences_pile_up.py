@@ -22,6 +22,9 @@ class Blinking(Bench):
     async def blink(self) -> None:
         await wait(self.pause)
 
+    async def blink_once(self, pause: str) -> None:
+        await wait(pause)
+
 
 def told(m: Any) -> list[str]:
     return [event.text for event in m._machine.whole.events if "side by side" in event.text]
@@ -89,6 +92,13 @@ def test_a_value_that_was_read_makes_no_other_sequence():
         for _ in range(2 * FEW):
             m.cycle.start(note(m.now))
             periods(m)
+        assert len(told(m)) == 1
+
+
+def test_one_other_sequence_beside_delays_the_word_by_a_few_periods_only():
+    with connect(bench(Blinking)) as m:
+        m.cycle.start(m.blink_once("1 h"))
+        periods(m, FEW + FEW // 2)
         assert len(told(m)) == 1
 
 

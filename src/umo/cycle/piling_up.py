@@ -19,7 +19,8 @@ MANY = 1000
 
 
 class PilingUp:
-    """Of one machine. Looking takes as long as there are sequences of a part: so it is done when these have doubled."""
+    """Of one machine. Looking takes as long as there are sequences of a part: so it is done when these have grown by a
+    quarter."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[int, CodeType], int] = {}
@@ -33,10 +34,10 @@ class PilingUp:
         key = id(task.part), code
         if len(beside) < self._next.get(key, FEW):
             return ""
-        self._next[key] = 2 * len(beside)
         alike = [each for each in beside if each.code is code]
         given = _given(task)
         same = [each for each in alike if _given(each) == given]
+        self._next[key] = len(beside) + max(FEW - _periods(same), len(beside) // 4)
         found = same if _periods(same) >= FEW else alike if _periods(alike) >= MANY else []
         if not found:
             return ""
