@@ -3,6 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
+COMPILED := .venv/compiled
 
 .PHONY: demo test test-page test-faces test-all lint bench docs wheel kernel test-kernel clean
 
@@ -13,7 +14,7 @@ demo: $(STAMP)
 PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
 
 # Four to six minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
-test: $(STAMP)
+test: $(COMPILED)
 	$(PYTEST) -m "not full" $(ARGS)
 
 # The page in a browser; make test runs some of these tests. A browser has processes of its own: a worker for each processor.
@@ -68,6 +69,10 @@ $(STAMP): pyproject.toml setup.py constraints.txt $(wildcard src/umo/*/*.c)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[spi]' 2>/dev/null || \
 	    echo "spidev could not be built, for which a C compiler is needed: the driver spi is left out"
 	touch $(STAMP)
+
+# In a fresh clone: pytest's bytecode of the tests, by two processes. Else each of its workers makes all of it.
+$(COMPILED): $(STAMP)
+	find tests -name 'test_*.py' | env -u PYTHONDONTWRITEBYTECODE xargs -n 200 -P 2 $(BIN)/python -m pytest -q --collect-only >/dev/null; touch $(COMPILED)
 
 clean:
 	rm -rf .venv runs build dist
