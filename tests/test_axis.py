@@ -24,6 +24,7 @@ from umo.control import (
     together,
     wait,
 )
+from umo.control.axis_state import AxisState
 from umo.errors import AxisError, BadInput, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import atoms
 from umo.states import EnableDisable, OnOff
@@ -117,7 +118,8 @@ def test_the_force_at_an_end_stop_is_limited_during_homing_only() -> None:
 
     def watch(m: Machine) -> None:
         volts = abs(slide.levels["motor"]) / 200
-        largest[m.x.searching] = max(largest[m.x.searching], volts)
+        searching = m.x.state is AxisState.HOMING
+        largest[searching] = max(largest[searching], volts)
 
     async def work(m: Machine) -> None:
         await m.x.home()

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
 
 import umo
 from helpers.axis_rig import Machine, index_pulse, machine, run, wiring
-from helpers.slide import INDEX, Slide, encoder, servo
+from helpers.slide import INDEX, LOW, Slide, encoder, servo
+from helpers.tiers import some
 from umo import published
-from umo.control import ServoAxis, next_period, wait
-from umo.control.axis_state import AxisState
-from umo.errors import EquipmentFault
+from umo.control import EndStop, ServoAxis, next_period, wait
+from umo.control.axis_state import FOLLOWED_BY, AxisState
+from umo.errors import EquipmentFault, TaskFailed, UmoError
 from umo.faces.face_declaration import declaration_of
 from umo.frames import Reader
 
@@ -86,6 +89,69 @@ def test_an_axis_in_fault_is_in_error_stop() -> None:
 
     run(machine(axis), slide, work)
     assert seen == [AxisState.ERROR_STOP]
+
+
+def test_a_motion_ends_with_the_axis_disabled_although_it_is_enabled_again_in_the_same_period() -> None:
+    async def work(m: Machine) -> None:
+        motion = m.x.cycle.start(m.x.move_to(60.0))
+        await wait(0.1)
+        m.x.disable()
+        m.x.enable()
+        m.x.jog(5.0)  # it is free
+        with pytest.raises(TaskFailed, match="x was disabled during its motion"):
+            await motion
+        await wait(0.1)
+        assert m.x.state is AxisState.CONTINUOUS_MOTION
+
+    changes(work)
+
+
+class Watched(ServoAxis):
+    """It notes which state follows which."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.passed: set[tuple[AxisState, AxisState]] = set()
+
+    def _enter(self, state: AxisState) -> None:
+        self.passed.add((self._state, state))
+        super()._enter(state)
+
+
+@pytest.mark.parametrize("seed", some(lambda seed: seed < 2, range(10)))
+def test_states_follow_one_another_as_the_table_says(seed: int) -> None:
+    random, slide = Random(seed), Slide()
+    m = machine(servo(following_error=1e9))
+    m.x.__class__ = Watched
+    m.x.setup()
+    m.x.homing = EndStop(position=LOW, clearance=10.0)
+    calls: list[Any] = [
+        lambda: m.x.jog(random.uniform(-50.0, 50.0)),
+        lambda: m.cycle.start(tried(m.x.move_to(random.uniform(20.0, 60.0)))),
+        lambda: m.cycle.start(tried(m.x.home())),
+        lambda: m.x.halt(),
+        lambda: m.x.enable(),
+        lambda: m.x.disable(),
+    ]
+
+    async def tried(motion: Any) -> None:
+        with suppress(UmoError):
+            await motion
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        started: list[Any] = []
+        for _ in range(100):
+            with suppress(UmoError):
+                started.append(random.choice(calls)())
+            if random.random() < 0.3 and started and (last := started.pop()) is not None:
+                last.cancel()
+            await wait(random.choice((0.001, 0.01, 0.2)))
+
+    run(m, slide, work)
+    passed = {each for each in m.x.passed if each[0] is not each[1]}
+    assert len(passed) > 6
+    assert [each for each in passed if each[1] not in FOLLOWED_BY[each[0]]] == []
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")

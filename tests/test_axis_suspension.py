@@ -16,6 +16,8 @@ from helpers.slide import DT, SERVO, Slide, direction_output, encoder, motor, se
 from helpers.tiers import each_value, first
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Quality
 from umo.control import Axis, EndStop, ServoAxis, state_of, wait
+from umo.control.axis import Interruption
+from umo.control.axis_state import AxisState
 from umo.cycle.events import CommandState
 from umo.drivers import Channel
 from umo.errors import DriverError, TaskFailed
@@ -169,7 +171,7 @@ def test_an_axis_that_was_moved_is_moved_back_or_the_application_does_not_go_on(
         ann.call("x.move_to", position=50.0)
         refused = ann.mode("automatic")
         assert refused.text == "CommandRefused: the application cannot go on: x still moves; or stop the run"
-        assert ann.x._motion == "move_to"  # nothing has changed
+        assert ann.x.state is AxisState.DISCRETE_MOTION  # nothing has changed
         ann.until(lambda: ann.x._motion is None)
         refused = ann.mode("automatic")
         assert refused.state is CommandState.REFUSED
@@ -200,7 +202,7 @@ def test_an_axis_without_a_motion_keeps_its_integral_over_manual_mode() -> None:
         ann.mode("manual")
         ann.mode("automatic")
         assert ann.x.servo.integral != 0.0
-        assert not ann.x._interrupted
+        assert ann.x._interrupted is Interruption.NONE
 
 
 @BOTH
@@ -424,11 +426,11 @@ def test_a_jog_that_an_interlock_has_interrupted_does_not_run_on_when_it_lets_go
         ann.run(50)
         ann.m.lamp.write(OnOff.ON)
         ann.run(5)
-        assert ann.x._interrupted
+        assert ann.x._interrupted is Interruption.INHIBITED
         ann.mode("manual")
         ann.m.lamp.write(OnOff.OFF)
         ann.run(300)
-        assert not ann.x._interrupted
+        assert ann.x._interrupted is Interruption.NONE
         assert ann.x.profile.setpoint.velocity == 0.0
 
 
@@ -604,7 +606,7 @@ def test_an_axis_of_which_the_suspended_motion_was_cancelled_is_free_for_the_app
         assert ann.mode("automatic").state is CommandState.DONE
         ann.run(5)
         assert ann.x.enabled is (application is forth_and_back)  # homing that is cancelled disables the axis
-        assert not ann.x.searching
+        assert ann.x.state is not AxisState.HOMING
         here = ann.slide.position
         ann.run(300)
         assert ann.slide.position == pytest.approx(here, abs=0.06)

@@ -11,6 +11,8 @@ from helpers.equipment_plant import Slide, plant
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired
 from helpers.tiers import some
 from umo import DigitalSensor
+from umo.control.axis import Interruption
+from umo.control.axis_state import AxisState
 from umo.control.inputs import HOMING
 from umo.cycle.connect import connect
 from umo.errors import EquipmentFault
@@ -24,8 +26,7 @@ def act_on(axis: Slide, random: Random) -> None:
     """What the host does with an axis: it enables it, and plans a motion."""
     axis._accept = HOMING
     if not axis.enabled and axis.encoder.quality != Quality.BAD:
-        axis.enabled = True
-        axis._interrupted = axis._standing = False
+        axis._state, axis._interrupted = AxisState.STANDSTILL, Interruption.NONE
         axis._stand()
     else:
         axis.profile.to(axis.profile.setpoint.position + random.uniform(-3.0, 3.0))

@@ -14,6 +14,8 @@ import pytest
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired, without_host
 from helpers.tiers import first
 from umo.control import Axis
+from umo.control.axis import Interruption
+from umo.control.axis_state import AxisState
 from umo.control.inputs import HOMING
 from umo.control.profile import Profile
 from umo.cycle.connect import connect
@@ -33,8 +35,8 @@ def act_on_axes(m: Any, random: Random) -> None:
         axis._accept = Quality.OUT_OF_RANGE if axis.encoder.quality < Quality.UNREFERENCED else HOMING
         what = random.randrange(4)
         if what == 0:
-            axis.enabled = not axis.enabled
-            axis._interrupted = axis._standing = False
+            axis._state = AxisState.DISABLED if axis.enabled else AxisState.STANDSTILL
+            axis._interrupted = Interruption.NONE
             axis._stand()
         elif what == 1:
             Profile.to(axis.profile, axis.profile.setpoint.position + random.uniform(-3.0, 3.0) * axis.window)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, cast
 from helpers.split_parts import PEERS, THETA
 from umo import Compound
 from umo.control import StepperAxis
+from umo.control.axis_state import AxisState
 from umo.control.inputs import HOMING
 from umo.control.profile import Setpoint
 from umo.cycle.laid_out import wired_numbers
@@ -124,5 +125,5 @@ def paced_theta(folder: Path, **options: Any) -> Iterator[tuple[PacedController,
 
 def enable(axis: StepperAxis) -> None:
     """The axis is enabled where its counter reads 0."""
-    axis.enabled, axis._accept, axis._offset = True, HOMING, axis.encoder.zero_offset
+    axis._state, axis._accept, axis._offset = AxisState.STANDSTILL, HOMING, axis.encoder.zero_offset
     axis.profile.hold(axis._offset)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from functools import partial
 from math import copysign, inf, isfinite, isnan, nan
 from typing import Any, Protocol, cast
 
-from umo.control import axis_state
-from umo.control.axis_state import AxisState
-from umo.control.axis_suspension import AxisSuspension
+from umo.control.axis_state import ACTIONS, FOLLOWED_BY, AxisState
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
@@ -21,9 +18,9 @@ from umo.cycle.parallel import together
 from umo.cycle.sequences import one_period
 from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError, TaskFailed
 from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
+from umo.objects.keywords import declared_reaction
 from umo.objects.link import Task
-from umo.objects.reaction import declared_reaction
-from umo.presentation.digits import number_text
+from umo.presentation.digits import digits_of, number_text
 from umo.presentation.value_text import measure, span
 from umo.text import cut_repr, some
 from umo.user_code import attempt
@@ -33,6 +30,12 @@ ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
 setpoint is within the range, and the axis within `following_error` of it."""
 STANDSTILL_SHARE = 1 / 20
 """Share of `stall` by which an axis advances at least, or it stands still."""
+RETURN_WINDOWS = 2.0
+"""Distance in windows from where an axis was left within which it goes on: one of the motion back, and one of the
+digits in which the position is told."""
+
+
+_DISABLED, _STANDSTILL = AxisState.DISABLED, AxisState.STANDSTILL  # an attribute of an Enum is a call
 
 
 class Met(Enum):
@@ -45,6 +48,28 @@ class Met(Enum):
     """The axis stands still although it is driven."""
     REACH = "reach"
     """Nothing was met within the distance."""
+
+
+class Interruption(Enum):
+    """Whether the motion is to be planned anew as soon as the axis is free, and from where."""
+
+    NONE = "none"
+    WAITED = "waited"
+    """From the setpoint: whoever moves the axis has waited, and goes on."""
+    INHIBITED = "inhibited"
+    """From where the axis then stands: an interlock has inhibited it."""
+
+
+@dataclass(eq=False)
+class Motion:
+    """One motion, from its beginning to its end."""
+
+    state: AxisState
+    """The state in which it is carried out."""
+    by: Task | None = None
+    """The sequence that has begun a jog; None: another caller has."""
+    awaited: bool = False
+    """Whether a sequence awaits its end."""
 
 
 class Homing(Protocol):
@@ -107,18 +132,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     homing: Homing | None = None
     """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
 
-    enabled = False
-    """Whether the axis follows its setpoint. The first motion enables it."""
-    searching = False
-    """Whether the axis is being homed: its reading may jump, and is not compared with the setpoint."""
-    _interrupted = False
-    """Whether the motion is to be planned anew as soon as the axis is free."""
-    _standing = False
-    """Whether it is planned from where the axis then stands, and not from its setpoint: an interlock has let go of
-    it."""
-
-    _was_disabled = False
-    """Whether the motion ends because the axis was disabled: an error of whoever awaits it, and no fault."""
+    _state = _DISABLED
+    """The state, but for what is seen elsewhere: a fault of its equipment, and a setpoint that still moves."""
+    _interrupted = Interruption.NONE
 
     def setup(self) -> None:
         names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
@@ -127,16 +143,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._accept: Accept = ACCEPTED_WHEN_REFERENCED
         """The qualities of the encoder that are accepted besides GOOD and STALE."""
         self._replan: Callable[[], object] = self._stand
-        self._motion: str | None = None
-        """The motion that is under way: "home", "move_to" or "jog"."""
-        self._begun = 0
-        """Number of motions that have begun, which gives each its own."""
-        self._in_charge = 0
-        """Number of the motion that the axis carries out: no other one stops it."""
-        self._jogged_by: Task | None = None
-        """The sequence that has begun the last jog; None: another caller has."""
-        self._awaited: set[int] = set()
-        """The numbers of those that have not ended: of the operator, and of the suspended application."""
+        """Plans again, from where the setpoint then is, what the axis does."""
+        self._motion: Motion | None = None
+        """The motion that the axis carries out, if it is in a state of motion: no other one ends it."""
 
     # Motions -------------------------------------------------------------------------------------------
 
@@ -145,20 +154,11 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
         if self.homing is None:
             raise DeclarationError(f"{self._path} does not declare how it is homed (`homing`)")
-        with self._claimed("home") as number:
+        with self._claimed(AxisState.HOMING, HOMING):
             self.encoder.referenced(False)
-            self._set_searching(True)
-            try:
-                await self._settle()
-                self.enable()
-                await self.homing.find(self)
-            except BaseException:
-                if self._in_charge == number:
-                    self._let_go()
-                raise
-            finally:
-                if self._in_charge == number:
-                    self._set_searching(False)
+            await self._settle()
+            await self.homing.find(self)
+            self._accept = ACCEPTED_WHEN_REFERENCED
             await self._settle()
 
     @action(
@@ -176,10 +176,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.check_target(position)
         if not speed > 0.0 or not 0.0 <= duration < inf:
             raise RangeError(f"{self._path}: no motion at a speed of {speed} in {duration} s")
-        with self._claimed("move_to"):
-            value_of(self.encoder, ACCEPTED_WHEN_REFERENCED)
-            self._accept = ACCEPTED_WHEN_REFERENCED
-            self.enable()
+        with self._claimed(AxisState.DISCRETE_MOTION, ACCEPTED_WHEN_REFERENCED):
             await self.travel(position, speed=speed, duration=duration)
 
     @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release="halt")
@@ -188,23 +185,20 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         range. Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
             raise RangeError(f"{self._path}: {velocity} is not a velocity")
-        if self._motion not in (None, "jog"):
-            raise self._busy("jog")
         if not velocity:
+            self._check_free(AxisState.CONTINUOUS_MOTION)
             self.halt()
             return
-        self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED_WHEN_REFERENCED
-        self.enable()
+        unreferenced = self.encoder.quality is Quality.UNREFERENCED
+        self._prepare(AxisState.CONTINUOUS_MOTION, HOMING if unreferenced else ACCEPTED_WHEN_REFERENCED)
         self._go(lambda: self._jog(velocity))
-        self._begin("jog")
-        self._jogged_by = self._machine.current_task
+        self._begin(Motion(AxisState.CONTINUOUS_MOTION, by=self._machine.current_task))
 
     def halt(self) -> None:
         """End a jog, whoever has begun it: decelerate to standstill. An axis that is not enabled, or does something
         else, goes on so."""
-        if self._motion == "jog":
-            self._go(lambda: self.profile.at(0.0))
-            self._motion = None
+        if self._state is AxisState.CONTINUOUS_MOTION:
+            self._halt()
 
     def _jog(self, velocity: float) -> None:
         end = self.encoder.maximum if velocity > 0 else self.encoder.minimum
@@ -228,36 +222,63 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     def enable(self) -> None:
         """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted,
         EquipmentFault if the axis is in fault."""
-        if not self.enabled:
+        if self._state is _DISABLED:
             if self._machine.fault_of(self) is not None:  # no local name: the frame of an error must not refer to it
                 raise cast(EquipmentFault, self._machine.fault_of(self))
             self._stand()
-            self._interrupted = self._standing = self._was_disabled = False
-            self._replan = self._stand
-            self.enabled = True
+            self._interrupted, self._replan, self._motion = Interruption.NONE, self._stand, None
+            self._enter(_STANDSTILL)
 
     @action
     def disable(self) -> None:
         """Stop following: the actuators go to their defaults. A motion under way ends with AxisError, which
         is no fault."""
-        self.enabled = False
-        if self._motion == "jog":
-            self._motion = None
+        self._enter(_DISABLED)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the axis follows its setpoint. The first motion enables it."""
+        return self._state is not _DISABLED
 
     @property
     def state(self) -> AxisState:
         """What the axis does, in PLCopen's words."""
-        return axis_state.state_of(self)
+        return self._seen_state()
+
+    def _seen_state(self) -> AxisState:
+        if self._machine.fault_of(self) is not None:
+            return AxisState.ERROR_STOP
+        stops = self._state is _STANDSTILL and not self.profile.done
+        return AxisState.STOPPING if stops else self._state
 
     def shown_state(self) -> AxisState:
         """The state that others see, of the axis's own: a `state` of a subclass is asked by nobody but the program. An
         error, as with a `profile` that is none, is ERROR_STOP."""
-        found, error = attempt(axis_state.state_of, self)
+        found, error = attempt(self._seen_state)
         return AxisState.ERROR_STOP if error else found
 
     def describe_axis(self) -> Mapping[str, Any]:
-        """What others must know of it, as plain data (`umo.control.axis_state.described`)."""
-        return axis_state.described(self)
+        """What others must know of it, as plain data: its states, the paths of what belongs to it, its limits in units
+        of the encoder and s."""
+        path, encoder = self._path, self.encoder
+        return {
+            "path": path,
+            "states": [state.name.lower() for state in AxisState],
+            "position": encoder._path,
+            "units": encoder.units,
+            "minimum": encoder.minimum,
+            "maximum": encoder.maximum,
+            "window": self.window,
+            "setpoint": f"{path}.setpoint",
+            "error": f"{path}.error",
+            "velocity": f"{path}.profile.velocity",
+            "acceleration": f"{path}.profile.acceleration",
+            "largest": {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk},
+            "move": f"{path}.move_to",
+            "jog": f"{path}.jog",
+            "disable": f"{path}.disable",
+            "home": None if self.homing is None else f"{path}.home",
+        }
 
     # For homing ----------------------------------------------------------------------------------------
 
@@ -281,15 +302,16 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
         if isnan(jump) or isnan(reach):
             raise RangeError(f"{self._path}: no search with jump={jump}, reach={reach}")
+        motion = self._motion
         self._go(lambda: self._cruise(velocity))
         sign = copysign(1.0, velocity)
         driven = idle = 0.0
         last = best = self.reading
         while until is None or not until():
             tick = await one_period()
-            self._check_enabled()
+            self._check(motion)
             reading = self.reading
-            if self._interrupted:
+            if self._interrupted is not Interruption.NONE:
                 last, best, idle = reading, reading, 0.0
                 continue
             missed = (tick.ticks - 1) * tick.period  # s, in which the axis has moved on
@@ -316,26 +338,26 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
         """Move to a position, also beyond the range. It ends when the encoder has arrived. AxisError if it does not."""
         end = self.now + duration  # after an interruption only what is left of the duration counts
-        number = self._in_charge
+        motion = self._motion
         try:
             self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=max(end - self.now, 0.0)))
             late, corrections = 0.0, 0
             steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
                 tick = await one_period()
-                self._check_enabled()
+                self._check(motion)
                 period = tick.dt / tick.ticks  # in missed periods nothing was controlled, and nothing seen
                 if self._arrived(position):
                     steady = max(steady + period, 0.0)
                     continue
                 steady = -inf
-                if self._interrupted or not self.profile.done:
+                if self._interrupted is not Interruption.NONE or not self.profile.done:
                     late = 0.0
                 elif (late := late + period) > self.settling_time:
                     late, corrections = 0.0, corrections + 1
                     self._correct(position, corrections)
         except BaseException:
-            if self.enabled and self._in_charge == number:
+            if self.enabled and self._motion is motion:
                 self._go(lambda: self.profile.at(0.0))
             raise
         self._replan = self._stand
@@ -350,7 +372,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     @property
     def setpoint(self) -> float:
         """The position that the axis follows; NaN while it is not enabled."""
-        return self.profile.setpoint.position if self.enabled else nan
+        return nan if self._state is _DISABLED else self.profile.setpoint.position
 
     @property
     def _outputs(self) -> tuple[Actuator, ...]:
@@ -373,7 +395,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Come to rest: before and after homing."""
 
     def _arrived(self, position: float) -> bool:
-        return self.profile.done and abs(position - self.reading) < self.window and not self._interrupted
+        there = self.profile.done and abs(position - self.reading) < self.window
+        return there and self._interrupted is Interruption.NONE
 
     def _correct(self, position: float, corrections: int) -> None:
         """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
@@ -383,9 +406,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     def _disconnect(self) -> None:
         """The next connection begins with an axis that is not enabled."""
         super()._disconnect()
-        self._motion = None
-        self._suspension = AxisSuspension(self, partial(declared_reaction, self))
-        self.enabled = self.searching = self._interrupted = False
+        self._state, self._motion, self._interrupted = _DISABLED, None, Interruption.NONE
 
     def check_target(self, position: float) -> None:
         """RangeError for a position that `move_to` refuses."""
@@ -395,35 +416,66 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     # Inside --------------------------------------------------------------------------------------------
 
-    def _busy(self, what: str) -> Busy:
-        """The error for a motion that cannot be started now."""
-        return Busy(f"{self._path} is busy with {self._motion}; {what} was not started")
+    def _enter(self, state: AxisState) -> None:
+        """The one place in which the state changes, as `FOLLOWED_BY` says."""
+        self._state = state
 
-    def _begin(self, what: str) -> int:
-        """The axis carries out this motion from now on; its number."""
-        self._motion = what
-        self._begun += 1
-        self._in_charge = self._begun
-        return self._begun
+    def _check_free(self, state: AxisState) -> None:
+        """Busy if there is another motion than one that this may follow."""
+        if self._state in ACTIONS and state not in FOLLOWED_BY[self._state]:
+            busy, wanted = ACTIONS[self._state], ACTIONS[state]
+            raise Busy(f"{self._path} is busy with {busy}; {wanted} was not started")
+
+    def _prepare(self, state: AxisState, accept: Accept) -> None:
+        """Enable the axis for a motion. Busy during another one; BadInput if these qualities are not enough."""
+        self._check_free(state)
+        if self.enabled:
+            value_of(self.encoder, accept)
+        self._accept = accept
+        self.enable()
+        if not self.enabled:
+            raise AxisError(f"{self._path} was not enabled")
+
+    def _begin(self, motion: Motion) -> None:
+        """The axis carries out this motion from now on."""
+        self._motion = motion
+        self._enter(motion.state)
+
+    def _end(self) -> None:
+        """The axis carries out no motion any longer."""
+        self._motion = None
+        if self.enabled:
+            self._enter(_STANDSTILL)
+
+    def _halt(self) -> None:
+        """Decelerate to standstill, whatever the axis does."""
+        self._go(lambda: self.profile.at(0.0))
+        self._end()
 
     @contextmanager
-    def _claimed(self, what: str) -> Iterator[int]:
-        """One motion at a time: its number. Busy while there is another one."""
-        if self._motion is not None:
-            raise self._busy(what)
-        number = self._begin(what)
-        self._awaited.add(number)
+    def _claimed(self, state: AxisState, accept: Accept) -> Iterator[None]:
+        """One motion at a time, with these qualities of the encoder. Errors as of `_prepare`."""
+        self._prepare(state, accept)
+        motion = Motion(state, awaited=True)
+        self._begin(motion)
         try:
-            yield number
-        except (AxisError, HomingError) as error:
-            if not self._was_disabled:
-                self._machine.fail(self, error)
+            yield
+        except BaseException as error:
+            if self.enabled and self._motion is motion:
+                self._fail(state, error)
             raise
         finally:
-            if self._in_charge == number:
-                self._motion = None
-            self._awaited.discard(number)
-            self._suspension.motion_ended(number)
+            motion.awaited = False
+            if self._motion is motion:
+                self._end()
+                self._accept = ACCEPTED_WHEN_REFERENCED
+
+    def _fail(self, state: AxisState, error: BaseException) -> None:
+        """A motion was cancelled, or has failed."""
+        if state is AxisState.HOMING:
+            self._let_go()
+        if isinstance(error, AxisError | HomingError):
+            self._machine.fail(self, error)
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""
@@ -441,23 +493,20 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         finally:
             Axis.disable(self)
 
-    def _check_enabled(self) -> None:
-        if not self.enabled:
-            self._was_disabled = True
+    def _check(self, motion: Motion | None) -> None:
+        """AxisError, or the fault, if the axis was disabled since this motion has begun."""
+        if not self.enabled or self._motion is not motion:
             raise self._machine.fault_of(self) or AxisError(f"{self._path} was disabled during its motion")
-
-    def _set_searching(self, searching: bool) -> None:
-        self.searching, self._accept = searching, HOMING if searching else ACCEPTED_WHEN_REFERENCED
 
     def _interrupt(self) -> None:
         """An interlock inhibits the axis: the setpoint stays where the axis is."""
-        self._interrupted = self._standing = True
+        self._interrupted = Interruption.INHIBITED
         self._stand()
 
     def _go_on(self) -> None:
-        if self._standing:
+        if self._interrupted is Interruption.INHIBITED:
             self._stand()
-        self._interrupted = self._standing = False
+        self._interrupted = Interruption.NONE
         self._plan_anew()
 
     def _plan_anew(self) -> None:
@@ -469,12 +518,128 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     def _brake(self) -> None:
         """Nobody is in charge any longer: decelerate to standstill."""
-        if self.enabled:
+        if self._state is not _DISABLED:
             self.profile.at(0.0)
 
     def _moves(self) -> bool:
         """Whether the setpoint moves."""
-        return self.enabled and not (self.profile.done and not self.profile.setpoint.velocity)
+        return self._state is not _DISABLED and not (self.profile.done and not self.profile.setpoint.velocity)
+
+    # While another is in charge (`umo.cycle.suspension`) -------------------------------------------------
+
+    def _leave(self) -> LeftMotion:
+        """Whoever moves the axis has to wait: what it does is left, and it is free for another motion."""
+        left = LeftMotion(self)
+        self._end()
+        if left.state is AxisState.HOMING:
+            self._accept = HOMING
+        return left
+
+    def _stop_as_declared(self, left: LeftMotion | None) -> str:
+        """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes. `left`: what it did
+        before."""
+        reaction = declared_reaction(self) or "hold"
+        if not self.enabled:
+            return ""
+        if reaction == "default":
+            self.disable()
+            return "is disabled"
+        searched = left is not None and left.state is AxisState.HOMING
+        if searched and not abs(self.error) <= self.following_error:  # it pushes against an end stop
+            self._stand()
+        moves = self._moves()
+        if reaction == "run on" and self._ends_by_itself(left):
+            return "moves on to its end" if moves else ""
+        self._halt()
+        return "stops" if moves else ""
+
+    def _ends_by_itself(self, left: LeftMotion | None) -> bool:
+        """Whether what the axis does ends by itself: not a jog or a search, and not what is planned anew."""
+        states = (self._state, left and left.state)
+        endless = AxisState.CONTINUOUS_MOTION in states or AxisState.HOMING in states
+        return self.profile.stops and self._interrupted is Interruption.NONE and not endless
+
+    def _driven(self) -> tuple[Actuator, ...]:
+        """What its law is in charge of, also if it has not written it in this period."""
+        return self._outputs if self.enabled else ()
+
+
+class LeftMotion:
+    """What an axis did when whoever moves it had to wait, and how it goes on with that."""
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+        self.state = axis._state
+        """The state in which it was left."""
+        self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
+        by = None if self._motion is None else self._motion.by
+        self._by = None if by is None or by.done else by
+        """The sequence that jogs, and ends the jog; None: it was begun by what has ended, or is no sequence."""
+        quality, searched = axis.encoder.quality, self.state is AxisState.HOMING
+        self._referenced = quality is not Quality.UNREFERENCED and not (searched and quality is Quality.BAD)
+        rests = self.state is _STANDSTILL and not axis._moves()
+        self._position = axis.profile.setpoint.position if rests else nan
+        """The position at which it stood, enabled; NaN: it did not."""
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether there is a motion to go on with: its sequence, or the one that jogs, was not cancelled."""
+        if self._motion is None:
+            return False
+        if self._motion.state is AxisState.CONTINUOUS_MOTION:
+            return self._by is None or not self._by.done
+        return self._motion.awaited
+
+    @property
+    def _next_state(self) -> AxisState:
+        """The state in which it goes on. Homing that was cancelled leaves the axis disabled."""
+        if self._motion is None or self.state is _DISABLED or self._goes_on:
+            return self.state
+        return _DISABLED if self.state is AxisState.HOMING else _STANDSTILL
+
+    def why_not(self) -> str:
+        """Why it cannot go on; "": it can."""
+        axis = self._axis
+        if self._next_state is _DISABLED:
+            return ""
+        path, encoder = axis._path, axis.encoder
+        if encoder.quality is Quality.BAD:
+            return f"the reading of {encoder.path} is BAD"
+        referenced = encoder.quality is not Quality.UNREFERENCED
+        if self._referenced and not referenced:
+            return f"{path} has lost its reference; home it (`{path}.home`)"
+        if isnan(self._position) or referenced is not self._referenced:
+            return ""
+        if axis._moves():
+            return f"{path} still moves"
+        if abs(axis.reading - self._position) <= RETURN_WINDOWS * axis.window:
+            return ""
+        digits = digits_of(encoder.resolution, encoder.zero_offset)
+        here, there = (measure(position, encoder.units, digits) for position in (axis.reading, self._position))
+        return f"{path} stands at {here}, the application left it at {there}; move it back (`{path}.move_to`)"
+
+    def restore(self) -> None:
+        """The axis is enabled, where it stands, if it is to go on so; and disabled if not."""
+        axis, enabled = self._axis, self._next_state is not _DISABLED
+        if enabled and not axis.enabled:
+            axis._accept = HOMING
+            axis.enable()
+        elif axis.enabled and not enabled:
+            axis.disable()
+
+    def go_on(self) -> None:
+        """In this state, with its motion planned anew, from the setpoint."""
+        axis, state, goes_on = self._axis, self._next_state, self._goes_on
+        axis._end()
+        axis._accept, axis._motion = self._accept, self._motion if goes_on else None
+        if axis.enabled and state is not _DISABLED:
+            axis._enter(state)
+            if goes_on:
+                axis._replan, axis._interrupted = self._replan, Interruption.WAITED
+
+    def is_lost(self) -> bool:
+        """Whether a sequence still awaits its motion, which a fault has ended that was cleared."""
+        return self._motion is not None and self._motion.awaited and self._axis.cycle.fault is None
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:

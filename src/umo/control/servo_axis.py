@@ -6,13 +6,16 @@ from collections.abc import Mapping
 from contextlib import suppress
 from math import inf, isfinite
 
-from umo.control.axis import Axis
+from umo.control.axis import Axis, Interruption
+from umo.control.axis_state import AxisState
 from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError, TaskFailed
 from umo.objects import DigitalActuator, Number
 from umo.presentation.value_text import measure
+
+_DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.NONE  # an attribute of an Enum is a call
 
 
 class AxisServo(Servo):
@@ -77,10 +80,10 @@ class ServoAxis(Axis, numbers=_numbers):
         )
 
     def control(self) -> None:
-        if not self.enabled:
+        if self._state is _DISABLED:
             self.motor.write(self.motor.default)
             return
-        if self._interrupted and self.motor.inhibited is None:
+        if self._interrupted is not _FREE and self.motor.inhibited is None:
             self._go_on()
         clock, servo = self._machine.clock, self.servo
         dt = clock.dt
@@ -88,7 +91,7 @@ class ServoAxis(Axis, numbers=_numbers):
             dt = clock.period
             self._resume(clock.ticks, dt)
         taken = servo.control(*self.profile.step(dt), dt=dt, accept=self._accept)
-        beyond = abs(servo.error) > self.following_error and not self.searching
+        beyond = abs(servo.error) > self.following_error and self._state is not _HOMING
         if (beyond or not taken) and self.motor.inhibited is not None:
             self._interrupt()
         elif beyond:
@@ -118,9 +121,10 @@ class ServoAxis(Axis, numbers=_numbers):
     def error(self) -> float:
         return self.servo.error
 
-    def _set_searching(self, searching: bool) -> None:
-        super()._set_searching(searching)
-        self.servo.limit = self.search_output if searching else inf
+    def _enter(self, state: AxisState) -> None:
+        if state is _HOMING or self._state is _HOMING:
+            self.servo.limit = self.search_output if state is _HOMING else inf
+        super()._enter(state)
 
     def _stand(self) -> None:
         self.servo.reset()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from umo.control.axis import Axis
+from umo.control.axis import Axis, Interruption
+from umo.control.axis_state import AxisState
 from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
@@ -12,6 +13,8 @@ from umo.objects import Actuator, BinaryActuator
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure
 from umo.states import Rotation, UpDown
+
+_DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.NONE  # an attribute of an Enum is a call
 
 MAX_CORRECTIONS = 3
 """Number of times that a motion makes up lost steps at most."""
@@ -53,11 +56,11 @@ class StepperAxis(Axis):
         return self._offset + self.stepping.count * self.step_size
 
     def control(self) -> None:
-        if not self.enabled:
+        if self._state is _DISABLED:
             self.step.write(self.step.default)
             self.direction.write(self.direction.default)
             return
-        if self._interrupted and not self._inhibited:
+        if self._interrupted is not _FREE and not self._inhibited:
             self._go_on()
         reading = value_of(self.encoder, self._accept)
         clock = self._machine.clock
@@ -67,7 +70,7 @@ class StepperAxis(Axis):
         position = self.profile.step(clock.period).position
         self.stepping.control((position - self._offset) / self.step_size)
         self._error = self.commanded - reading
-        beyond = not abs(self._error) <= self.following_error and not self.searching  # NaN is beyond
+        beyond = not abs(self._error) <= self.following_error and self._state is not _HOMING  # NaN is beyond
         if (beyond or self.stepping.refused) and self._inhibited:
             self._interrupt()
         elif beyond:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from umo.cycle.law_loops import Loops
 from umo.cycle.restoring import kept_kind
-from umo.objects import Action, Compound, actions_of, numbers_of, walk
+from umo.objects import Action, Actuator, Compound, actions_of, numbers_of, walk
 from umo.objects.laws import has_loops, laws_in
 
 DATA = ("builtins", "numpy")
@@ -16,13 +16,28 @@ DATA = ("builtins", "numpy")
 
 
 class MotionAxis(Protocol):
-    """A compound that is an axis of motion (`umo.control.Axis`)."""
+    """A compound that is an axis of motion (`umo.control.Axis`): it moves by itself, under its own control."""
+
+    @property
+    def _path(self) -> str: ...
 
     def shown_state(self) -> int:
         """What it does, for frames: the number of one of its states. It raises nothing."""
 
     def describe_axis(self) -> Mapping[str, Any]:
         """Its path, states, position, limits and actions, as plain data."""
+
+    def _leave(self) -> Any:
+        """What it does, to go on with it later (`umo.control.axis.LeftMotion`): it is free for others."""
+
+    def _stop_as_declared(self, left: Any) -> str:
+        """Nobody is in charge: the declared reaction, in words; "": nothing changes. `left`: what it has left."""
+
+    def _let_go(self) -> None:
+        """It could not be left, or stopped: it is controlled no longer."""
+
+    def _driven(self) -> tuple[Actuator, ...]:
+        """What its law is in charge of, also if it has not written it in this period."""
 
 
 class Book(Protocol):

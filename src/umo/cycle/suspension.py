@@ -11,16 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
 from umo.cycle.columns import ASKED, FREE
+from umo.cycle.directory import MotionAxis
 from umo.cycle.events import Event, Paths
 from umo.cycle.image import ToDefault
 from umo.cycle.sequences import Sequences, one_period
 from umo.errors import CommandRefused
-from umo.objects import Actuator, Atomic, Compound, atoms, walk
+from umo.objects import Actuator, Atomic, Compound, Node, atoms, walk
+from umo.objects.paths import is_within
 from umo.text import some
 from umo.user_code import Raised, attempt
 
@@ -28,41 +30,12 @@ if TYPE_CHECKING:
     from umo.cycle.machine import ConnectedMachine
 
 
+T = TypeVar("T")
+
 STOPPED = "to the default"
 """Words for actuators of which nobody is in charge."""
 MANUAL = "manual mode"
 """Words that begin the event of a suspended application."""
-
-
-class Suspendable(Protocol):
-    """An object that moves by itself, under its own control: an axis (`umo.control.axis_suspension`)."""
-
-    def suspend(self) -> None:
-        """The application is suspended: keep what it does."""
-
-    def stop_as_declared(self) -> str:
-        """Nobody is in charge: the declared reaction, in words; "": nothing changes."""
-
-    def disable(self) -> None:
-        """It could not be suspended: it is controlled no longer."""
-
-    def driven(self) -> tuple[Actuator, ...]:
-        """What its law is in charge of, also if it has not written it in this period."""
-
-    def why_not_resumed(self) -> str:
-        """Why the application cannot go on; "": it can."""
-
-    def restore(self) -> None:
-        """Make it ready to go on."""
-
-    def resume(self) -> None:
-        """The application goes on."""
-
-    def forget(self) -> None:
-        """It is in fault: what the application did with it has ended."""
-
-    def is_lost(self) -> bool:
-        """Whether the application still awaits what a fault has ended that was cleared."""
 
 
 class Suspension:
@@ -73,17 +46,18 @@ class Suspension:
         compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
         self._told = [node for node in compounds if type(node).on_suspend is not Compound.on_suspend]
         self._resuming = [node for node in compounds if type(node).on_resume is not Compound.on_resume]
-        self._axes: dict[str, Suspendable] = {
-            node._path: node._suspension for node in compounds if hasattr(node, "_suspension")
-        }
+        self._axes = machine.directory.axes
+        self._left_motions: dict[MotionAxis, Any] = {}
+        """What the application has left of the axes (`umo.control.axis.LeftMotion`)."""
+        self._lost_motions: dict[MotionAxis, Any] = {}
+        """What faults have ended of that."""
         self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.stop_order}
         """The actuators by slot, in stop order."""
         self._order = np.array(machine.stop_order, np.intp)
         """Their slots."""
         self._defaults = machine.image.scales.defaults[self._order]
-        self._holding = {slot for slot, item in self._actuators.items() if item.when_suspended == "hold"}
+        self._holding = {slot for slot, item in self._actuators.items() if item._holds}
         """Those that are declared to hold."""
-        self._axis_of = {id(node): node._suspension for node in compounds if hasattr(node, "_suspension")}
         self._left: dict[int, float] | None = None
         """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
         self._by_others: set[int] = set()
@@ -106,8 +80,9 @@ class Suspension:
         if self._left is None:
             pending = self._machine.image.columns.pending[self._order]
             self._left = dict(zip(self._actuators, pending.tolist(), strict=True))
-            for path, axis in self._axes.items():
-                self._ask(path, axis, axis.suspend)
+            for axis in self._axes:
+                if (left := self._ask(axis, axis._leave)) is not None:
+                    self._left_motions[axis] = left
         for node in self._told:
             _, error = attempt(node.on_suspend)
             if error is not None:
@@ -137,16 +112,17 @@ class Suspension:
         machine.phases.settle_once(self._settle)
 
     def _react(self) -> None:
-        asked = ((path, self._ask(path, axis, axis.stop_as_declared)) for path, axis in self._axes.items())
-        self._said += [f"{path} {words}" for path, words in asked if words]
+        for axis in self._axes:
+            if words := self._ask(axis, partial(axis._stop_as_declared, self._left_motions.get(axis))):
+                self._said.append(f"{axis._path} {words}")
 
-    def _ask(self, path: str, axis: Suspendable, what: Callable[[], str | None]) -> str | None:
+    def _ask(self, axis: MotionAxis, what: Callable[[], T]) -> T | None:
         """What an axis answers. One that fails is disabled; the others are suspended all the same."""
         answer, error = attempt(what)
         if error is not None:
-            attempt(axis.disable)
-            self._tell(path, f"disabled, as it could not be suspended: {error}")
-        return cast("str | None", answer)
+            attempt(axis._let_go)
+            self._tell(axis._path, f"disabled, as it could not be suspended: {error}")
+        return cast("T | None", answer)
 
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
@@ -154,11 +130,10 @@ class Suspension:
         noted, by_others, failed = commands.noted, self._by_others - self._failed, self._failed
         if noted is None:  # the application has gone on in the same period
             return
-        by_laws = noted | {image.slot_of[id(item)] for axis in self._axes.values() for item in axis.driven()}
+        by_laws = noted | {image.slot_of[id(item)] for axis in self._axes for item in axis._driven()}
         self._stop_noting()
-        if self._left is not None:
-            for slot in by_laws:
-                self._left.pop(slot, None)
+        for slot in by_laws:
+            (self._left or {}).pop(slot, None)
         found: dict[str, list[int]] = {what: [] for what in (STOPPED, "held", "its law writes", "just written")}
         for slot in self._away_from_defaults():
             if commands.client_of(slot):
@@ -195,8 +170,8 @@ class Suspension:
     def _end_within(self, end: Callable[[], Any]) -> Any:
         """Sequences of the application are cancelled. What they write in their cleaning up is what the application has
         left, of what a client holds the default: it is not restored as it was before."""
-        commands = self._machine.commands
-        if self._left is None:
+        commands, left = self._machine.commands, self._left
+        if left is None:
             return end()
         before = commands.noted
         commands.note_writes(True)
@@ -207,29 +182,28 @@ class Suspension:
             commands.note_writes(before is not None)
             if before is not None:
                 commands.noted = before | written
-            for slot in written & self._left.keys():
+            for slot in written & left.keys():
                 if commands.client_of(slot):
-                    del self._left[slot]
+                    del left[slot]
                 else:
-                    self._left[slot] = self._machine.image.pending[slot]
+                    left[slot] = self._machine.image.pending[slot]
 
     def forget(self, compound: Compound) -> None:
         """Equipment is in fault: what the application did in it has ended, and is not gone on with."""
         if self._left is None:
             return
         slot_of = self._machine.image.slot_of
-        for node in (compound, *walk(compound)):
-            if isinstance(node, Actuator):
-                self._left.pop(slot_of[id(node)], None)
-            elif (axis := self._axis_of.get(id(node))) is not None:
-                axis.forget()
+        for item in atoms(compound):
+            self._left.pop(slot_of[id(item)], None)
+        for axis in [each for each in self._left_motions if is_within(cast(Node, each), compound)]:
+            self._lost_motions[axis] = self._left_motions.pop(axis)
 
     # The application goes on ---------------------------------------------------------------------------
 
     def check(self) -> None:
         """CommandRefused if the application cannot go on from here."""
         found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
-        found += [reason for axis in self._axes.values() if (reason := axis.why_not_resumed())]
+        found += [reason for left in self._left_motions.values() if (reason := left.why_not())]
         commands = self._machine.commands
         restrictions = self._machine.image.restrictions
         for slot, value in self._changed().items():
@@ -239,7 +213,9 @@ class Suspension:
             if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
                 found.append(f"{item.path} is inhibited: {why}")
         if lost := [
-            f"{path} was in fault: its motion has ended" for path, axis in self._axes.items() if axis.is_lost()
+            f"{axis._path} was in fault: its motion has ended"
+            for axis, left in self._lost_motions.items()
+            if left.is_lost()
         ]:
             raise CommandRefused(f"the application cannot go on: {some(lost)}; stop the run, and start it again")
         if found:
@@ -264,8 +240,8 @@ class Suspension:
             self._stop_noting()
         changed = self._changed()
         self._machine.commands.go_on(changed)
-        for axis in self._axes.values():
-            axis.restore()
+        for left in self._left_motions.values():
+            left.restore()
         self.resuming = self._machine.sequences.others()
         if changed:
             self.resuming.start(_sent())
@@ -280,8 +256,9 @@ class Suspension:
         _, error = attempt(self.resuming.advance, self._machine.clock)
         if error is None and not self.resuming.running:
             self.resuming = self._left = None
-            for axis in self._axes.values():
-                axis.resume()
+            for left in self._left_motions.values():
+                left.go_on()
+            self._left_motions.clear()
             self._machine.sequences.paused = False
         return error
 

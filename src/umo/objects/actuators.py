@@ -9,8 +9,8 @@ from umo.duration import seconds
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
 from umo.objects.claims import Claim
+from umo.objects.keywords import declared_reaction
 from umo.objects.linearization import Linearization
-from umo.objects.reaction import declared_reaction
 from umo.objects.truth import is_one_of
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
@@ -45,6 +45,11 @@ class Actuator(Atomic):
         return "default" if reaction == "default" else "hold"
 
     @property
+    def _holds(self) -> bool:
+        """Whether it keeps its value while nobody is in charge of it."""
+        return self.when_suspended == "hold"
+
+    @property
     def inhibited(self) -> str | None:
         """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
         has taken it. None: they are accepted."""
@@ -66,7 +71,7 @@ class Actuator(Atomic):
     def _guard_text(self) -> str:
         expiry = "" if self._expires is None else f", expires after {duration(self._expires)}"
         retry = "" if self._max_age is None else f", sent again for {duration(self._max_age)}"
-        return expiry + retry + (", held when suspended" if self.when_suspended == "hold" else "")
+        return expiry + retry + (", held when suspended" if self._holds else "")
 
 
 class BinaryActuator(Actuator, Binary[S]):

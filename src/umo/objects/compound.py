@@ -24,11 +24,10 @@ from typing import (
 from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Atomic, Binary
 from umo.objects.attributes import check_declared, shared
-from umo.objects.keywords import AlarmsByName, ByAttribute, ClassSettings, refuse_in_body, settings_of
+from umo.objects.keywords import AlarmsByName, ByAttribute, ClassSettings, Reaction, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
-from umo.objects.reaction import Reaction
 from umo.signature import hints_of
 from umo.states import shown
 from umo.text import cut_repr, in_brackets, shown_place

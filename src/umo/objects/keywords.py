@@ -6,19 +6,28 @@ from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from umo.duration import seconds, seconds_of_setting
 from umo.errors import DeclarationError
 from umo.objects.range import Range
-from umo.objects.reaction import REACTIONS, Reaction
 from umo.text import did_you_mean
+
+if TYPE_CHECKING:
+    from umo.objects.node import Node
 
 ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
 """Numbers by the names of attributes, or a function of the object that returns this."""
 
 AlarmsByName = Mapping[str, Any] | Callable[[Any], Mapping[str, Any]]
 """Alarms (`umo.alarms.Alarm`) by their names, or a function of the object that returns this."""
+
+Reaction = Literal["default", "hold", "run on"]
+"""What becomes of actuators and axes while nobody is in charge of them. Actuators go to their defaults, or keep their
+values ("hold" and "run on"). Axes are disabled; stop on their profiles and stay under control; or their motions go on
+to their ends (homing and jogs stop)."""
+REACTIONS: tuple[Reaction, ...] = ("default", "hold", "run on")
+"""Reactions of a compound."""
 
 IN_MANUAL = "manual"
 """Value of `equipment`: the compound contains its failures in manual mode only."""
@@ -54,6 +63,16 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
     numbers = tuple(own["numbers"] for own in each if "numbers" in own)
     alarms = tuple(own["alarms"] for own in each if "alarms" in own)
     return ClassSettings(**{**ChainMap(*each), "numbers": numbers, "alarms": alarms})
+
+
+def declared_reaction(node: Node | None) -> Reaction | None:
+    """The reaction that the nearest compound declares, from this node up; None: there is none."""
+    while node is not None:
+        settings: ClassSettings | None = getattr(node, "_settings", None)
+        if settings is not None and settings.when_suspended is not None:
+            return settings.when_suspended
+        node = node._parent
+    return None
 
 
 KEYWORDS = {

@@ -1,6 +1,6 @@
 """What becomes of the outputs of a part while its work waits, where the part does not say so itself.
 
-The reactions are those to a suspension (`umo.objects.reaction`): an actuator goes to its default, or holds its value
+The reactions are those in manual mode (`umo.objects.keywords`): an actuator goes to its default, or holds its value
 where it, or a compound around it, is declared so. What a law writes, the law writes on. When the work goes on, each
 actuator that is still at its default has the value again that the work had left.
 """
@@ -35,7 +35,7 @@ class Resting:
         if not self._actuators:
             return
         image = self._image
-        pending = {item._slot: image.pending[item._slot] for item in self._actuators if item.when_suspended != "hold"}
+        pending = {item._slot: image.pending[item._slot] for item in self._actuators if not item._holds}
         driven = {slot: value for slot, value in pending.items() if value != image.scales.defaults[slot]}
         resting = {slot: value for slot, value in driven.items() if not image.commands.client_of(slot)}
         self._left.update(resting)
