@@ -9,6 +9,7 @@ import pytest
 from helpers.machines import actuator, relay, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, connect
 from umo.control import next_period
+from umo.errors import TaskFailed
 from umo.operation import PackML, Procedure
 from umo.states import OnOff
 from umo.testing import Scripted, periods
@@ -176,6 +177,15 @@ def test_what_is_stopped_while_it_waits_is_not_restored(rig: Any) -> None:
     it.do("stop")
     it.do("reset")
     assert it.driven == RESTING
+
+
+def test_what_a_fault_has_ended_is_not_restored_when_the_work_goes_on(rig: Any) -> None:
+    it = rig(Runs)
+    it.do("hold")
+    it.connection.machine.equipment.contain(it.m.part.inner, TaskFailed("the fan"))
+    it.m.cycle.clear()
+    it.do("unhold")
+    assert it.driven == (5.0, "ON", 3.0, 0.0)
 
 
 def test_a_part_within_that_has_states_of_its_own_is_not_touched(rig: Any) -> None:

@@ -183,7 +183,7 @@ class Output:
     def equipment_fails(self, level: int) -> Answer:
         if not any(self.faults[: level + 1]):  # else it is an error in the cleaning up of the fault
             self.faults = _with(self.faults, level, True)
-            self.client = False
+            self.client, self.left = False, None
             self._reset()
         return None
 

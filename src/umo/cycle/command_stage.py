@@ -137,6 +137,9 @@ class CommandStage:
         """The slots and interlocks that have begun to inhibit them during a fault of their equipment."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
+        self.left: dict[object, dict[int, float]] = {}
+        """What waiting work has left of its actuators, by slot, for each that lets work wait. A fault of equipment ends
+        the work in it, and with it what it has left."""
         self._watching: list[WriteWatch] = []
         self.noted: set[int] | None = None
         """The actuators that were written since `note_writes`; None: they are not noted."""
@@ -262,6 +265,9 @@ class CommandStage:
             restrictions[slot] = number
         if any_taken:
             self._taken_by_clients.difference_update(fault.slots)
+        for left in self.left.values():
+            for slot in left.keys() & fault.slots:
+                del left[slot]
 
     def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
         """The actuators of these, which are held, go to their defaults in stop order; those that failed, by slot."""

@@ -58,8 +58,6 @@ class Suspension:
         self._defaults = machine.image.scales.defaults[self._order]
         self._holding = {slot for slot, item in self._actuators.items() if item._holds}
         """Those that are declared to hold."""
-        self._left: dict[int, float] | None = None
-        """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
         self._by_others: set[int] = set()
         """The actuators that `on_suspend` and actions have written in this period."""
         self._failed: set[int] = set()
@@ -70,6 +68,11 @@ class Suspension:
         """The sequences of `on_resume`, while they run."""
         machine.sequences.end_within = self._end_within
 
+    @property
+    def _left(self) -> dict[int, float] | None:
+        """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
+        return self._machine.commands.left.get(self)
+
     # Nobody is in charge -------------------------------------------------------------------------------
 
     def begin(self) -> None:
@@ -79,7 +82,7 @@ class Suspension:
         self._note_writes(MANUAL)
         if self._left is None:
             pending = self._machine.image.columns.pending[self._order]
-            self._left = dict(zip(self._actuators, pending.tolist(), strict=True))
+            self._machine.commands.left[self] = dict(zip(self._actuators, pending.tolist(), strict=True))
             for axis in self._axes:
                 if (left := self._ask(axis, axis._leave)) is not None:
                     self._left_motions[axis] = left
@@ -189,12 +192,7 @@ class Suspension:
                     left[slot] = self._machine.image.pending[slot]
 
     def forget(self, compound: Compound) -> None:
-        """Equipment is in fault: what the application did in it has ended, and is not gone on with."""
-        if self._left is None:
-            return
-        slot_of = self._machine.image.slot_of
-        for item in atoms(compound):
-            self._left.pop(slot_of[id(item)], None)
+        """Equipment is in fault: what the application did with its axes has ended, and is not gone on with."""
         for axis in [each for each in self._left_motions if is_within(cast(Node, each), compound)]:
             self._lost_motions[axis] = self._left_motions.pop(axis)
 
@@ -255,7 +253,8 @@ class Suspension:
         assert self.resuming is not None
         _, error = attempt(self.resuming.advance, self._machine.clock)
         if error is None and not self.resuming.running:
-            self.resuming = self._left = None
+            self.resuming = None
+            del self._machine.commands.left[self]
             for left in self._left_motions.values():
                 left.go_on()
             self._left_motions.clear()

@@ -23,8 +23,6 @@ class Resting:
             for item in atoms(part)
             if isinstance(item, Actuator) and not any(is_within(item, other) for other in others)
         ]
-        self._left: dict[int, float] = {}
-        """The values that the work has left, by slot."""
 
     @property
     def _image(self) -> Any:
@@ -38,16 +36,17 @@ class Resting:
         pending = {item._slot: image.pending[item._slot] for item in self._actuators if not item._holds}
         driven = {slot: value for slot, value in pending.items() if value != image.scales.defaults[slot]}
         resting = {slot: value for slot, value in driven.items() if not image.commands.client_of(slot)}
-        self._left.update(resting)
+        image.commands.left.setdefault(self, {}).update(resting)
         image.settle(resting, ToDefault.SEND)
 
     def end(self) -> None:
         """The work goes on."""
-        if self._actuators:
-            image, left, self._left = self._image, self._left, {}
+        left = self.forget()
+        if left:
+            image = self._image
             still = {slot: value for slot, value in left.items() if image.pending[slot] == image.scales.defaults[slot]}
             image.commands.go_on(still)
 
-    def forget(self) -> None:
-        """The work has ended."""
-        self._left.clear()
+    def forget(self) -> dict[int, float]:
+        """The work has ended, or goes on: what it had left."""
+        return self._image.commands.left.pop(self, {}) if self._actuators else {}
