@@ -15,10 +15,13 @@ A capability has four calls, made in this order:
     machine.clock       `now` and `dt`, s
     machine.directory   actions, numbers, axes, laws by their paths
     machine.events      `add(Event(time, path, text))`
+    machine.fault_ends  lists of functions: `noting` are told which equipment has come into fault, before what is under
+                        way in it ends; `others` end what they have under way
 
 What is called in a phase is to raise nothing: an error ends the run. What a phase costs is part of every period.
 A part of the machine whose class has the four calls is a capability (`umo.capabilities.AttachedPart` is a base). What
-it declares in `numbers` and `alarms`, and its actions, are those of any compound: shown, kept, tuned, called.
+it declares in `numbers` and `alarms`, and its actions, are those of any compound: shown, kept, tuned, called. A law
+brings one with its class (`_capability`), which is made once, of all the laws that name it, each with its path.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from collections.abc import Callable
 from typing import Any, NoReturn, Protocol
 
 from umo.objects import Compound, walk
+from umo.objects.laws import laws_in
 
 CALLS = ("attach", "begin", "end", "refuse")
 
@@ -49,6 +53,11 @@ class Capability(Protocol):
 
 
 def capabilities_in(root: Compound) -> list[Any]:
-    """The parts of a machine that are capabilities, in the order of their declaration."""
+    """Those that a machine declares: what its laws bring, then its parts, in the order of their declaration."""
+    brought: dict[Any, list[tuple[str, Any]]] = {}
+    for _, path, law in laws_in(root):
+        if (kind := getattr(type(law), "_capability", None)) is not None:
+            brought.setdefault(kind, []).append((path, law))
     parts = (node for node in walk(root) if isinstance(node, Compound))
-    return [node for node in parts if all(callable(getattr(type(node), call, None)) for call in CALLS)]
+    own = [node for node in parts if all(callable(getattr(type(node), call, None)) for call in CALLS)]
+    return [*(kind(laws) for kind, laws in brought.items()), *own]

@@ -85,6 +85,11 @@ class Directory:
         """The laws from which clients choose what comes next, by path."""
         return dict(self.having("choose", "next", "describe"))
 
+    @cached_property
+    def units(self) -> list[Any]:
+        """The laws that are states of a part (`umo.operation.unit_states`)."""
+        return [law for _, law in self.having("supervise", "note_faults", "describe")]
+
     def having(self, *names: str) -> list[tuple[str, Any]]:
         """Its laws whose class has all of these methods, each with its path."""
         found = ((path, law, type(law)) for _, path, law in self._laws)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event
@@ -20,6 +20,8 @@ class FaultEnds:
 
     def __init__(self, equipment: Containment, sequences: Sequences) -> None:
         self._sequences = sequences
+        self.noting: list[Callable[[Sequence[Equipment]], None]] = []
+        """What is told first which equipment has come into fault, while nothing of it has ended yet."""
         self.others: list[EndIn] = []
         """What ends that which others have under way, such as clients."""
         self._moving: dict[int, list[Compound]] = {}
@@ -28,6 +30,11 @@ class FaultEnds:
             nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
             moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]
             self._moving[id(each.compound)] = moving
+
+    def note(self, faults: Sequence[Equipment]) -> None:
+        """This equipment has come into fault."""
+        for note in self.noting if faults else ():
+            note(faults)
 
     def end(self, equipment: Equipment, fault: Callable[[], EquipmentFault], now: float) -> list[Event]:
         """End it all; events of what has failed in its cleaning up. `now`: s on the cycle's clock."""

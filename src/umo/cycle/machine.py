@@ -24,7 +24,6 @@ from umo.cycle.piling_up import PilingUp
 from umo.cycle.rate_groups import RateGroups
 from umo.cycle.sequences import Sequences
 from umo.cycle.stopping import StopFlag
-from umo.cycle.supervisors import Supervisors
 from umo.cycle.two_writers import TwoWriters
 from umo.drivers.faults.wrapper import Injection
 from umo.objects import Compound, walk
@@ -110,9 +109,6 @@ class ConnectedMachine:
         """What is called in each period."""
         self.observers = self.phases.observers
         """Called after every period with its frame."""
-        self.supervisors = Supervisors(self.directory, self.equipment, self.acting_laws)
-        if self.supervisors.all:
-            self.phases.commanding.append(self.supervisors.act)
         self.attached = attached
         for each in attached:
             each.attach(self)
@@ -165,7 +161,7 @@ class ConnectedMachine:
         faults = [(each, each.error_of_this_fault()) for each in changed if each.in_fault]
         for equipment in changed if faults else ():
             self.acting_laws.let_idle(equipment)
-        self.supervisors.note_faults(equipment for equipment, _ in faults)
+        self.fault_ends.note([equipment for equipment, _ in faults])
         for equipment, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
             for event in self.fault_ends.end(equipment, fault, self.clock.now):
                 self.events.add(event)

@@ -80,7 +80,7 @@ def published(
             tuple(each.describe() for each in machine.equipment.all),
             axes=tuple(dict(each.describe_axis()) for each in machine.directory.axes),
             alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
-            units=tuple(dict(each.describe()) for each in machine.supervisors.all),
+            units=tuple(dict(each.describe()) for each in machine.directory.units),
             books=tuple({"path": path, **each.describe()} for path, each in machine.directory.books.items()),
         )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.directory.tunables.values()))

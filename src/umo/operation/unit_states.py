@@ -14,6 +14,7 @@ from umo.objects.laws import laws_in
 from umo.objects.link import Task
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
 from umo.operation.resting import Resting
+from umo.operation.supervisors import Supervisors
 from umo.operation.unit_checks import check_excluded, check_sequences
 from umo.user_code import attempt, briefly, check_overrides
 
@@ -34,6 +35,7 @@ class UnitStates(DeclaredAttributes):
     itself, whose fault ends the run.
     """
 
+    _capability: ClassVar = Supervisors
     model: ClassVar[StateModel]
     excluded: ClassVar[Mapping[UnitMode, Sequence[IntEnum]]] = {}
     """The states that a mode does not have: no command leads there, and of acting states the next one follows. A mode

@@ -1,21 +1,16 @@
-"""The laws that look after the sequences of their parts, such as state machines (`umo.operation`)."""
+"""What carries out the states of parts (`UnitStates`) in a machine: a capability (`umo.cycle.capability`)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NoReturn, Protocol
 
-from umo.cycle.acting_laws import ActingLaws
-from umo.cycle.directory import Directory
-from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.equipment import Equipment
 from umo.cycle.not_awaited import expects_errors
 from umo.errors import forget_frames
 from umo.objects import Compound
 from umo.objects.node import outwards
 from umo.user_code import refuse_exit
-
-METHODS = ("begin", "supervise", "note_faults", "describe")
-"""The methods by which a law is a `Supervisor`."""
 
 
 class Supervisor(Protocol):
@@ -41,29 +36,44 @@ class Supervisor(Protocol):
 class Supervisors:
     """The laws of one machine that look after sequences."""
 
-    def __init__(self, directory: Directory, equipment: Containment, laws: ActingLaws) -> None:
-        self._equipment, self._laws = equipment, laws
-        self.all: list[Supervisor] = []
+    def __init__(self, laws: Sequence[tuple[str, Supervisor]]) -> None:
+        """`laws`: each with its path."""
+        self._laws = laws
         self._within: dict[int, list[Supervisor]] = {}
         """Those of the parts in each compound, by its id."""
-        for path, law in directory.having(*METHODS):
+
+    def attach(self, machine: Any) -> None:
+        """DeclarationError for one whose part can have no states."""
+        self._machine = machine
+        for path, law in self._laws:
             law.begin(path)
-            self.all.append(law)
             for node in outwards(law.part):
                 self._within.setdefault(id(node), []).append(law)
+        machine.phases.commanding.append(self.act)
+        machine.fault_ends.noting.append(self.note_faults)
 
-    def note_faults(self, faults: Iterable[Equipment]) -> None:
+    def begin(self) -> None:
+        """Nothing is to be done."""
+
+    def end(self) -> None:
+        """Nothing is to be done."""
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """It reaches no device itself."""
+
+    def note_faults(self, faults: Sequence[Equipment]) -> None:
         """This equipment has come into fault."""
-        found = [law for each in faults for law in self._within.get(id(each.compound), ())] if self.all else []
+        found = [law for each in faults for law in self._within.get(id(each.compound), ())]
         for law in {id(law): law for law in found}.values():
             law.note_faults()
 
     @expects_errors
     def act(self) -> None:
         """One after the other. What comes into fault is settled together."""
-        self._equipment.gather()
+        equipment = self._machine.equipment
+        equipment.gather()
         try:
-            for each in self.all:
+            for _, each in self._laws:
                 try:
                     each.supervise()
                 except BaseException as error:
@@ -71,14 +81,15 @@ class Supervisors:
                         refuse_exit(error, "supervise")
                         raise
         finally:
-            self._equipment.settle()
+            equipment.settle()
 
     def _contain(self, law: Supervisor, error: BaseException) -> bool:
         """Its part fails; False if that is the machine itself. While the part is in fault, the law is called all the
         same, and what it raises is not told in every period."""
-        if self._laws.containing(law.part, error) is None:
+        equipment = self._machine.equipment
+        if self._machine.acting_laws.containing(law.part, error) is None:
             return False
-        if not self._equipment.is_in_fault(law.part):
-            self._equipment.contain(law.part, error)
+        if not equipment.is_in_fault(law.part):
+            equipment.contain(law.part, error)
         forget_frames(error)
         return True
