@@ -157,9 +157,40 @@ def test_the_calls_of_the_contract_come_in_their_order() -> None:
     assert calls == ["attach", "begin", "show", "show", "end"]
 
 
+def test_laws_bring_the_capability_of_their_class_once_for_all_of_them() -> None:
+    calls: list[Any] = []
+
+    class Counts(AttachedPart):
+        def __init__(self, laws: Any) -> None:
+            calls.append([path for path, _ in laws])
+
+        def attach(self, machine: Any) -> None:
+            calls.append("attach")
+
+    class Law:
+        _capability = Counts
+
+    class Loop(Compound):
+        pump: BinaryActuator[OnOff]
+
+        def setup(self) -> None:
+            self.law = Law()
+
+    class Two(Compound):
+        loops: list[Loop]
+        timer: DigitalSensor
+
+    machine = Two(loops=[Loop(pump=relay()) for _ in range(2)], timer=timer())
+    with connect(machine, wired(machine, Scripted())):
+        pass
+    assert calls == [["loops.0.law", "loops.1.law"], "attach"]
+
+
 def test_a_machine_without_capabilities_imports_none_of_them() -> None:
     import subprocess
     import sys
 
-    code = "import umo, sys; sys.exit(any(name.startswith('umo.capabilities') for name in sys.modules))"
+    code = (
+        "import umo, sys; sys.exit(any(name.startswith(('umo.capabilities', 'umo.operation')) for name in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
