@@ -183,7 +183,7 @@ CHANGED = {
     "cycle/not_awaited.py:_ADVANCING": "filled by a decorator while umo is imported",
     "cycle/not_awaited.py:_EXPECTING": "filled by a decorator while umo is imported",
     "cycle/sequences.py:_ADOPTING": "filled by a decorator while umo is imported",
-    "cycle/stopping.py:SIGNALS": "completed while umo is imported",
+    "system/signal_handling.py:SIGNALS": "completed while umo is imported",
     "cycle/stopping.py:_insistence": "how often the process was asked to stop since its machines were connected",
     "cycle/stopping.py:_before": "the handlers of the process's signals, which stop every machine of it",
     "cycle/stopping.py:_flags": "the stop flags of all machines: a signal sets every one",
