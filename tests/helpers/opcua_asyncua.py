@@ -33,7 +33,7 @@ class Rig:
 
     @asynccontextmanager
     async def client(self, user: str | None = None) -> AsyncIterator[Asker]:
-        client = Client(self.face.address)
+        client = Client(self.face.address, watchdog_intervall=20.0)  # one request may take longer than 1 s
         if user is not None:
             client.set_user(user)
             client.set_password(PASSWORDS[user])
