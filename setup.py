@@ -12,7 +12,7 @@ SEPARATE = [] if sys.platform == "win32" else ["-ffp-contract=off", "-O3"]
 COLUMNS = Extension(
     "umo.cycle._columns",
     ["src/umo/cycle/columns.c", "src/umo/cycle/laws.c", "src/umo/cycle/watch.c", "src/umo/cycle/writes.c"],
-    depends=["src/umo/cycle/extension.h"],
+    depends=["src/umo/cycle/extension.h", "src/umo/generate/runtime/umo_scaling.h"],
     extra_compile_args=SEPARATE,
     py_limited_api=True,
     optional=True,

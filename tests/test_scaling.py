@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from ctypes import CDLL, c_double
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +12,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from umo.objects.scaling import to_raw, to_raws, to_value
+from umo.generate.controller_folder import RUNTIME
+from umo.objects.scaling import to_raw, to_raws, to_steps, to_value, to_values
 
 RESOLUTIONS = st.floats(1e-6, 1e6) | st.floats(-1e6, -1e-6)
 OFFSETS = st.floats(-1e9, 1e9)
@@ -25,6 +29,47 @@ def test_scalar_and_vector_form_of_to_raw_agree(rows):
     assume(all(abs((value - offset) / resolution) < 2**62 for value, resolution, offset in rows))
     values, resolutions, offsets = (np.array(column) for column in zip(*rows, strict=True))
     assert to_raws(values, resolutions, offsets).tolist() == [to_raw(*row) for row in rows]
+
+
+@given(st.lists(st.tuples(st.integers(-(2**53), 2**53), RESOLUTIONS, OFFSETS), min_size=1, max_size=20), st.booleans())
+def test_scalar_and_vector_form_of_to_value_agree(rows, in_place):
+    raws, resolutions, offsets = (np.array(column, float) for column in zip(*rows, strict=True))
+    plain = bits(np.array([to_value(*row) for row in rows]))
+    assert bits(to_values(raws, resolutions, offsets, raws if in_place else None)) == plain
+    unshifted = bits(np.array([raw * resolution for raw, resolution, _ in rows]))
+    assert bits(to_values(np.array([raw for raw, *_ in rows]), resolutions, None)) == unshifted
+
+
+FORMS_IN_C = """
+typedef double umo_real;
+#include "umo_scaling.h"
+double value(double raw, double per_bit, double of_zero) { return umo_to_value(raw, per_bit, of_zero); }
+double steps(double value, double per_bit, double of_zero) { return umo_to_steps(value, per_bit, of_zero); }
+"""
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory):
+    """The two forms of `umo_scaling.h`, of blocks and of controllers."""
+    if (compiler := shutil.which("cc")) is None:
+        pytest.skip("needs a C compiler")
+    folder = tmp_path_factory.mktemp("scaling")
+    (folder / "forms.c").write_text(FORMS_IN_C)
+    options = ["-std=c99", "-O3", "-ffp-contract=off", "-Wall", "-Werror", "-fPIC", "-shared", f"-I{RUNTIME}"]
+    subprocess.run([compiler, *options, "-o", folder / "forms.so", folder / "forms.c"], check=True)
+    found = CDLL(str(folder / "forms.so"))
+    for form in (found.value, found.steps):
+        form.restype, form.argtypes = c_double, (c_double, c_double, c_double)
+    return found
+
+
+@given(number=st.floats(-1e12, 1e12), resolution=RESOLUTIONS, offset=OFFSETS)
+def test_the_form_in_c_is_that_of_python_to_the_bit(in_c, number, resolution, offset):
+    columns = (np.array([number]), np.array([resolution]), np.array([offset]))
+    forms = [in_c.value(number, resolution, offset), in_c.steps(number, resolution, offset)]
+    assert forms == [to_values(*columns)[0], to_steps(*columns)[0]]
+    assert forms[0] == to_value(number, resolution, offset)
+    assert round(forms[1]) == to_raw(number, resolution, offset)
 
 
 @given(RAWS, st.sampled_from([1.0, -1.0, 0.5, -0.25, 2.0, 1024.0]), st.integers(-1000, 1000))

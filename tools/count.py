@@ -164,7 +164,7 @@ KNOWN = {
     "faults": r"in_fault|fault_of|EquipmentFault|EquipmentState|Containment",
 }
 """A file knows one of these if a name in its code, also an import's, matches."""
-SCALING = re.compile(r"[*/] *[\w.>\[\]-]*resolution|(multiply|divide)\(.*resolution")
+SCALING_IN_C = re.compile(r" [*/] [\w.>\[\]-]*resolution")
 SCALING_ROOMS = ("cycle", "objects", "recording", "generate")
 
 
@@ -183,7 +183,7 @@ def core_counts() -> Iterator[tuple[str, int, str]]:
     yield "branches on `synchronous`", sum(branches.values()), ", ".join(f"{name} {n}" for name, n in branches.items())
     ways = sorted(name for tree in core.values() for name in _ways_to_a_default(tree))
     yield "ways to a default", len(ways), ", ".join(ways)
-    scalings = Counter(file.name for file in _scaling_files() for line in _scalings(file))
+    scalings = Counter(file.name for file in _scaling_files() for each in _scalings(file))
     yield "scalings", scalings.total(), ", ".join(f"{name} {number}" for name, number in scalings.items())
     yield "lines of the core in Python", lines(*core), "not empty"
     yield "lines of the core in C", lines(*CORE.glob("*.c"), *CORE.glob("*.h")), "not empty"
@@ -249,15 +249,26 @@ def _scaling_files() -> list[Path]:
     return [
         file
         for room in SCALING_ROOMS
-        for file in sorted((SOURCE / room).rglob("*.[pc]*"))
-        if file.suffix in (".py", ".c")
+        for file in sorted((SOURCE / room).rglob("*.[pch]*"))
+        if file.suffix in (".py", ".c", ".h")
     ]
 
 
-def _scalings(file: Path) -> list[str]:
-    """The lines of code in which something is multiplied or divided by a resolution."""
-    found = [line for line in file.read_text("utf-8").splitlines() if SCALING.search(line)]
-    return [line for line in found if re.search(r"=|return|multiply|divide", line)]
+def _scalings(file: Path) -> Sequence[object]:
+    """The places in the code where something is multiplied by a resolution, or divided by one."""
+    text = file.read_text("utf-8")
+    if file.suffix == ".py":
+        return [node for node in ast.walk(ast.parse(text)) if _is_scaling(node)]
+    return [line for line in text.splitlines() if SCALING_IN_C.search(line)]
+
+
+def _is_scaling(node: ast.AST) -> bool:
+    by: Sequence[ast.expr] = ()
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
+        by = [node.right]
+    elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("multiply", "divide")):
+        by = node.args
+    return any(re.search(r"resolution(\[.*\])?$", ast.unparse(each)) for each in by)
 
 
 def _head(columns: list[str]) -> list[str]:

@@ -15,6 +15,9 @@
 #error "each operation must be rounded to a double"
 #endif
 
+typedef double umo_real;
+#include "../generate/runtime/umo_scaling.h"
+
 /* Views of the block's part of each column: 8 bytes an object. */
 enum { MOVED, RESOLUTION, ZERO_OFFSET, LOW, HIGH, RAWS, VALUES, TIMES, INPUT_VIEWS };
 enum { LEAST = LOW, GREATEST, RATE = INPUT_VIEWS, PENDING, SENT, STEPPED, OUTPUT_VIEWS };
@@ -138,7 +141,7 @@ static int find_values(Block *self)
     double inside = 1.0; /* a double, as the values: one type of vectors */
     uint64_t large = 0;
     for (Py_ssize_t i = 0; i < self->count; i++) {
-        found[i] = small_to_double(moved[i]) * resolution[i] + zero_offset[i];
+        found[i] = umo_to_value(small_to_double(moved[i]), resolution[i], zero_offset[i]);
         inside = low[i] <= found[i] ? inside : 0.0;
         inside = found[i] <= high[i] ? inside : 0.0;
         large |= ((uint64_t)moved[i] + ((uint64_t)1 << 51)) >> 52;
@@ -147,7 +150,7 @@ static int find_values(Block *self)
         return inside != 0.0;
     int within = 1;
     for (Py_ssize_t i = 0; i < self->count; i++) {
-        found[i] = (double)moved[i] * resolution[i] + zero_offset[i];
+        found[i] = umo_to_value((double)moved[i], resolution[i], zero_offset[i]);
         within &= (low[i] <= found[i]) & (found[i] <= high[i]);
     }
     return within;
@@ -234,7 +237,7 @@ static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t cou
         if (memcmp(&next, &sent[i], sizeof next) == 0)
             continue;
         sent[i] = next;
-        double raw = rint((next - zero_offset[i]) / resolution[i]);
+        double raw = rint(umo_to_steps(next, resolution[i], zero_offset[i]));
         raw = raw > least[i] ? raw : least[i];
         moved[i] = (int64_t)(raw < greatest[i] ? raw : greatest[i]);
     }

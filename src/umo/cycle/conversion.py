@@ -15,12 +15,12 @@ from math import inf, nan
 from typing import Any
 
 import numpy as np
-from numpy import add, divide, greater_equal, multiply, negative, subtract
+from numpy import add, greater_equal, negative, subtract
 
 from umo.cycle.columns import Block, Columns, Scales
 from umo.errors import RangeError
 from umo.objects.linearization import Linearizations
-from umo.objects.scaling import FloatArray, IntArray, to_raws
+from umo.objects.scaling import FloatArray, IntArray, to_raws, to_steps, to_values
 
 extension: Any = None
 """The extension in C; None: it was not built, and numpy does its work."""
@@ -81,7 +81,8 @@ class Inputs:
         self._values_view, self._times = self._values.data, columns.times[slots]
         resolution, zero_offset = scales.resolution[slots], scales.zero_offset[slots]
         self._resolution = np.concatenate([resolution, -resolution])
-        self._zero_offset = np.concatenate([zero_offset, -zero_offset])
+        shifted = zero_offset.any() or not (resolution > 0).all()  # raw 0 is 0.0, not -0.0
+        self._zero_offset = np.concatenate([zero_offset, -zero_offset]) if shifted else None
         self._bounds = np.concatenate([scales.low[slots], -scales.high[slots]])
         self._hidden = [(raw, np.array(places)) for raw, places in hidden.items()]
         self._both = np.zeros(2 * block.count)
@@ -91,7 +92,6 @@ class Inputs:
         self._found_view = self._found.data
         self._inside = np.zeros(2 * block.count, np.bool_)
         self._all_inside = bytes([True]) * 2 * block.count
-        self._shifted = zero_offset.any() or not (resolution > 0).all()  # raw 0 is 0.0, not -0.0
         self._plain = not (linearizations or hidden)
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
@@ -99,9 +99,7 @@ class Inputs:
         block, both = self._block, self._both
         self._raws[:] = block.view
         self._rows[...] = block.buffer  # as floats: quicker than a product of integers and floats
-        multiply(both, self._resolution, both)
-        if self._shifted:
-            add(both, self._zero_offset, both)
+        to_values(both, self._resolution, self._zero_offset, both)
         if not self._plain:
             self._bend()
         if greater_equal(both, self._bounds, self._inside).tobytes() == self._all_inside:  # quicker than all()
@@ -132,14 +130,14 @@ class Outputs:
         self._sent_view, self._values = self._sent.data, columns.values[slots].data
         self._raws, self._times = columns.raws[slots].data, columns.times[slots]
         self._stepped = columns.stepped[slots]
-        self._resolution, self._zero_offset = scales.resolution[slots], scales.zero_offset[slots]
+        self._resolution, zero_offset = scales.resolution[slots], scales.zero_offset[slots]
+        self._zero_offset = zero_offset if zero_offset.any() else None
         self._found = np.zeros(block.count)
         self._bits = self._found.view(np.int64)
         self._rounding = np.full(block.count, ROUNDING)  # arrays: a number would have to become one at each call
         self._bits_of_rounding = self._rounding.view(np.int64)
         self._limited = bool(np.isfinite(scales.rate[slots]).any())
         self._plain = not linearizations and bool(scales.exact[slots].all())
-        self._shifted = bool(self._zero_offset.any())
         self._written = None if extension is None else columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
@@ -152,10 +150,7 @@ class Outputs:
         if self._sent_view.tobytes() == self._pending.tobytes():  # quicker than ==
             return  # what was given last is still to be sent
         self._sent_view[:] = self._pending
-        found, scaled = self._found, self._sent
-        if self._shifted:
-            scaled = subtract(scaled, self._zero_offset, found)
-        divide(scaled, self._resolution, found)
+        found = to_steps(self._sent, self._resolution, self._zero_offset, self._found)
         add(found, self._rounding, found)
         subtract(self._bits, self._bits_of_rounding, self._block.raws)
 

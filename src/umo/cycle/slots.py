@@ -161,8 +161,8 @@ class Slots:
         if reading is None:
             reading = self.values[slot]  # `raws` may be of a reading that failed
         raw = self.nearest(slot, reading)
-        zero_offset = value - raw * resolution
-        if not abs(zero_offset / resolution) < MAX_OFFSET_RAW:
+        zero_offset = value - to_value(raw, resolution, 0.0)
+        if not abs(zero_offset) < MAX_OFFSET_RAW * abs(resolution):
             raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         distance = zero_offset - float(self.scales.zero_offset[slot])

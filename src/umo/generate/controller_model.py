@@ -27,6 +27,7 @@ from umo.objects.atomic import Binary
 from umo.objects.interpolation import Cubics, Segments
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.linearization import Linearization
+from umo.objects.scaling import raw_bounds
 from umo.objects.sensors import BinarySensor, Sensor
 from umo.wiring import resolve
 from umo.wiring.wired import AT_ONCE, Wire, Wired
@@ -334,9 +335,7 @@ def _raws_of_range(one: ControllerObject) -> tuple[float, float]:
     """The raw integers at the ends of a sensor's range; of one with a linearization 0: its table is within bounds."""
     if one.linearization is not None or one.binary:
         return 0.0, 0.0
-    resolution, zero_offset = one.scale
-    low, high = sorted((bound - zero_offset) / resolution for bound in one.bounds)
-    return low, high
+    return raw_bounds(*one.bounds, *one.scale)
 
 
 def has_curves(linearization: Linearization) -> bool:

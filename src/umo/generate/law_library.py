@@ -35,7 +35,7 @@ from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import CFunction, Translation
 
 ON_HOST = Path(__file__).parent / "on_host"
-HEADERS = "umo.h", "umo_python.h"
+HEADERS = "umo.h", "umo_scaling.h", "umo_python.h"
 NOT_ON_COLUMNS = "umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"
 """What translated code cannot do on the memory of Python."""
 TAKEN = POINTER(c_bool)

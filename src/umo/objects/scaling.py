@@ -4,9 +4,9 @@
     raw   = round((value - zero_offset) / resolution), half to even
 
 The paper's `resolution` is the change of the value for one bit, `zero_offset` the value of raw 0 (section 4.5).
-Divided, never multiplied by a reciprocal: that differs in the half-step cases. The scalar and the
-vectorised forms do the same IEEE operations in the same order; tests prove them equal. An inverted binary
-channel is resolution -1, zero offset 1.
+Divided, never multiplied by a reciprocal: that differs in the half-step cases. The scalar and the vectorised forms, and
+the C of blocks and controllers (`umo_scaling.h`), do the same IEEE operations in the same order; tests prove them
+equal. An inverted binary channel is resolution -1, zero offset 1.
 """
 
 from __future__ import annotations
@@ -36,8 +36,24 @@ def to_raw(value: float, resolution: float, zero_offset: float) -> int:
 def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: float) -> tuple[int, int]:
     """The least and the greatest raw integer whose value lies within the range; the least is above the greatest where
     there is none. A value that misses a bound by a rounding error of the division lies at it."""
-    ends = sorted(((minimum - zero_offset) / resolution, (maximum - zero_offset) / resolution))
+    ends = sorted((bound - zero_offset) / resolution for bound in (minimum, maximum))
     return math.ceil(ends[0] - BOUND_TOLERANCE), math.floor(ends[1] + BOUND_TOLERANCE)
+
+
+def to_values(
+    raws: FloatArray | IntArray, resolution: FloatArray, zero_offset: FloatArray | None, out: FloatArray | None = None
+) -> FloatArray:
+    """`zero_offset`: None where all are 0. `out`: the array to fill, which may be `raws`; None: a new one."""
+    values = np.multiply(raws, resolution, out)
+    return values if zero_offset is None else np.add(values, zero_offset, values)
+
+
+def to_steps(
+    values: FloatArray, resolution: FloatArray, zero_offset: FloatArray | None, out: FloatArray | None = None
+) -> FloatArray:
+    """Raw integers that are not rounded yet. The arguments are as of `to_values`."""
+    shifted = values if zero_offset is None else np.subtract(values, zero_offset, out)
+    return np.divide(shifted, resolution, out)
 
 
 def to_raws(
@@ -48,8 +64,7 @@ def to_raws(
     greatest: FloatArray | float = 2.0**63 - 1024.0,
 ) -> IntArray:
     """Clipped before they become integers: the bounds are whole numbers that a raw integer can have."""
-    scaled = np.subtract(values, zero_offset)
-    np.divide(scaled, resolution, out=scaled)
+    scaled = to_steps(values, resolution, zero_offset)
     np.rint(scaled, out=scaled)
     np.maximum(scaled, least, out=scaled)
     np.minimum(scaled, greatest, out=scaled)

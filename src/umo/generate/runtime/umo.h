@@ -42,6 +42,8 @@ typedef double umo_real;
 #define UMO_FLASH
 #endif
 
+#include "umo_scaling.h"
+
 typedef int16_t umo_fault;
 
 /* The faults of the runtime. Those of translated code begin at UMO_FIRST_FAULT. */

@@ -46,7 +46,7 @@ static umo_fault accept(umo_object *o, int32_t raw)
     o->raw = raw;
     if (refused(o, raw))
         return fail(o);
-    umo_real value = (umo_real)umo_count_of(o, raw) * o->traits->resolution + o->zero_offset;
+    umo_real value = umo_to_value((umo_real)umo_count_of(o, raw), o->traits->resolution, o->zero_offset);
     if (o->traits->to_value)
         value = umo_curve_at(o->traits->to_value, value);
     bool is_inside = inside(o, value);

@@ -209,12 +209,13 @@ umo_fault umo_set_reading(umo_object *o, umo_real value)
         return umo_failed(o, UMO_BAD_INPUT);
     if (of && of->has_reading)
         reading = of->reading;
-    umo_real raw = umo_round_even((reading - o->zero_offset) / resolution);
-    if (!(umo_fabs((value - raw * resolution) / resolution) < MAX_OFFSET_RAW))
+    umo_real raw = umo_round_even(umo_to_steps(reading, resolution, o->zero_offset));
+    umo_real zero_offset = value - umo_to_value(raw, resolution, 0);
+    if (!(umo_fabs(zero_offset) < MAX_OFFSET_RAW * umo_fabs(resolution)))
         return umo_failed(o, UMO_OUTSIDE);
-    umo_shift(o, value - raw * resolution);
+    umo_shift(o, zero_offset);
     if (!of)
-        o->value = raw * resolution + o->zero_offset;
+        o->value = umo_to_value(raw, resolution, o->zero_offset);
     return UMO_OK;
 }
 

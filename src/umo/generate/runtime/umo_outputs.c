@@ -34,7 +34,7 @@ static int32_t raw_of(const umo_object *o, umo_real value)
         return of->rest_raw;
     if (of->to_input)
         value = umo_curve_at(of->to_input, value);
-    umo_real raw = umo_round_even((value - o->zero_offset) / of->resolution);
+    umo_real raw = umo_round_even(umo_to_steps(value, of->resolution, o->zero_offset));
     raw = raw > of->least ? raw : of->least;
     return (int32_t)(raw < of->greatest ? raw : of->greatest);
 }
