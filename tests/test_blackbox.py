@@ -27,10 +27,11 @@ from umo.cli.why import why
 from umo.cycle.phase_times import PhaseTimes
 from umo.errors import FramesError
 from umo.frames import Layout, Reader, Ring, Stage
-from umo.frames.layout import ENTRY, arrange, describe_objects
+from umo.frames.layout import ENTRY, arrange
 from umo.frames.memory import RunDescriptors, fill
 from umo.latency import blackbox, causes
 from umo.latency.blackbox import boxes, folder, save
+from umo.objects import described
 from umo.process import frame_watcher
 from umo.process.frame_watcher import FrameWatcher
 from umo.process.run_state import RunState, Who
@@ -103,7 +104,9 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
-        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        layout = Layout(
+            tuple(described(each).plain for each in connection.image.items), tuple(phases.names), {"station": "x"}
+        )
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         for number in range(5):

@@ -22,8 +22,9 @@ from umo.cycle.phase_times import PhaseTimes
 from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.frame_server import folder
-from umo.frames.layout import EVENT_ROW, Layout, describe_objects
+from umo.frames.layout import EVENT_ROW, Layout
 from umo.frames.memory import RunDescriptors
+from umo.objects import described
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -383,7 +384,9 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
-        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        layout = Layout(
+            tuple(described(each).plain for each in connection.image.items), tuple(phases.names), {"station": "x"}
+        )
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         connection.machine.observers.append(ring)
@@ -409,7 +412,9 @@ def test_with_checksums_an_event_is_seen_whole_or_not_at_all() -> None:
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
-        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        layout = Layout(
+            tuple(described(each).plain for each in connection.image.items), tuple(phases.names), {"station": "x"}
+        )
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         connection.machine.observers.append(ring)
@@ -436,7 +441,9 @@ def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame
     connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
     with connection:
         phases = PhaseTimes(connection.image, connection.wired.drivers)
-        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        layout = Layout(
+            tuple(described(each).plain for each in connection.image.items), tuple(phases.names), {"station": "x"}
+        )
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         with Reader("bench", readers) as reader:

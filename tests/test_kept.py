@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from enum import Enum, IntEnum
 from math import inf, nan
-from types import SimpleNamespace
 from typing import Annotated, Any
 
 import pytest
@@ -21,6 +20,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.restoring import MAX_EXACT
 from umo.errors import DeclarationError
 from umo.frames import Reader
+from umo.frames.layout import Layout
 from umo.objects import numbers_of
 from umo.process import kept_values
 from umo.process.kept_sections import sections_of, value_of
@@ -277,5 +277,5 @@ def test_an_alarm_that_nobody_has_acknowledged_is_still_to_be_acknowledged_in_th
 
 
 def test_a_unit_whose_state_is_not_shown_keeps_no_state() -> None:
-    layout: Any = SimpleNamespace(signals=[], alarms=[], units=[{"path": "filler.unit"}])
+    layout = Layout((), (), {}, units=({"path": "filler.unit"},))
     assert sections_of(layout) == {}

@@ -196,10 +196,11 @@ def test_texts_are_escaped() -> None:
 
 def test_a_table_of_very_many_lines_is_cut() -> None:
     row = {"unit": "V"}
+    from umo.presentation.described import Described
     from umo.presentation.html_table import html_table
     from umo.presentation.rows import TableRow
 
-    html = html_table("many", {}, [TableRow(row | {"path": f"object{number}x"}, 1.0) for number in range(1000)])
+    html = html_table("many", {}, [TableRow(Described(row | {"path": f"object{n}x"}), 1.0) for n in range(1000)])
     assert len(Table(html).rows) == 200
     assert "and 800 more" in html
 

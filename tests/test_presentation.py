@@ -25,11 +25,12 @@ from umo.objects import Digital, Quality, atoms
 from umo.objects.description import converted, described
 from umo.objects.scaling import to_raw, to_value
 from umo.objects.units import check_unit, same_unit
+from umo.presentation.described import Described
 from umo.presentation.digits import digits_of, number_text, scale_texts, setting_text, with_short_numbers
 from umo.presentation.durations import duration, lasting
-from umo.presentation.rows import TableRow
+from umo.presentation.rows import TableRow, value_of
 from umo.presentation.run_facts import facts_of
-from umo.presentation.value_text import SIGNS, WHY, WORDS, as_shown, file_form, measure, shown_unit, span, value_text
+from umo.presentation.value_text import SIGNS, WHY, WORDS, measure, shown_unit, span
 from umo.testing import Scripted, VirtualTimer, periods
 
 MODULE = Path(umo.__file__).parent / "page/static/presentation.js"
@@ -63,7 +64,7 @@ def test_the_text_of_a_value_stands_for_one_raw_integer(resolution: float, share
     assert to_raw(float(text), resolution, zero_offset) == raw
     assert text != number_text(to_value(raw + 1, resolution, zero_offset), digits)
     assert "e" not in text
-    assert file_form({"resolution": resolution, "zero_offset": zero_offset}).format(value) == text
+    assert Described({"resolution": resolution, "zero_offset": zero_offset}).file_form.format(value) == text
 
 
 @given(st.integers(1, 9999), st.integers(0, 9), st.integers(-9999, 9999))
@@ -124,28 +125,26 @@ def test_an_object_has_the_digits_of_its_wiring_and_none_through_a_linearization
     entries = {"encoder": {"resolution": 0.125}}
     with connect(m, wired(m, Scripted({"encoder": [7]}), clock=VirtualTimer(), entries=entries)):
         periods(m)
-        assert value_text(described(m.encoder), m.encoder.read()) == "0.875 mm"
+        assert described(m.encoder).text(m.encoder.read()) == "0.875 mm"
         assert repr(m.encoder).startswith("<DigitalSensor encoder = 0.875 mm ● good;")
     curve = umo.Polynomial([0.0, 1.0, 0.0, 0.001])
     about = described(DigitalSensor("mm", minimum=0.0, maximum=10.0, resolution=0.001, linearization=curve))
-    assert value_text(about, 1.23456789) == "1.23457 mm"
+    assert about.text(1.23456789) == "1.23457 mm"
 
 
 def test_another_unit_has_the_digits_of_the_resolution_in_it() -> None:
     about = {"path": "x", "unit": "mm", "resolution": 0.5, "zero_offset": 0.0}
-    assert [value_text(*shown(about, unit)) for unit in (None, "cm", "um", "m")] == [
+    assert [shown(about, unit) for unit in (None, "cm", "um", "m")] == [
         "12.5 mm", "1.25 cm", "12500 µm", "0.0125 m",
     ]  # fmt: skip
     oven = {"path": "t", "unit": "degC", "resolution": 0.1, "zero_offset": 0.0}
-    assert value_text(*shown(oven, "kelvin")) == "285.65 kelvin"
-    assert (
-        value_text(*shown({"path": "p", "unit": "mW", "resolution": 1.0, "zero_offset": 0.0}, "dBm")) == "10.9691 dBm"
-    )
+    assert shown(oven, "kelvin") == "285.65 kelvin"
+    power = {"path": "p", "unit": "mW", "resolution": 1.0, "zero_offset": 0.0}
+    assert shown(power, "dBm") == "10.9691 dBm"
 
 
-def shown(about: dict[str, Any], unit: str | None) -> tuple[Any, float]:
-    row = converted(TableRow(about, 12.5), unit)
-    return row.about, row.value
+def shown(about: dict[str, Any], unit: str | None) -> str:
+    return value_of([converted(TableRow(Described(about), 12.5), unit)])
 
 
 # Files ---------------------------------------------------------------------------------------------------
@@ -153,7 +152,7 @@ def shown(about: dict[str, Any], unit: str | None) -> tuple[Any, float]:
 
 @given(st.floats(allow_nan=False))
 def test_a_file_has_all_digits_of_what_has_no_resolution(value: float) -> None:
-    assert float(file_form({"unit": "V"}).format(value)) == value
+    assert float(Described({"unit": "V"}).file_form.format(value)) == value
 
 
 @given(st.lists(st.integers(0, 200), min_size=1, max_size=20))
@@ -306,7 +305,7 @@ def test_the_page_shows_what_python_shows() -> None:
     if node is None:
         pytest.skip("the page's JavaScript needs node 20 or newer")
     numbers = numbers_of_any_size()
-    abouts = [as_shown(described(item)) for machine in stations().values() for item in atoms(machine())][:200]
+    abouts = [described(item).shown for machine in stations().values() for item in atoms(machine())][:200]
     families = ([0.0], [1.0], [0.1234567, 12.5], [0.0, 1.0, 1.0], [math.nan], [], [math.nan, 3.0005])
     values = [(about, list(found)) for about in abouts for found in families]
     seconds = [value for value, _ in numbers[:3000] if abs(value) < 1e9]
@@ -332,7 +331,7 @@ def test_the_page_shows_what_python_shows() -> None:
     ]
     assert different[:5] == []
     assert page["scales"] == list(map(scale_texts, scales))
-    assert page["values"] == [value_text(about, *found) for about, found in values]
+    assert page["values"] == [Described(about).text(*found) for about, found in values]
     assert page["durations"] == list(map(duration, seconds))
     assert page["lasting"] == list(map(lasting, seconds))
 

@@ -19,7 +19,6 @@ from umo.cycle.trace import Trace
 from umo.errors import DeclarationError
 from umo.frames import Reader
 from umo.objects import numbers_of
-from umo.presentation.value_text import value_text
 from umo.testing import Scripted, periods, put
 
 pytestmark = pytest.mark.usefixtures("each_way")
@@ -163,13 +162,13 @@ def test_a_shown_enum_is_a_named_value_in_frames_and_in_words() -> None:
         periods(m)
         m.phase = Phase.TOP_DOWN
         periods(m)
-        about = {each["path"]: each for each in reader.layout.signals}
-        assert about["phase"]["states"] == {"0": "waiting", "1": "top down"}
-        assert about["level"]["states"] == {"10": "low", "20": "high"}
+        about = {each.path: each for each in reader.layout.described.signals}
+        assert about["phase"].plain["states"] == {"0": "waiting", "1": "top down"}
+        assert about["level"].plain["states"] == {"10": "low", "20": "high"}
         assert [frame["signals"].tolist() for frame in reader.read()] == [[0.0, 10.0], [1.0, 20.0]]
-        assert value_text(about["phase"], 1.0) == "top down"
-        assert value_text(about["phase"], 0.0, 1.0, 1.0) == "waiting, top down"
-        assert value_text(about["level"], 15.0) == "15"
+        assert about["phase"].text(1.0) == "top down"
+        assert about["phase"].text(0.0, 1.0, 1.0) == "waiting, top down"
+        assert about["level"].text(15.0) == "15"
         assert "top down" in reader.html(["phase"])
 
 

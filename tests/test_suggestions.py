@@ -15,6 +15,7 @@ from umo.alarms import Alarm, High
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState, Event
 from umo.frames import Reader, published
+from umo.frames.layout import Layout
 from umo.remote.suggestions import with_nearest
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -94,7 +95,7 @@ def test_other_answers_stay_as_they_are(answered: dict[str, tuple[Event, Event]]
         event._replace(text="RangeError: zones.0.heater: 'x' is not a number", path="zones.0.heater"),
         event._replace(text="PathError: zones.0.heater is not held"),
     ]
-    layout: Any = type("Layout", (), {"objects": ({"path": "zones.0.heater", "actuator": True},)})
+    layout = Layout(({"path": "zones.0.heater", "actuator": True},), (), {})
     for each in others:
         assert with_nearest(each, layout) == each
 

@@ -262,7 +262,7 @@ def test_the_nearest_declaration_counts() -> None:
     assert {each.pump.when_suspended for each in (m.plain, m.holding, m.running)} == {"default"}
     assert (relay().when_suspended, head(Head).valve.when_suspended) == ("default", "default")
     assert "held when suspended" in m.own.describe() and "held when suspended" not in m.plain.pump.describe()
-    assert described(m.own)["when_suspended"] == "hold"
+    assert described(m.own).is_held
 
 
 def test_a_reaction_that_there_is_not_is_refused() -> None:

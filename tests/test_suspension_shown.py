@@ -15,6 +15,7 @@ from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, connec
 from umo.cli.app import app
 from umo.frames import Reader
 from umo.page.watched_run import Watched
+from umo.presentation.described import Described
 from umo.presentation.run_facts import driven_text
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer
@@ -86,8 +87,9 @@ def test_an_actuator_that_a_law_runs_is_not_said_to_be_held_alone() -> None:
 
 
 def test_the_first_few_are_told_and_the_others_counted() -> None:
-    about = [{"path": f"fans.{n}", "one": "ON", "zero": "OFF", "default": "OFF"} for n in range(5)]
-    text = driven_text([(each, 1.0, False) for each in about] + [({"path": "level", "unit": "mm"}, 1.0, False)], "")
+    about = [Described({"path": f"fans.{n}", "one": "ON", "zero": "OFF", "default": "OFF"}) for n in range(5)]
+    level = Described({"path": "level", "unit": "mm"})
+    text = driven_text([(each, 1.0, False) for each in [*about, level]], "")
     assert text == "fans.0 ON (its law), fans.1 ON (its law), fans.2 ON (its law) and 2 others"
     assert driven_text([(each, 1.0, False) for each in about[:4]], "").endswith("fans.2 ON (its law) and 1 other")
     assert driven_text([(each, 0.0, False) for each in about], "") == ""

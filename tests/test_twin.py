@@ -20,8 +20,8 @@ from umo import BinaryActuator, Compound, DigitalSensor, Number, connect
 from umo.cycle.frame import signals_of
 from umo.errors import DeclarationError
 from umo.frames import Layout, Reader, published
-from umo.frames.layout import describe_objects, describe_signals
-from umo.objects import atoms, numbers_of
+from umo.frames.layout import describe_signals
+from umo.objects import atoms, described, numbers_of
 from umo.process.station import StationError, find
 from umo.states import OnOff
 from umo.twin import (
@@ -149,7 +149,7 @@ def test_a_path_that_is_not_there_is_named_with_the_body_and_the_nearest_one(dri
 
 
 def test_a_state_that_is_not_there_is_named_with_those_that_are() -> None:
-    assert wrong(Visible("valve", "ONN")).endswith("'valve' has no state 'ONN' (did you mean 'ON'?): ON, OFF")
+    assert wrong(Visible("valve", "ONN")).endswith("'valve' has no state 'ONN' (did you mean 'ON'?): OFF, ON")
     assert "'ram' is a number in 'mm'; it has no state 'ON'" in wrong(Visible("ram", "ON"))
     assert "'valve' has states, not numbers" in wrong(Colour("valve", {0: "#000000", 1: "#ffffff"}))
 
@@ -297,7 +297,8 @@ def test_the_twin_of_a_station_that_ships_fits_its_machine(name: str) -> None:
 
 
 def layout_of(machine: Compound, **about: Any) -> Layout:
-    return Layout(describe_objects(list(atoms(machine))), (), about, describe_signals(signals_of(numbers_of(machine))))
+    objects = tuple(described(each).plain for each in atoms(machine))
+    return Layout(objects, (), about, describe_signals(signals_of(numbers_of(machine))))
 
 
 def test_the_twin_is_of_the_machine_that_runs_with_its_options() -> None:

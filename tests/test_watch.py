@@ -25,6 +25,7 @@ from umo.cli.traces import Traces, spark, traced_span
 from umo.cli.watch import WatchScreen, parse, pressed
 from umo.errors import FramesError, PathError
 from umo.page.watched_run import Watched
+from umo.presentation.described import Described
 from umo.presentation.durations import lasting
 from umo.presentation.rows import folded, quality_of, value_of
 from umo.states import OnOff
@@ -127,7 +128,7 @@ def test_terminal_notebook_and_page_say_the_same_of_a_run() -> None:
     for row in rows:
         assert value_of([row]) in seen
         assert value_of([row]) in notebook
-        assert f"{row.about['path']:7}  {value_of([row])}  {quality_of([row])}" in got
+        assert f"{row.about.path:7}  {value_of([row])}  {quality_of([row])}" in got
 
 
 class Guarded(Bench):
@@ -205,15 +206,15 @@ def test_a_trace_follows_the_values() -> None:
 
 
 def test_a_trace_keeps_extremes_without_values_that_are_missing() -> None:
-    traces = Traces(2)
-    assert spark(traces.of([0]), {}) == traced_span(traces.of([0]), {}) == ""
+    traces, plain = Traces(2), Described({})
+    assert spark(traces.of([0]), plain) == traced_span(traces.of([0]), plain) == ""
     times = np.arange(0.0, 40.0, 0.5)
     traces.add(times, np.column_stack([times, np.full(len(times), np.nan)]))
     low, high = traces.of([0, 1])
     assert (low.tolist(), high.tolist()) == (list(range(24, 40)), [second + 0.5 for second in range(24, 40)])
-    assert traced_span((low, high), {}) == "24 to 39.5"
-    assert traced_span((low, high), {"resolution": 0.25}) == "24.00 to 39.50"
-    assert spark((low, high), {}) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
+    assert traced_span((low, high), plain) == "24 to 39.5"
+    assert traced_span((low, high), Described({"resolution": 0.25})) == "24.00 to 39.50"
+    assert spark((low, high), plain) == "▁▁▂▂▃▃▄▄▅▅▆▆▇▇██"
     assert len(traces.of([1])[0]) == 0
 
 

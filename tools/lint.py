@@ -2,7 +2,8 @@
 
 One name stands for one module and for one class or type; nothing in the package imports the package itself (a circle);
 test modules import what they share from tests/helpers, never each other; every link, file, test and command that README
-and docs/ name exists; the wall clock is read where a date is meant, and nowhere else.
+and docs/ name exists; the wall clock is read where a date is meant, and nowhere else; nobody asks what kind of value
+something is, which `Described` says.
 """
 
 from __future__ import annotations
@@ -71,6 +72,17 @@ PROGRAM = re.compile(r"(?:python -m |bin/)((?:bench|tools)[\w.]*)")
 MAKE = re.compile(r"^`?(?:\$ )?make ([a-z][a-z-]*)", re.M)
 UMO = re.compile(r"^(?:`|\$ )umo ([a-z][\w-]*)([^\n`|&#]*)", re.M)
 OPTION = re.compile(r"(?<=\s)--?[a-z][\w-]*")
+KINDS = {"Binary", "BinaryActuator", "BinarySensor", "Digital", "DigitalActuator", "DigitalSensor"}
+"""Classes of which nobody asks whether an object is one (docs/decisions/0101-what-a-value-means.md)."""
+ASKS_FOR_KINDS = {
+    "objects/": "they are declared there",
+    "generate/": "C has functions for each kind",
+    "wiring/resolve.py": "what a wiring may set of each kind",
+    "cli/get_set.py": "the timer",
+    "cycle/run.py": "the timer",
+    "control/loop_output.py": "a law drives an actuator, or another law",
+}
+DESCRIBED = "presentation/described.py"
 
 
 def main() -> int:
@@ -81,11 +93,31 @@ def main() -> int:
     tests = {file: ast.parse(file.read_text("utf-8")) for file in sorted(TESTS.rglob("*.py"))}
     problems = [*same_modules(files), *same_classes(parsed), *circles(parsed), *tests_importing_tests(tests)]
     problems += wall_clocks({str(file.relative_to(TREE)): module for file, module in parsed.items()})
+    problems += asked_for_kinds({str(file.relative_to(TREE)): module for file, module in parsed.items()})
     known = {file.stem for file in tests} | {name for module in tests.values() for name in _tests(module)}
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         problems += [f"{_places([page])} names {what}, which does not exist" for what in missing(page, known)]
     print("\n".join(problems) or "All checks passed!")
     return bool(problems)
+
+
+def asked_for_kinds(parsed: dict[str, ast.Module]) -> Iterator[str]:
+    """Where the class of an object, or its plain data, is asked what kind of value it is."""
+    for file, module in parsed.items():
+        for node in ast.walk(module) if file != DESCRIBED else ():
+            if _asks_for_fact(node) or (not file.startswith(tuple(ASKS_FOR_KINDS)) and _asks_for_class(node)):
+                yield f"src/umo/{file}:{node.lineno} asks what kind of value it is: Described says it"  # type: ignore[attr-defined]
+
+
+def _asks_for_fact(node: ast.AST) -> bool:
+    """`"one" in about`."""
+    asks = isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn)
+    return asks and isinstance(node.left, ast.Constant) and node.left.value in ("one", "zero")  # type: ignore[attr-defined]
+
+
+def _asks_for_class(node: ast.AST) -> bool:
+    asks = isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("isinstance", "issubclass")
+    return asks and any(getattr(each, "id", "") in KINDS for each in ast.walk(node.args[1]))  # type: ignore[attr-defined]
 
 
 def same_modules(files: list[Path]) -> Iterator[str]:

@@ -116,7 +116,7 @@ def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, pre
     assert result.exit_code == 0, said(result)
     assert f"press-card-card: passed, on device tcp 127.0.0.1:{device.port}" in said(result)
     assert "out:0 0 to 200" not in said(result)
-    assert "motor out:0 0 to 200 0 to 4 V 1.0" in said(result).replace("│ ", "")
+    assert "motor out:0 0 to 200 0 to 4 V 1 V" in said(result).replace("│ ", "")
     certificate = saved("made.json")
     assert certificate.outputs == ("out:0 0 to 200", "out:1 0 to 1")
     assert max(device.levels("out:0")) <= 200

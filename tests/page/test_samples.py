@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from umo.page.subscriptions import HistoryPart, csv_of
+from umo.presentation.described import Described
 from umo.scope.history import History
 
 from .conftest import TOKEN, Served, opened, running, serving
@@ -19,7 +20,7 @@ from .conftest import TOKEN, Served, opened, running, serving
 def stretch(
     history: History, entries: list[dict[str, str]], start: float, stop: float, utc: float | None = None
 ) -> HistoryPart:
-    watched: Any = SimpleNamespace(history=history, entries=entries, utc=utc)
+    watched: Any = SimpleNamespace(history=history, entries=list(map(Described, entries)), utc=utc)
     return HistoryPart(watched, list(range(len(entries))), start, stop)
 
 

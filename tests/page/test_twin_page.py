@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import umo.page as umo_page
-from umo.presentation.value_text import SIGNS, WORDS, as_shown
+from umo.presentation.described import shown_all
+from umo.presentation.value_text import SIGNS, WORDS
 from umo.process.station import find
 from umo.twin.declared import declared_by
 
@@ -123,7 +124,7 @@ def described(name: str) -> dict[str, Any]:
     twin = declared_by(station)
     assert twin is not None
     described = twin.describe(station.machine())
-    described["paths"] = list(map(as_shown, described["paths"]))
+    described["paths"] = shown_all(described["paths"])
     found: dict[str, Any] = json.loads(json.dumps(described))
     return found
 

@@ -123,7 +123,7 @@ def test_units_of_ten_thousand_numbers_are_there_and_are_not_written_again_each_
     content = (tmp_path / "run.mcap").read_bytes()
     assert content.count(b"W, 0 to 10000") == 1 and content.find(b"W, 0 to 10000") < McapReader(file.path).chunks[0]
     with Recording(tmp_path / "run.mcap") as recording:
-        assert [attributes(each)["units"] for each in recording.layout.objects] == ["W"] * 10_000
+        assert [attributes(each)["units"] for each in recording.layout.described.objects] == ["W"] * 10_000
 
 
 # Readers of other projects ------------------------------------------------------------------------------

@@ -10,8 +10,9 @@ from typing import Any
 from umo.alarms.alarm_states import AlarmState
 from umo.alarms.declaration import MAX_TEXT, Alarm, Bad, High, In, Low, Priority
 from umo.errors import DeclarationError, UmoError
-from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
+from umo.objects.description import described
 from umo.objects.node import Node
 from umo.objects.paths import find, walk
 from umo.objects.sensors import Sensor
@@ -151,26 +152,29 @@ def _test(node: Compound, name: str, condition: Any, known: Mapping[str, Node]) 
 
 
 def _in(where: str, item: Atomic, condition: In) -> Threshold:
-    if not isinstance(item, Binary):
+    if item._states is None:
         raise DeclarationError(f"{where}: {item.path} has no states; use High or Low")
-    if not isinstance(condition.state, item.states):
-        states = ", ".join(str(state) for state in item.states)
+    if not isinstance(condition.state, item._states):
+        states = ", ".join(map(str, item._states))
         raise DeclarationError(
-            f"{where}: {condition.state!r} is no state of {item.path}, which has {item.states.__name__}: {states}"
+            f"{where}: {condition.state!r} is no state of {item.path}, which has {item._states.__name__}: {states}"
         )
-    sign = 1.0 if item._level(condition.state) else -1.0
+    if item._raws != (0, 1):
+        raise DeclarationError(f"{where}: {item.path} has more states than two; give a condition of your own")
+    sign = 1.0 if item._number(condition.state) else -1.0
     return Threshold(item, sign, 0.5 * sign, 0.5 * sign)
 
 
 def _beyond(where: str, item: Atomic, condition: High | Low) -> Threshold:
-    if not isinstance(item, Digital):
+    if item._has_states:
         raise DeclarationError(f"{where}: {item.path} has states, and no limits; use In")
+    (low, high), unit = item.calibration[:2], described(item).unit
     sign = 1.0 if isinstance(condition, High) else -1.0
     back = condition.limit - sign * condition.deadband
     for what, value in (("limit", condition.limit), ("limit with its deadband", back)):
-        if not item.minimum <= value <= item.maximum:
-            shown = measure(value, item.units)
+        if not low <= value <= high:
+            shown = measure(value, unit)
             raise DeclarationError(
-                f"{where}: the {what}, {shown}, is outside the range of {item.path}: {span(item.minimum, item.maximum)}"
+                f"{where}: the {what}, {shown}, is outside the range of {item.path}: {span(low, high)}"
             )
     return Threshold(item, sign, sign * condition.limit, sign * back)

@@ -10,7 +10,6 @@ from umo.cycle.two_writers import control_of
 from umo.errors import PathError
 from umo.objects import Number, Range, action, described
 from umo.objects.claims import WHO, Rank
-from umo.presentation.value_text import state_text
 from umo.text import did_you_mean
 
 
@@ -36,7 +35,7 @@ class WriteTrace(AttachedPart):
             item = items[slot]
             entry = {
                 "time": round(machine.clock.now, 6),
-                "value": state_text(about[slot], value) if "one" in about[slot] else value,
+                "value": about[slot].value(value),
                 "who": _who(machine, slot, source),
                 "taken": taken,
             }

@@ -20,7 +20,7 @@ def show_claim(station: str, path: str) -> None:
     """PathError, FramesError and OptionError for what is not there, does not run, and is no actuator."""
     with closing(find_running(station, say)) as reader:
         number, frame = reader.index(path), reader.latest()
-        if not reader.layout.objects[number].get("actuator"):
+        if not reader.layout.described.objects[number].is_actuator:
             raise OptionError(f"{path} is a sensor, which nobody drives; `umo get {station} {path}` shows it")
         if frame is None:
             raise FramesError(f"no period of {station} has ended yet")
@@ -28,17 +28,17 @@ def show_claim(station: str, path: str) -> None:
 
 
 def _table(reader: Reader, frame: object, number: int) -> Table:
-    about, claim = reader.layout.objects[number], reader.claim(frame, number)
+    about, claim = reader.layout.described.objects[number], reader.claim(frame, number)
     (row,) = reader.rows(frame, [number])
-    table = Table(title=str(about["path"]), title_justify="left", show_header=False)
+    table = Table(title=about.path, title_justify="left", show_header=False)
     table.add_row("value", shown_value((row,)))
     table.add_row("driven by", claim.who)
     if claim.rank is Rank.PROGRAM and reader.mode is not None:
         table.add_row("mode", str(reader.mode))
     table.add_row("next", claim.ends)
-    table.add_row("default", str(about["default"]))
-    if about.get("expires"):
-        table.add_row("expires", f"{duration(about['expires'])} after a write of the program the default is sent")
-    if about.get("when_suspended") == "hold":
+    table.add_row("default", about.default_text)
+    if about.expires:
+        table.add_row("expires", f"{duration(about.expires)} after a write of the program the default is sent")
+    if about.is_held:
         table.add_row("when suspended", "it holds its value")
     return table

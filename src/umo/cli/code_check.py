@@ -20,7 +20,6 @@ from umo.control import Lock, first, timeout, together, unless, until
 from umo.cycle.sequence_mistakes import called_name, forgotten, no_machine
 from umo.errors import Mistake
 from umo.objects import Compound, Interlock, link
-from umo.objects.atomic import Binary
 from umo.objects.stored_names import MAKING
 from umo.process.station import Station
 from umo.text import shown_path, shown_place
@@ -368,7 +367,7 @@ class _Check:
         ):
             self._tell(node, f"`{{}}` gives a value and no condition: write `{function}(lambda: {{}}() ...)`")
         elif function and (kind := self._code.atomic(node, scope)):
-            compared = " is ..." if issubclass(kind, Binary) else " > ..."
+            compared = " is ..." if kind._has_states else " > ..."
             self._tell(node, f"`{{}}` is an object, no function: write `{function}(lambda: {{}}.read(){compared})`")
         elif function and _is_value(node):
             self._tell(node, f"`{{}}` is worked out once, before: write `{function}(lambda: {{}})`")

@@ -11,7 +11,6 @@ from types import UnionType
 from typing import Any, Union, get_origin
 
 from umo.objects import Atomic, Compound
-from umo.objects.atomic import Binary
 from umo.objects.attributes import DeclaredAttributes, names_in
 from umo.objects.stored_names import stores_in
 from umo.signature import hints_of
@@ -74,9 +73,9 @@ class CodeObjects:
         elif isinstance(written, Enum | str | bytes) and self._is_number(one, scope):
             yield one, f"`{{}}` is a number, and never {shown(written)}"
         items = [] if written is MISSING or states else self.objects(one, scope)
-        if items and all(isinstance(each, Binary) for each in items):
-            if len(kinds := {each.states for each in items}) == 1:
-                nearest = comparisons(kinds.pop(), written, "{}.read() ")
+        if items and all(kinds := set(map(_states, items))):
+            if len(kinds) == 1 and (kind := kinds.pop()):
+                nearest = comparisons(kind, written, "{}.read() ")
                 yield one, f"`{{}}` is an object, not its state: write {nearest}"
         elif items and all(isinstance(each, Atomic) for each in items):
             number = shown(written) if isinstance(written, int | float) else "..."
@@ -92,9 +91,9 @@ class CodeObjects:
             return None
         if items and self._code.atomic(given, scope):
             return f"`{{}}`: an object is written, not its value: write `{ast.unparse(given)}.read()`"
-        states: set[type[TwoState] | None] = {each.states if isinstance(each, Binary) else None for each in items}
+        states: set[type[TwoState] | None] = set(map(_states, items))
         if not items and kind:
-            states = {TwoState if issubclass(kind, Binary) else None}
+            states = {TwoState if kind._has_states else None}
         written = given.value if isinstance(given, ast.Constant) else self._written(given, scope)
         if len(states) != 1 or not _is_wrong(written, taken := states.pop()):
             return None
@@ -112,7 +111,7 @@ class CodeObjects:
             return None
         if (isinstance(found, Instance) and found.optional) or any(map(_may_be_missing, items)):
             return None
-        compared = "is ..." if isinstance(items[0], Binary) else "> ..."
+        compared = "is ..." if items[0]._has_states else "> ..."
         return f"`{{}}` is an object, which is always true: write `{{}}.read() {compared}`"
 
     def is_state(self, node: ast.expr, scope: NameScope) -> bool:
@@ -135,14 +134,14 @@ class CodeObjects:
         """The type of the state that an expression gives."""
         source = self._source_of(node, scope)
         items = [] if source is None else self.objects(*source)
-        kinds = {each.states if isinstance(each, Binary) else None for each in items}
+        kinds = set(map(_states, items))
         return kinds.pop() if len(kinds) == 1 else None
 
     def _is_number(self, node: ast.expr, scope: NameScope) -> bool:
         """Whether it is the value of an actuator or a sensor that has no states."""
         source = self._source_of(node, scope)
         items = [] if source is None else self.objects(*source)
-        return bool(items) and all(isinstance(each, Atomic) and not isinstance(each, Binary) for each in items)
+        return bool(items) and all(isinstance(each, Atomic) and not each._has_states for each in items)
 
     def _source_of(self, node: ast.expr, scope: NameScope) -> tuple[ast.expr, NameScope] | None:
         """The object whose state it is: of `m.valve.read()`, `state_of(m.valve)`, `m.valve.pending`, or a name."""
@@ -251,6 +250,12 @@ def _is_wrong(written: Any, taken: type[TwoState] | None) -> bool:
     if isinstance(written, int | float) and not isinstance(written, bool):
         return taken is not None
     return written is None or isinstance(written, str | bytes | bool)
+
+
+def _states(item: object) -> type[TwoState] | None:
+    """The two-state type of an object; None for one that has none, and for what is no object."""
+    found = item._states if isinstance(item, Atomic) else None
+    return found if found is not None and issubclass(found, TwoState) else None
 
 
 def _may_be_missing(item: Atomic) -> bool:

@@ -19,7 +19,7 @@ from umo.objects import Quality
 from umo.objects.description import converted
 from umo.presentation.digits import number_text, setting_text
 from umo.presentation.rows import quality_of, sentence_of, value_of
-from umo.presentation.value_text import shown_unit, span, value_text
+from umo.presentation.value_text import shown_unit, span
 from umo.process.source_files import changed_files, changed_text
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.remote_objects import RemoteObject, call_action
@@ -191,18 +191,18 @@ def tune(name: str, path: str | None, text: str | None, over: bool, save: bool =
         if save:
             save_tuned(station.reader)
             return
-        known = {entry["path"]: entry for entry in station.reader.layout.tunables}
+        known = {each.path: each for each in station.reader.layout.described.tunables}
         now = station.reader.tunables()
         if path is None:
             table = Table("number", "value", "unit", "range", header_style="bold")
             for each, entry in known.items():
-                bounds = span(entry["minimum"], entry["maximum"])
-                table.add_row(each, number_text(now[each]), shown_unit(entry["unit"]), bounds)
+                bounds = span(entry.minimum, entry.maximum)
+                table.add_row(each, number_text(now[each]), shown_unit(entry.unit), bounds)
             out.print(table)
             return
         if path not in known:
             raise PathError(f"no tunable number {path!r}{did_you_mean(path, known)}; `umo tune {name}` lists them")
-        unit = known[path]["unit"]
+        unit = known[path].unit
         if text is None:
             out.print(f"{path}  {setting_text(now[path])} {shown_unit(unit)}".rstrip())
             return
@@ -221,7 +221,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool, save: bool =
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
     """Print objects, signals and tunable numbers of a station that runs, all of the same period."""
     with RemoteStation(reader) as station:
-        shown = {str(row.about["path"]): place for place, row in enumerate(reader.rows(None))}
+        shown = {row.about.path: place for place, row in enumerate(reader.rows(None))}
         for path in paths:
             if path not in shown:
                 raise _no_object(station, path, list(shown))
@@ -234,7 +234,7 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
             out.print(sentence_of(row, width), soft_wrap=True)
         about = reader.about
         say(f"read from the frames of {about['station']}, which is running (pid {about['pid']})")
-        inspected = [str(row.about["path"]) for row in rows if row.about.get("inspected")]
+        inspected = [row.about.path for row in rows if row.about.is_inspected]
         if inspected and "site" not in about:  # on another computer it is asked for there
             name = about["station"]
             say(
@@ -293,8 +293,8 @@ def _show(reader: Reader, path: str, what: str, held_at: float | str | None = No
     _let_pass(reader)
     (row,) = reader.rows(reader.latest(), [reader.index(path)])
     shown, way = value_of([row]), ""
-    if isinstance(held_at, float | int) and row.quality == Quality.GOOD and shown != value_text(row.about, held_at):
-        way = f"  (on its way to {value_text(row.about, held_at)}: its slew rate is limited)"
+    if isinstance(held_at, float | int) and row.quality == Quality.GOOD and shown != row.about.text(held_at):
+        way = f"  (on its way to {row.about.text(held_at)}: its slew rate is limited)"
     out.print(f"{path}  {what}{shown}  {quality_of([row])}{way}")
 
 

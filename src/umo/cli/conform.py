@@ -19,7 +19,7 @@ from umo.drivers.faults.wrapper import bare
 from umo.drivers.streams import Host, Serial
 from umo.errors import DriverError, PathError, StopError, text_of
 from umo.exit_status import ExitStatus
-from umo.objects import Compound, Digital
+from umo.objects import Compound, described
 from umo.objects.units import convert
 from umo.presentation.value_text import span
 from umo.process.station import Station, StationError, find
@@ -226,12 +226,12 @@ def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back
     """Whether both mean one value, by less than half a resolution of each and the tolerance, in the output's unit. An
     output that is read back has the same raw level."""
     one, other = wires[output], wires[back]
-    if not isinstance(one.item, Digital) or not isinstance(other.item, Digital):
+    if one.item._has_states or other.item._has_states:
         return raw == level
     if output == back:
         return abs(one.value(level) - one.value(raw)) <= tolerance
     value, read_back, half = one.value(raw), other.value(level), abs(other.scale[0]) / 2
-    units = other.item.units, one.item.units
+    units = described(other.item).unit, described(one.item).unit
     near = abs(convert(read_back, *units) - value)
     halves = abs(convert(half, *units) - convert(0.0, *units)) + abs(one.scale[0]) / 2
     return near < tolerance + halves * (1 - ROUNDING_SHARE)
@@ -271,13 +271,14 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
             table.add_row(wire.path, wire.channel.text, "read; a write must be refused", "", "")
             continue
         low, high = sorted((wire.value(output.least), wire.value(output.greatest)))
-        values = span(low, high, wire.item.units) if isinstance(wire.item, Digital) else "both states"
+        about = described(wire.item)
+        values = span(low, high, about.unit) if about.is_number else about.range_text
         table.add_row(
             wire.path,
             output.channel,
             f"{output.least} to {output.greatest}",
             values,
-            str(wire.item.default),  # type: ignore[attr-defined]
+            about.default_text,
         )
     return table
 

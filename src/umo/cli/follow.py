@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from umo.cycle.fault_log import FaultLog
@@ -13,6 +13,7 @@ from umo.errors import text_of
 from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.objects import Atomic, Compound, atoms
+from umo.presentation.described import Described
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
@@ -42,8 +43,7 @@ class RingFrame:
     def order(self, reader: Reader) -> None:
         known = {item.path: item for item in atoms(self._machine)}
         self.items: list[Atomic] = [known[path] for path in reader.paths]
-        entries = reader.layout.signals
-        self.signals = [_signal(each) for each in entries]
+        self.signals = list(map(_signal, reader.layout.described.signals))
 
     def show(self, row: Any) -> None:
         self.number, self.missed = int(row["number"]), int(row["missed"])
@@ -53,9 +53,8 @@ class RingFrame:
         self.progress = progress_of(row)
 
 
-def _signal(about: Mapping[str, Any]) -> Signal:
-    states = {int(number): name for number, name in about.get("states", {}).items()}
-    return Signal(about["path"], about["unit"], None, about["path"].rpartition(".")[2], states)
+def _signal(about: Described) -> Signal:
+    return Signal(about.path, about.unit, None, about.path.rpartition(".")[2], about.states)
 
 
 def follow(

@@ -14,11 +14,11 @@ from typing import Any
 from umo.cycle.connect import connect
 from umo.errors import BadInput, DeclarationError, FramesError, OptionError, PathError, RangeError, text_of
 from umo.frames import Reader
-from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, DigitalSensor
+from umo.objects import Actuator, Atomic, Compound, DigitalSensor
 from umo.objects.description import converted, described, row_of
 from umo.objects.paths import children
 from umo.presentation.rows import TableRow, quality_of, raw_of, sentence_of, value_of
-from umo.presentation.value_text import measure, span, value_text
+from umo.presentation.value_text import measure, span
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
 from umo.remote.search import find_elsewhere, is_path, meant_by, several_runs
@@ -185,9 +185,7 @@ def _hold(connection: connect[Any], item: Any, value: Any, hold: float | None) -
             err.print("held until Ctrl-C; --hold SECONDS ends it", soft_wrap=True)
         pause = 0.0 if connection.wired.realtime else connection.wired.period or UNTIMED_PAUSE
         _loop(m, hold, pause, partial(item.write, value) if item.expires is not None else None)
-    about = described(item)
-    default = value_text(about, item.default) if isinstance(item, DigitalActuator) else item.default
-    out.print(f"{item.path}  reset to {default}")
+    out.print(f"{item.path}  reset to {described(item).text(item._default_value())}")
     return 128 + connection.stop.signal if connection.stop.signal and hold is not None else 0
 
 
@@ -197,7 +195,7 @@ def _remark(item: Any, taken: bool) -> str:
         return f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
     if item.read() != item.pending:
         why = "its slew rate is limited" if getattr(item, "slew_rate", None) else "its device has not confirmed it yet"
-        return f"  (on its way to {value_text(described(item), item.pending)}: {why})"
+        return f"  (on its way to {described(item).text(item._number(item.pending))}: {why})"
     return ""
 
 
@@ -225,7 +223,7 @@ def _atomic(machine: Compound, path: str, name: str) -> Any:
 
 def _parse(item: Any, text: str, wired: Wired) -> float | TwoState:
     """A state's name, a number in the declared unit, or a number with a unit; RangeError outside the wired range."""
-    if isinstance(item, Binary):
+    if item._has_states:
         states: dict[str, TwoState] = {each.name: each for each in item.states}
         return states[state(item.path, text, list(states))]
     value = number(item.path, text, item.units)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from umo.alarms.declaration import Priority
 from umo.cycle.trace import Trace
 from umo.frames.layout import describe_signals
 from umo.objects.description import described
+from umo.presentation.described import Described
 from umo.presentation.rows import FOLDED_FROM, families, folded
 from umo.presentation.value_text import shown_unit
 from umo.text import some
@@ -55,13 +56,11 @@ class Curve(NamedTuple):
     """Its column in the rows."""
 
     @classmethod
-    def of(cls, about: Mapping[str, Any], column: int) -> Curve:
-        """`about`: its description (`umo.objects.description`)."""
-        path, unit, one = str(about["path"]), str(about.get("unit", "")), str(about.get("one", ""))
-        if one:
-            return cls(path, unit, "binary", one, column)
-        sensor = "actuators" if about.get("actuator") else "sensors"
-        return cls(path, unit, sensor if "kind" in about else "signals", "", column)
+    def of(cls, about: Described, column: int) -> Curve:
+        if about.is_binary:
+            return cls(about.path, about.unit, "binary", about.states[1], column)
+        sensor = "actuators" if about.is_actuator else "sensors"
+        return cls(about.path, about.unit, sensor if about.is_object else "signals", "", column)
 
 
 @dataclass
@@ -78,7 +77,7 @@ class Curves:
 
     @classmethod
     def of(cls, trace: Trace, alarms: AlarmLog | None = None) -> Curves:
-        about = [*map(described, trace.items), *describe_signals(trace.signals)]
+        about = [*map(described, trace.items), *map(Described, describe_signals(trace.signals))]
         return cls(trace.rows, [Curve.of(each, 3 + i) for i, each in enumerate(about)], trace.notes, alarms=alarms)
 
 

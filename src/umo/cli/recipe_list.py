@@ -12,7 +12,6 @@ from umo.operation.recipe_book import RecipeBook, books_of
 from umo.operation.recipe_values import unit_of
 from umo.operation.recipes import Recipe
 from umo.presentation.digits import with_short_numbers
-from umo.presentation.value_text import value_text
 from umo.process.station import Station
 from umo.remote.remote_objects import call_action
 from umo.remote.search import find_running
@@ -41,11 +40,12 @@ def show_recipes(station: Station, running: str) -> int:
 def _now(running: str, path: str) -> str:
     """The recipes of a running station that were begun last and are chosen, in words; "": it does not run."""
     with suppress(UmoError), find_running(running) as reader:
-        frame, places = reader.latest(), {each["path"]: place for place, each in enumerate(reader.layout.signals)}
+        frame, signals = reader.latest(), reader.layout.described.signals
+        places = {each.path: place for place, each in enumerate(signals)}
         if frame is None or f"{path}.choice" not in places:
             return ""
         found = (places[f"{path}.{name}"] for name in ("begun", "choice"))
-        begun, choice = (value_text(reader.layout.signals[each], float(frame["signals"][each])) for each in found)
+        begun, choice = (signals[each].text(float(frame["signals"][each])) for each in found)
         return f"{reader.title}: begun last: {begun}; for the next batch: {choice}"
     return ""
 

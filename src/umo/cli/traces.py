@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from umo.presentation.described import Described
 from umo.presentation.digits import number_text
-from umo.presentation.value_text import About, digits_in
 
 TRACE_BLOCKS = 16
 """Blocks of a trace, the newest last."""
@@ -49,22 +49,21 @@ class Traces:
         return low[known], high[known]
 
 
-def spark(traced: tuple[Floats, Floats], about: About) -> str:
-    """A block for each stretch of time, at the middle of what was seen in it. `about`: the description of the row."""
+def spark(traced: tuple[Floats, Floats], about: Described) -> str:
+    """A block for each stretch of time, at the middle of what was seen in it. `about`: the row."""
     low, high = traced
     if not len(low):
         return ""
     middles = (low + high) / 2
-    least, most = (0.0, 1.0) if "one" in about else (middles.min(), middles.max())
+    least, most = (0.0, 1.0) if about.is_binary else (middles.min(), middles.max())
     if most == least:
         return BLOCKS[0] * len(middles)
     return "".join(BLOCKS[round(share * (len(BLOCKS) - 1))] for share in (middles - least) / (most - least))
 
 
-def traced_span(traced: tuple[Floats, Floats], about: About) -> str:
+def traced_span(traced: tuple[Floats, Floats], about: Described) -> str:
     """`2 to 3.5`; empty for a binary object and a named value."""
     low, high = traced
-    if "one" in about or "states" in about or not len(low):
+    if not (about.is_number and len(low)):
         return ""
-    digits = digits_in(about)
-    return f"{number_text(low.min(), digits)} to {number_text(high.max(), digits)}"
+    return f"{number_text(low.min(), about.digits)} to {number_text(high.max(), about.digits)}"

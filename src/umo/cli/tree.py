@@ -11,11 +11,10 @@ from rich.tree import Tree
 
 from umo.drivers import Direction
 from umo.errors import DeclarationError
-from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
+from umo.objects import Atomic, Compound, Node, atoms, children, described, path_of
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_pattern, named
 from umo.presentation.rows import FOLDED_FROM, folded
-from umo.presentation.value_text import measure
 from umo.process.station import Station, StationError
 from umo.wiring import check
 from umo.wiring.linearization_table import from_table
@@ -110,9 +109,8 @@ class _Branches:
 
 def _declared(item: Atomic) -> str:
     words = [_kind(item), item.describe()]
-    default = getattr(item, "default", None)
-    if default is not None:
-        words.append(f"default {measure(default, item.units) if isinstance(item, DigitalActuator) else default}")
+    if default := described(item).default_text:
+        words.append(f"default {default}")
     if not item.synchronous:
         words.append("asynchronous")
     if getattr(item, "incremental", False):
@@ -121,8 +119,7 @@ def _declared(item: Atomic) -> str:
 
 
 def _kind(item: Atomic) -> str:
-    number = "digital" if isinstance(item, Digital) else "binary"
-    return f"{number} {'actuator' if item.direction is Direction.OUTPUT else 'sensor'}"
+    return f"{item._word} {'actuator' if item.direction is Direction.OUTPUT else 'sensor'}"
 
 
 def _overrides(entry: Entry) -> str:

@@ -93,7 +93,7 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
     if running is not None:
         with RemoteStation(running) as remote:
             results = _live(remote, place, order)
-            known = {each["path"]: (each["minimum"], each["maximum"]) for each in remote.reader.layout.tunables}
+            known = {each.path: each.bounds for each in remote.reader.layout.described.tunables}
     else:
         results, known = _alone(station, place, order, options)
     for result in results:

@@ -133,11 +133,10 @@ class WatchScreen:
     """The screen: the last frame, and traces of those before."""
 
     def __init__(self, reader: Reader, rows: list[int]) -> None:
-        entries = [*reader.layout.objects, *reader.layout.signals]
+        entries = [*reader.layout.described.objects, *reader.layout.described.signals]
         self._reader = reader
         self._rows = rows
-        self._entries = [entries[row] for row in rows]
-        self._names = [str(entry["path"]) for entry in self._entries]
+        self._names = [entries[row].path for row in rows]
         self._others = len(entries) - len(rows)
         self.view = View(self._names)
         reader.next = max(reader.next, reader.head - reader.slots // 2)
@@ -241,7 +240,7 @@ class WatchScreen:
             held = [place for place in places if self._frame["restrictions"][place]]
             for row in self._reader.rows(self._frame, held):
                 if row.note and row.note not in told:
-                    taken.setdefault(row.note, []).append(row.about["path"])
+                    taken.setdefault(row.note, []).append(row.about.path)
         found = [f"{note}: {some(names)}" for note, names in taken.items()]
         more = [f"and {others(len(found) - MAX_REASONS)}"] if len(found) > MAX_REASONS else []
         return [_remark(text) for text in found[:MAX_REASONS] + more]

@@ -16,7 +16,7 @@ import json
 import logging
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any
 
 from umo.cycle.alarming import ALARM_COMMANDS, operate
 from umo.cycle.client_actions import ClientActions, plain
@@ -27,10 +27,10 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences
 from umo.cycle.suspension import Suspension
-from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, StateError, TaskFailed, UmoError
-from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms, walk
+from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, TaskFailed, UmoError
+from umo.objects import Actuator, Atomic, Compound, atoms, walk
 from umo.presentation.digits import setting_text
-from umo.text import did_you_mean, some, without_search
+from umo.text import some, without_search
 from umo.user_code import attempt
 
 log = logging.getLogger("umo")
@@ -225,7 +225,7 @@ class ClientControl:
         self.lease.check(command.key)
         self._need_manual("an actuator can be written by a client")
         item = _known(self._actuators, command.path, "actuator")
-        value = _level(item, command.value)
+        value: float = item._from_plain(command.value)
         lasts = min(DEAD_MAN_TIME, item.expires or DEAD_MAN_TIME)
         signed = self._last_sign(item.path, lasts)
         slot, commands = item._slot, self._machine.commands
@@ -371,13 +371,3 @@ def _known(table: Mapping[str, Any], path: str, what: str, where: str = "") -> A
     if path not in table:
         raise PathError(f"no {what} {path!r}{where}")
     return table[path]
-
-
-def _level(item: Actuator, value: Any) -> float:
-    """The value of the image for what a client gave: the name of a state, or a number within the range."""
-    if isinstance(item, Binary):
-        names = {state.name: state for state in item.states}
-        if not isinstance(value, str) or value not in names:
-            raise StateError(f"{item.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
-        return float(item._level(names[value]))
-    return Range.of(cast(Digital, item)).check(item.path, value)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Direction, Driver
-from umo.objects import Actuator, DigitalActuator
+from umo.objects import Actuator
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import IntArray
 from umo.wiring.wired import Wire
@@ -86,7 +86,7 @@ class Scales:
         self.exact = np.array(exact, bool) & (np.maximum(np.abs(self.least), np.abs(self.greatest)) < 2.0**51)
         """Whether the raw integer nearest to any value of an actuator's range lies within these two, and is not so
         great that floats near it are whole numbers."""
-        rates = (wire.item.slew_rate if isinstance(wire.item, DigitalActuator) else None for wire in wires)
+        rates = (wire.item._slew_rate for wire in wires)
         self.rate = np.array([inf if rate is None else rate for rate in rates], float)
         """The largest rate of an actuator in units per s; infinite: it is not limited."""
         values = (wire.item._default_value() if isinstance(wire.item, Actuator) else nan for wire in wires)

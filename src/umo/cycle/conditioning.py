@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import expm1, isnan
-from typing import Any
 
 from umo.cycle.columns import Block, Columns
-from umo.objects import BinarySensor, DigitalSensor
+from umo.objects import Atomic
 from umo.objects.scaling import FloatArray
 from umo.wiring.wired import Wire
 
@@ -55,8 +54,8 @@ class Conditioner:
         """A reading out of the range is shown as it is: the next one begins anew."""
 
 
-class DigitalConditioner(Conditioner):
-    def __init__(self, sensor: DigitalSensor, bits: int) -> None:
+class NumberConditioner(Conditioner):
+    def __init__(self, sensor: Atomic, bits: int) -> None:
         """`bits`: the width of the counter; 0: it does not roll over."""
         self._filter, self._velocity_filter = sensor._filter, sensor._velocity
         self._half = 1 << bits >> 1
@@ -112,12 +111,12 @@ class DigitalConditioner(Conditioner):
             self._reading += distance
 
 
-class BinaryConditioner(Conditioner):
+class StateConditioner(Conditioner):
     """A change counts when it has lasted from one reading to another one that is at least `debounce` later; what the
     level was between two readings is not known."""
 
-    def __init__(self, sensor: BinarySensor[Any]) -> None:
-        self._debounce = sensor._debounce or 0.0
+    def __init__(self, debounce: float) -> None:
+        self._debounce = debounce
         self.begin()
 
     def begin(self) -> None:
@@ -143,13 +142,11 @@ def _share(dt: float, time_constant: float) -> float:
 
 def conditioner_of(wire: Wire) -> Conditioner | None:
     """None for an object without conditioning."""
-    item = wire.item
-    if isinstance(item, BinarySensor):
-        return None if item._debounce is None else BinaryConditioner(item)
-    if isinstance(item, DigitalSensor):
-        bits = wire.rollover_bits
-        if bits or item._filter is not None or item._velocity is not None:
-            return DigitalConditioner(item, bits)
+    item, bits = wire.item, wire.rollover_bits
+    if item._debounce is not None:
+        return StateConditioner(item._debounce)
+    if bits or item._filter is not None or item._velocity is not None:
+        return NumberConditioner(item, bits)
     return None
 
 

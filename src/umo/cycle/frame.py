@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from umo.cycle.image import Image
 from umo.cycle.stage import Progress
 from umo.errors import NotAwaited
-from umo.objects import Atomic, DigitalSensor, MachineNumber
+from umo.objects import Atomic, MachineNumber, described
 from umo.objects.numbers import number_in
 from umo.system.streams import log_without_waiting
 from umo.user_code import Raised, as_json, attempt
@@ -59,8 +59,8 @@ def _signal(each: MachineNumber) -> Signal:
 
 def velocities(items: Sequence[Atomic]) -> tuple[Signal, ...]:
     """Those of the sensors that are declared with `velocity`."""
-    moving = (item for item in items if isinstance(item, DigitalSensor) and item._velocity is not None)
-    return tuple(Signal(f"{item.path}.velocity", f"{item.units}/s", item, "velocity") for item in moving)
+    moving = (item for item in items if item._velocity is not None)
+    return tuple(Signal(f"{item.path}.velocity", f"{described(item).unit}/s", item, "velocity") for item in moving)
 
 
 class Frame:

@@ -21,7 +21,7 @@ from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction, WaitEnded
 from umo.errors import DriverError, Failure
-from umo.objects import Actuator, DigitalSensor, Quality, link
+from umo.objects import Actuator, Quality, link
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
 
@@ -324,7 +324,7 @@ class Image(ImageOutputs):
             return
         if (conditioner := self.conditioners.get(slot)) is not None:
             conditioner.begin()
-        if self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
+        if self.base[slot] is not Quality.UNREFERENCED and item._incremental:
             self.set_referenced(slot, False)
 
     def _goes_on_from_default(self, slot: int) -> None:

@@ -13,7 +13,6 @@ from types import CoroutineType, FrameType, FunctionType
 from typing import Any
 
 from umo.objects import Atomic
-from umo.objects.atomic import Binary
 from umo.objects.stored_names import MAKING
 from umo.states import TwoState, shown
 from umo.text import cut_repr, is_own, str_of
@@ -93,8 +92,8 @@ def check_condition(function: str, condition: object) -> None:
 
 
 def _compared(function: str, item: Atomic, source: str) -> str:
-    if isinstance(item, Binary):
-        return f"write `{function}(lambda: {source}.read() is {shown(item.one)})`"
+    if (states := item._states) is not None:
+        return f"write `{function}(lambda: {source}.read() is {shown(next(iter(states)))})`"
     return f"write such as `{function}(lambda: {source}.read() > 5.0)`"
 
 

@@ -22,7 +22,7 @@ from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
 from umo.drivers.off_cycle import OffCycle
 from umo.errors import BadInput, DriverError, Failure, RangeError
-from umo.objects import Binary, DigitalSensor, Quality, Sensor
+from umo.objects import Quality, Sensor
 from umo.objects.atomic import Digital
 from umo.objects.scaling import to_raw, to_value
 from umo.wiring.rates import WHOLE, RateMap
@@ -85,10 +85,7 @@ class Slots:
         """Time in s from which a marked sensor is logged again, by slot."""
         sensors = (slot for slot, item in enumerate(self.items) if item.direction is Direction.INPUT)
         self.invalid_raws = {slot: raws for slot in sensors if (raws := self._invalid(slot))}
-        self.base = [
-            Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
-            for item in self.items
-        ]
+        self.base = [Quality.UNREFERENCED if item._incremental else Quality.GOOD for item in self.items]
         found = ((slot, conditioner_of(wire)) for slot, wire in enumerate(self.wires))
         self.conditioners = {slot: each for slot, each in found if each is not None}
         """Of the sensors that are conditioned."""
@@ -249,8 +246,8 @@ class Slots:
 
     def _is_refused(self, slot: int, raw: int) -> bool:
         """Whether a raw integer is no reading."""
-        if isinstance(self.items[slot], Binary):
-            return raw not in (0, 1)
+        if (levels := self.items[slot]._raws) is not None:
+            return raw not in levels
         return raw in self.invalid_raws.get(slot, ()) or raw == UNREAD
 
     def _refused(self, slot: int) -> str:
@@ -258,8 +255,8 @@ class Slots:
         raw = self.raws[slot]
         if raw == UNREAD:
             return "the driver returned fewer values than channels"
-        if isinstance(self.items[slot], Binary):
-            return "" if raw in (0, 1) else f"read {raw}, but a binary channel reads 0 or 1"
+        if (levels := self.items[slot]._raws) is not None and raw not in levels:
+            return f"read {raw}, but a {self.items[slot]._word} channel reads {' or '.join(map(str, levels))}"
         return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""
 
     def accept(self, slot: int, raw: int, failures: list[Failure]) -> None:

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.cycle.frame import Frame, Signal
-from umo.objects import Atomic, Binary, Digital, Quality
+from umo.objects import Atomic, Quality
 from umo.objects.description import described
-from umo.presentation.value_text import file_form
 
 MAX_ROWS = 100_000
 """Number of rows of a trace at most."""
@@ -133,7 +132,7 @@ class Trace:
         """`time_s`, `missed`, `execution_us`, then a path with its unit, or for a binary object with its 1 state; then
         the signals likewise."""
         signals = [f"{signal.path}[{signal.unit}]" for signal in self.signals]
-        return ["time_s", "missed", "execution_us", *map(_column, self.items), *signals]
+        return ["time_s", "missed", "execution_us", *(described(item).heading for item in self.items), *signals]
 
     def place(self, shown: Atomic | Signal) -> int:
         """The column of an object or a signal in `rows`."""
@@ -158,15 +157,8 @@ def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
         yield text.getvalue()
     else:
         rows = rows[np.searchsorted(rows[:, 0], after, side="right") :]
-    forms = ["{}", "{:.0f}", "{:.3f}", *(file_form(described(item)) for item in trace.items)]
+    forms = ["{}", "{:.0f}", "{:.3f}", *(described(item).file_form for item in trace.items)]
     form = ",".join([*forms, *(["{}"] * len(trace.signals))]) + "\r\n"
     for row in rows:
         time, *others = row.tolist()
         yield form.format(round(time, 9), *others)  # the clock counts ns
-
-
-def _column(item: Atomic) -> str:
-    if isinstance(item, Digital):
-        return f"{item.path}[{item.units}]"
-    assert isinstance(item, Binary)
-    return f"{item.path}[{item.one}=1]"

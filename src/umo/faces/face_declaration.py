@@ -12,7 +12,7 @@ from umo.alarms.alarm_states import PUT_AWAY, AlarmState
 from umo.cycle.client_commands import Mode
 from umo.frames import Reader
 from umo.frames.layout import Layout
-from umo.presentation.digits import digits_of
+from umo.presentation.described import Described
 from umo.presentation.identity import Identities, escaped, is_encodable
 from umo.presentation.value_text import shown_unit
 
@@ -90,11 +90,16 @@ class FaceItem:
     @property
     def digits(self) -> int | None:
         """Digits after the point: of the resolution, else six of the greatest value; None: nothing tells them."""
-        if resolution := self.about.get("resolution"):
-            return min(digits_of(float(resolution), float(self.about.get("zero_offset", 0.0))), MAX_DIGITS)
+        if (digits := Described(self.about).digits) is not None:
+            return min(digits, MAX_DIGITS)
         ends = [abs(end) for end in (self.minimum, self.maximum) if end is not None and isfinite(end)]
         greatest = max(ends, default=0.0)
         return min(max(DIGITS - 1 - floor(log10(greatest)), 0), MAX_DIGITS) if greatest else None
+
+    @property
+    def resolution(self) -> float:
+        """The change of its value for one bit; 0: its values are not on such a scale."""
+        return abs(float(Described(self.about).resolution or 0.0))
 
     @property
     def writable(self) -> bool:
@@ -154,10 +159,8 @@ def declaration_of(reader: Reader) -> Declaration:
 
 def items_of(layout: Layout) -> tuple[FaceItem, ...]:
     """Everything that has a value: objects, signals, tunable numbers, states, the run."""
-    found: list[tuple[ItemKind, str, Mapping[str, Any]]] = [
-        (ItemKind.ACTUATOR if each.get("actuator") else ItemKind.SENSOR, str(each["path"]), each)
-        for each in layout.objects
-    ]
+    objects = layout.described.objects
+    found = [(ItemKind.ACTUATOR if each.is_actuator else ItemKind.SENSOR, each) for each in objects]
     groups: Sequence[tuple[ItemKind, Iterable[Mapping[str, Any]]]] = (
         (ItemKind.SIGNAL, layout.signals),
         (ItemKind.TUNABLE, layout.tunables),
@@ -166,20 +169,12 @@ def items_of(layout: Layout) -> tuple[FaceItem, ...]:
         (ItemKind.ALARM, layout.alarms),
         (ItemKind.RUN, ({"path": path, **each} for path, each in RUN_ITEMS.items())),
     )
-    found += [(kind, str(each["path"]), each) for kind, group in groups for each in group]
+    found += [(kind, Described(each)) for kind, group in groups for each in group]
     return tuple(_item(number, *each) for number, each in enumerate(found))
 
 
-def _item(number: int, kind: ItemKind, path: str, about: Mapping[str, Any]) -> FaceItem:
-    unit, low, high = str(about.get("unit") or ""), about.get("minimum"), about.get("maximum")
-    if states := _states(about):  # the limits of an axis are those of its position
+def _item(number: int, kind: ItemKind, value: Described) -> FaceItem:
+    low, high = value.minimum, value.maximum
+    if value.states:  # the limits of an axis are those of its position
         low = high = None
-    return FaceItem(number, kind, path, about, unit, low, high, states)
-
-
-def _states(about: Mapping[str, Any]) -> Mapping[int, str]:
-    if "one" in about:
-        return {0: str(about["zero"]), 1: str(about["one"])}
-    states = about.get("states", {})
-    named = enumerate(states) if isinstance(states, Sequence) else ((int(n), name) for n, name in states.items())
-    return {number: str(name) for number, name in named}
+    return FaceItem(number, kind, value.path, value.plain, value.unit, low, high, value.states)

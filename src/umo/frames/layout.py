@@ -20,6 +20,7 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -29,8 +30,8 @@ from umo.cycle.events import EVENT_TEXT_BYTES, Event
 from umo.cycle.frame import Signal
 from umo.cycle.journal import ENTRIES, ErrorKind, Kind
 from umo.errors import FramesError
-from umo.objects import Atomic, Quality
-from umo.objects.description import described
+from umo.objects import Quality
+from umo.presentation.described import Described
 
 MAGIC = b"umoframe"
 VERSION = 10
@@ -160,6 +161,14 @@ SELDOM = struct.Struct(f"<{len(USAGE)}q12q{NOTE}s")
 """Packing of the fields from `USAGE` on, which change seldom."""
 
 
+class DescribedValues(NamedTuple):
+    """What the values of a frame mean, in their order."""
+
+    objects: tuple[Described, ...]
+    signals: tuple[Described, ...]
+    tunables: tuple[Described, ...]
+
+
 @dataclass(frozen=True)
 class Layout:
     """The fields of a frame and their offsets."""
@@ -187,6 +196,10 @@ class Layout:
     books: tuple[dict[str, Any], ...] = ()
     """Path, fields and recipes of each book (`umo.operation.recipe_book`). The recipe that was begun last and the one
     that is chosen are the signals `PATH.begun` and `PATH.choice`, where it shows them."""
+
+    @cached_property
+    def described(self) -> DescribedValues:
+        return DescribedValues(*(tuple(map(Described, each)) for each in (self.objects, self.signals, self.tunables)))
 
     @property
     def columns(self) -> list[Column]:
@@ -297,11 +310,6 @@ def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:
     assert row.fields is not None
     columns = [{"name": name, "type": kind.str, "offset": at} for name, (kind, at, *_) in row.fields.items()]
     return {"entry_bytes": row.itemsize, "fields": columns}
-
-
-def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
-    """Path, kind, meaning and wiring of each object, in the order of the frame's slots."""
-    return tuple(described(item) for item in items)
 
 
 def describe_signals(

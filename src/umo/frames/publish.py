@@ -17,13 +17,13 @@ from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phase_times import PhaseTimes
 from umo.cycle.stage import Stage
-from umo.drivers.contract import Driver
+from umo.drivers.contract import Direction, Driver
 from umo.errors import FramesError, text_of
 from umo.frames.frame_server import FrameServer, new_path
 from umo.frames.layout import Layout, describe_signals
 from umo.frames.memory import RunDescriptors
 from umo.frames.ring import Ring
-from umo.objects import Atomic, DigitalSensor, MachineNumber
+from umo.objects import Atomic, MachineNumber
 from umo.objects.description import described
 from umo.system.processes import HASH_SEED
 from umo.system.signal_handling import signal_name
@@ -113,8 +113,9 @@ def _object(item: Atomic, wire: Wire) -> dict[str, Any]:
     driver = wire.driver
     while isinstance(inner := getattr(driver, "driver", None), Driver):  # off the cycle, or with injected faults
         driver = inner
-    tells = isinstance(item, DigitalSensor) and type(driver).inspect is not Driver.inspect
-    return described(item) | ({"inspected": True} if tells else {})
+    is_number = item.direction is Direction.INPUT and not item._has_states
+    tells = is_number and type(driver).inspect is not Driver.inspect
+    return {**described(item).plain, **({"inspected": True} if tells else {})}
 
 
 def _start(number: MachineNumber) -> float | None:

@@ -8,7 +8,8 @@ import struct
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite, isnan
+from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -46,11 +47,12 @@ from umo.frames.layout import (
 from umo.frames.memory import RunDescriptors, mapped
 from umo.objects import Quality
 from umo.objects.claims import Claim, Rank
+from umo.presentation.described import Described
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
 from umo.presentation.run_facts import ALARMS, driven_text, facts_of, title
-from umo.presentation.value_text import named_state, span, state_text
+from umo.presentation.value_text import span
 from umo.system import folders
 from umo.text import did_you_mean, printable
 from umo.wiring.patterns import chosen
@@ -108,7 +110,6 @@ class Reader:
         """Number of the frame that is read next."""
         self.lost = 0
         self._index = {entry["path"]: i for i, entry in enumerate(self.layout.objects)}
-        self._known = [*self.layout.objects, *self.layout.signals, *self.layout.tunables]
 
     def _attach(self) -> None:
         memory, length = self._memory, len(self._memory)
@@ -264,6 +265,11 @@ class Reader:
             raise PathError(f"no object {path!r}{did_you_mean(path, self._index)} in {self.about.get('station')}")
         return self._index[path]
 
+    @cached_property
+    def _known(self) -> list[Described]:
+        """Objects, signals, tunable numbers, in the order of rows."""
+        return [each for group in self.layout.described for each in group]
+
     # Frames --------------------------------------------------------------------------------------------
 
     def read(self, most: int | None = None) -> Frames:
@@ -318,10 +324,8 @@ class Reader:
     def values(self, frame: Any) -> dict[str, float | str]:
         """The value of every object by path: a number in its unit, or the name of a state; NaN: it was never read."""
         numbers = frame["values"].tolist()
-        return {
-            entry["path"]: state_text(entry, value) if "one" in entry and not isnan(value) else value
-            for entry, value in zip(self.layout.objects, numbers, strict=True)
-        }
+        objects = self.layout.described.objects
+        return {each.path: each.value(value) for each, value in zip(objects, numbers, strict=True)}
 
     def inhibited(self, frame: Any, number: int) -> str | None:
         """Why only the default of an object could be sent, or the client that had taken it; None: neither."""
@@ -389,10 +393,11 @@ class Reader:
         """The states of parts at a frame (`umo.operation`), by the paths of their state machines."""
         if frame is None or not self.layout.units:
             return {}
-        places = {entry["path"]: place for place, entry in enumerate(self.layout.signals)}
+        signals = self.layout.described.signals
+        places = {each.path: place for place, each in enumerate(signals)}
         found = ((str(unit["path"]), places[f"{unit['path']}.state"]) for unit in self.layout.units)
-        values = ((path, self.layout.signals[place], float(frame["signals"][place])) for path, place in found)
-        return {path: named_state(about, value) for path, about, value in values if isfinite(value)}
+        values = ((path, signals[place], float(frame["signals"][place])) for path, place in found)
+        return {path: about.state(value) for path, about, value in values if isfinite(value)}
 
     # In words ------------------------------------------------------------------------------------------
 
@@ -438,7 +443,8 @@ class Reader:
         if frame is None or self.mode is not Mode.MANUAL:
             return ""
         taken = (frame["restrictions"] == TAKEN_BY_CLIENT).tolist()
-        return driven_text(zip(self.layout.objects, frame["values"].tolist(), taken, strict=True), self.holder)
+        objects = self.layout.described.objects
+        return driven_text(zip(objects, frame["values"].tolist(), taken, strict=True), self.holder)
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
         """Objects, signals, tunable numbers at a frame (None: without values), or those at these places."""
@@ -448,8 +454,8 @@ class Reader:
     def _row(self, frame: Any, place: int, numbers: Mapping[str, float]) -> TableRow:
         about, objects, signals = self._known[place], len(self.layout.objects), len(self.layout.signals)
         if place >= objects + signals:
-            bounds = span(about["minimum"], about["maximum"])
-            return TableRow(about, numbers[about["path"]], note=f"tunable, {bounds}" if bounds else "tunable")
+            bounds = span(about.minimum, about.maximum)
+            return TableRow(about, numbers[about.path], note=f"tunable, {bounds}" if bounds else "tunable")
         if frame is None:
             return TableRow(about)
         if place >= objects:
@@ -463,7 +469,7 @@ class Reader:
         if self.closed:
             raise FramesError(f"{self.title} is detached")
         frame = self.latest()
-        places = chosen([each["path"] for each in self._known], wanted, str(self.about["station"]))
+        places = chosen([each.path for each in self._known], wanted, str(self.about["station"]))
         return html_table(self.title, self.facts(frame) | dict(more), self.rows(frame, places))
 
     @never_raises

@@ -33,7 +33,7 @@ from umo.generate.terms import TEXT, Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
 from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_word
 from umo.objects import Compound, DigitalSensor, Quality, Vector
-from umo.objects.atomic import Atomic, Binary
+from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
 
 DROPPED = ("progress", "say")
@@ -191,6 +191,10 @@ class AttributeCode(BuiltinCode):
 
     def object(self, owner: Atomic, node: ast.AST) -> str:
         """The object; a controller samples those that are synchronous."""
+        if not isinstance(owner, Binary | Digital):
+            raise self.refused(
+                node, f"a {type(owner).__name__} does not translate", "a binary object, or a digital one"
+            )
         if owner.direction is Direction.INPUT and not owner.synchronous:
             told = f"{owner.path} is asynchronous: it is not read on a controller"
             at = self.source.file, getattr(node, "lineno", 0), self.source.segment(node)

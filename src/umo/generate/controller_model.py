@@ -22,13 +22,11 @@ from umo.cycle.laid_out import laid_out as machine_laid_out
 from umo.cycle.machine import ConnectedMachine
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
-from umo.objects import Actuator, Compound, DigitalActuator, DigitalSensor, Node, walk
-from umo.objects.atomic import Binary
+from umo.objects import Actuator, Binary, Compound, Digital, Node, Sensor, described, walk
 from umo.objects.interpolation import Cubics, Segments
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import raw_bounds
-from umo.objects.sensors import BinarySensor, Sensor
 from umo.wiring import resolve
 from umo.wiring.wired import AT_ONCE, Wire, Wired
 
@@ -237,27 +235,27 @@ def _entered(compound: Compound) -> list[MethodType]:
 
 
 def _object(image: Image, slot: int, wire: Wire, containing: _Containing) -> ControllerObject:
-    item, scales = wire.item, image.scales
-    binary = isinstance(item, Binary)
+    item: Any = wire.item
+    scales, binary = image.scales, isinstance(item, Binary)
     given: dict[str, Any] = {}
     if isinstance(item, Sensor):
         given |= _of_sensor(item, image, slot)
     elif isinstance(item, Actuator):
         given |= _of_actuator(item, image, slot)
-    if isinstance(item, Binary):
-        given["one"] = [*item.states].index(item.one)  # type: ignore[misc]
+    if binary:
+        given["one"] = [*item.states].index(item.one)
     return ControllerObject(
         slot=slot,
         path=item.path,
         kind=type(item).__name__,
-        units=f"{item.states.__name__}, 1 is {item.one}" if isinstance(item, Binary) else item.units,  # type: ignore[attr-defined]
+        units=f"{item.states.__name__}, 1 is {item.one}" if binary else described(item).unit,
         channel=image.wire_texts[slot],
         output=item.direction is Direction.OUTPUT,
         binary=binary,
         synchronous=item.synchronous,
         scale=(float(scales.resolution[slot]), float(scales.zero_offset[slot])),
         bounds=(wire.calibration.minimum, wire.calibration.maximum),
-        max_age=item._max_age,  # type: ignore[attr-defined]
+        max_age=item._max_age,
         linearization=wire.linearization,
         equipment=containing.innermost(item),
         **given,
@@ -267,12 +265,12 @@ def _object(image: Image, slot: int, wire: Wire, containing: _Containing) -> Con
 def _of_sensor(item: Sensor, image: Image, slot: int) -> dict[str, Any]:
     wire, scales = image.wires[slot], image.scales
     of_timer = (float(image._least_ticks), float(image._most_ticks)) if slot == image.timer else (0.0, 0.0)
-    given = {"good": (float(scales.low[slot]), float(scales.high[slot])), "marks": item._marks, "raws": of_timer}
-    if isinstance(item, BinarySensor):
-        return given | {"debounce": item._debounce}
-    assert isinstance(item, DigitalSensor)
-    return given | {
-        "incremental": item.incremental,
+    return {
+        "good": (float(scales.low[slot]), float(scales.high[slot])),
+        "marks": item._marks,
+        "raws": of_timer,
+        "debounce": item._debounce,
+        "incremental": item._incremental,
         "filter": item._filter,
         "velocity": item._velocity,
         "rollover_bits": wire.rollover_bits,
@@ -282,15 +280,14 @@ def _of_sensor(item: Sensor, image: Image, slot: int) -> dict[str, Any]:
 
 def _of_actuator(item: Actuator, image: Image, slot: int) -> dict[str, Any]:
     wire, scales = image.wires[slot], image.scales
-    given: dict[str, Any] = {
+    return {
         "raws": (float(scales.least[slot]), float(scales.greatest[slot])),
         "default": item._default_value(),
         "default_raw": wire.default,
         "expires": item.expires,
+        "clamps": item._clamp,
+        "slew_rate": item._slew_rate,
     }
-    if isinstance(item, DigitalActuator):
-        given |= {"clamps": item.limits == "clamp", "slew_rate": item.slew_rate}
-    return given
 
 
 def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerObject]) -> Iterator[NotGenerated]:
@@ -303,6 +300,8 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
     for rate in wired.rates:
         yield NotGenerated(rate.part._path, "it has a rate of its own", "leave out `every`: one rate a controller")
     for one in objects:
+        if not isinstance(machine.image.items[one.slot], Binary | Digital):
+            yield NotGenerated(one.path, f"a controller has no {one.kind}", "a binary object, or a digital one")
         yield from _problems_of(one)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
 from umo.duration import seconds
@@ -31,6 +31,13 @@ class Actuator(Atomic):
     _when_suspended: Literal["default", "hold"] | None
     _max_age: float | None
     """Time in s for which a value that was not confirmed is sent again; None: not at all."""
+    _clamp: bool = False
+    """Whether the nearest bound is taken of a value beyond the range."""
+
+    @property
+    def default(self) -> Any:
+        """The safe value: written on connect, on reset and when the connection ends."""
+        raise NotImplementedError
 
     @property
     def expires(self) -> float | None:
@@ -66,7 +73,11 @@ class Actuator(Atomic):
 
     def _default_value(self) -> float:
         """The default as a number of the process image: of a state its level."""
-        raise NotImplementedError
+        return self._number(self.default)
+
+    def _about(self) -> dict[str, Any]:
+        about: dict[str, Any] = {"actuator": True, "default": self._plain(self.default), "expires": self._expires}
+        return about | {"when_suspended": self.when_suspended} | super()._about()
 
     def _guard_text(self) -> str:
         expiry = "" if self._expires is None else f", expires after {duration(self._expires)}"
@@ -138,9 +149,6 @@ class BinaryActuator(Actuator, Binary[S]):
     def read(self) -> S:
         """The state last accepted by the hardware."""
         return self._one if self._image.values[self._slot] else self._zero
-
-    def _default_value(self) -> float:
-        return float(self._level(self._default))
 
 
 class DigitalActuator(Actuator, Digital):
@@ -243,9 +251,6 @@ class DigitalActuator(Actuator, Digital):
         write = self._image.write
         write(self._slot, self._minimum if value < self._minimum else self._maximum)
         return False
-
-    def _default_value(self) -> float:
-        return self._default
 
 
 def _expiry(expires: str | float | None) -> float | None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from enum import Enum
 from math import nan
-from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -17,12 +18,13 @@ from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
 from umo.objects.quality import QUALITIES, Quality
+from umo.objects.range import Range
 from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
 from umo.states import TwoState, comparisons, shown
-from umo.text import cut_repr
+from umo.text import cut_repr, did_you_mean
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -37,6 +39,22 @@ class Atomic(Node):
 
     direction: ClassVar[Direction]
     """Direction of the value: OUTPUT: an actuator, with `write` and `update`; INPUT: a sensor, with `sample`."""
+    _word: ClassVar[str]
+    """The kind of its value: "binary", "digital"."""
+    _has_states: ClassVar[bool]
+    """Whether its value is one of some named states; else a number in a unit."""
+    _states: type[Enum] | None = None
+    """The type of its states; None: it has none."""
+    _raws: tuple[int, ...] | None = None
+    """The raw integers that its channel can have; None: all within the range."""
+    _incremental: bool = False
+    """Whether its value means nothing until it is referenced."""
+    _debounce: float | None = None
+    _filter: float | None = None
+    _velocity: float | None = None
+    """Times in s of its conditioning; None: it has none of these."""
+    _slew_rate: float | None = None
+    """The largest rate of change of what is sent, in units per s; None: not limited."""
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
@@ -50,6 +68,11 @@ class Atomic(Node):
     def path(self) -> str:
         """Its place in the machine: `z.motor`, `axes.0.motor`."""
         return self._path
+
+    @property
+    def calibration(self) -> Calibration:
+        """Its range and scale."""
+        raise NotImplementedError
 
     @property
     def synchronous(self) -> bool:
@@ -84,6 +107,31 @@ class Atomic(Node):
 
     def describe(self) -> str:
         """Range and units as a short text, for tables."""
+        raise NotImplementedError
+
+    def _about(self) -> dict[str, Any]:
+        """What its values mean, as plain data (`umo.presentation.described`)."""
+        raise NotImplementedError
+
+    def _number(self, value: Any) -> float:
+        """The number of the image for a value as `write` takes it; StateError or RangeError for what is none."""
+        raise NotImplementedError
+
+    def _plain(self, value: Any) -> Any:
+        """A value as plain data."""
+        raise NotImplementedError
+
+    def _from_plain(self, value: Any) -> float:
+        """The number of the image for a value as plain data, within the range; StateError or RangeError if it is
+        none."""
+        raise NotImplementedError
+
+    def _levels(self, inverted: bool) -> Calibration:
+        """Of an object with states: its calibration on a channel, inverted or not. DeclarationError if it cannot be."""
+        raise NotImplementedError
+
+    def _calibrate(self, calibration: Calibration) -> None:
+        """Take range and scale from a wiring entry."""
         raise NotImplementedError
 
     if not TYPE_CHECKING:  # typed, any attribute could be assigned
@@ -123,6 +171,9 @@ class Binary(Atomic, Generic[S]):
 
     __slots__ = ("_inverted", "_one", "_states", "_zero")
 
+    _word, _has_states, _raws = "binary", True, (0, 1)
+    _states: type[S]
+
     def __init__(self, states: type[S], one: S, synchronous: bool) -> None:
         if not (isinstance(states, type) and issubclass(states, TwoState)) or states is TwoState:
             raise DeclarationError(f"{states!r} is not a two-state type")
@@ -147,8 +198,34 @@ class Binary(Atomic, Generic[S]):
     def zero(self) -> S:
         return self._zero
 
+    @property
+    def calibration(self) -> Calibration:
+        """`LEVEL`, or `INVERTED`."""
+        return self._levels(self._inverted)
+
+    def _levels(self, inverted: bool) -> Calibration:
+        return INVERTED if inverted else LEVEL
+
+    def _calibrate(self, calibration: Calibration) -> None:
+        self._inverted = calibration == INVERTED
+
     def describe(self) -> str:
         return f"{self._one}=1 {self._zero}=0"
+
+    def _about(self) -> dict[str, Any]:
+        return {"one": str(self._one), "zero": str(self._zero)}
+
+    def _number(self, value: Any) -> float:
+        return float(self._level(value))
+
+    def _plain(self, value: Any) -> Any:
+        return str(value)
+
+    def _from_plain(self, value: Any) -> float:
+        names = {state.name: state for state in self._states}
+        if not isinstance(value, str) or value not in names:
+            raise StateError(f"{self.path} has no state {value!r}{did_you_mean(str(value), names)}: {', '.join(names)}")
+        return self._number(names[value])
 
     def _meant(self, name: str, sign: str, other: object) -> str:
         meant = other if isinstance(other, str | TwoState) else self._zero if other == 0 else self._one
@@ -191,12 +268,18 @@ class Calibration(NamedTuple):
     """Bits of a counter that rolls over; True: those of its channel; False: it does not."""
 
 
+LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)
+"""Calibrations of binary objects: the value is the raw integer of the channel or, inverted, 1 - raw."""
+
+
 class Digital(Atomic):
     """A group of bits with a numeric meaning (section 4.4)."""
 
     __slots__ = (
         "_invalid_raws", "_linearization", "_maximum", "_minimum", "_resolution", "_rollover", "_units", "_zero_offset",
     )  # fmt: skip
+
+    _word, _has_states = "digital", False
 
     def __init__(
         self,
@@ -271,11 +354,24 @@ class Digital(Atomic):
         of = "" if self._linearization is None else f" through a {self._linearization}"
         return f"{span(self._minimum, self._maximum, self._units)} by {number_text(abs(self._resolution))}{of}"
 
+    def _about(self) -> dict[str, Any]:
+        """Without a linearization the resolution and the zero offset, from which its digits follow."""
+        about: dict[str, Any] = {"unit": self._units, "minimum": self._minimum, "maximum": self._maximum}
+        if self._linearization is None:
+            about |= {"resolution": self._resolution, "zero_offset": self._zero_offset}
+        return about
+
+    def _plain(self, value: Any) -> Any:
+        return value
+
+    def _from_plain(self, value: Any) -> float:
+        return Range.of(self).check(self.path, value)
+
     def _meant(self, name: str, sign: str, other: object) -> str:
         number = cut_repr(other) if isinstance(other, int | float) else "..."
         return f"write `{name}.read() {sign} {number}`"
 
-    def _number(self, value: float) -> float:
+    def _number(self, value: Any) -> float:
         """A plain finite float; a bool, a text or a state is refused."""
         name = self.path or type(self).__name__
         if isinstance(value, bool | np.bool_) or not hasattr(value, "__float__"):

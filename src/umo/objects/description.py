@@ -1,37 +1,26 @@
-"""Objects as plain data, for other processes and for tables."""
+"""Objects as they are described to other processes and in tables."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from umo.objects.actuators import BinaryActuator, DigitalActuator
-from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
 from umo.objects.node import Node
 from umo.objects.paths import atoms
 from umo.objects.units import convert, line_between
 from umo.objects.vector import Vector
+from umo.presentation.described import Described
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
 
 
-def described(item: Atomic) -> dict[str, Any]:
-    """Path, kind and meaning of an object; once it is connected, how it is wired (`wire`). Without a linearization the
-    resolution and the zero offset, from which its digits follow."""
-    what: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
+def described(item: Atomic) -> Described:
+    """Path, kind and meaning of an object; once it is connected, how it is wired (`wire`)."""
+    about: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
     if item.connected:
-        what["wire"] = item._image.wire_texts[item._slot]
-    if isinstance(item, BinaryActuator | DigitalActuator):
-        default = item.default if isinstance(item, DigitalActuator) else str(item.default)
-        what |= {"actuator": True, "default": default, "expires": item.expires}
-        what["when_suspended"] = item.when_suspended
-    if isinstance(item, Digital):
-        what |= {"unit": item.units, "minimum": item.minimum, "maximum": item.maximum}
-        if item.linearization is None:
-            what |= {"resolution": item.resolution, "zero_offset": item.zero_offset}
-        return what
-    assert isinstance(item, Binary)
-    return what | {"one": str(item.one), "zero": str(item.zero)}
+        about["wire"] = item._image.wire_texts[item._slot]
+    return Described(about | item._about())
 
 
 def row_of(item: Atomic) -> TableRow:
@@ -45,15 +34,10 @@ def converted(row: TableRow, unit: str | None) -> TableRow:
     """A number in another unit, with its resolution; what has no unit as it is. DeclarationError, RangeError as of
     `convert`."""
     about = row.about
-    if unit is None or "one" in about or "states" in about:
+    if unit is None or not about.is_number:
         return row
-    value = convert(row.value, about["unit"], unit)
-    shown = {name: about[name] for name in about if name not in ("resolution", "zero_offset")} | {"unit": unit}
-    line = line_between(about["unit"], unit)
-    if line is not None and "resolution" in about:
-        factor, offset = line
-        shown |= {"resolution": about["resolution"] * factor, "zero_offset": about["zero_offset"] * factor + offset}
-    return row._replace(about=shown, value=value)
+    value = convert(row.value, about.unit, unit)
+    return row._replace(about=about.in_unit(unit, line_between(about.unit, unit)), value=value)
 
 
 @never_raises

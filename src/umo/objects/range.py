@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from math import inf, isfinite
 from sys import float_info
-from typing import Any
+from typing import Any, Protocol
 
 from umo.errors import DeclarationError, RangeError
-from umo.objects.atomic import Digital
 from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit
 from umo.presentation.digits import number_text
@@ -18,6 +17,17 @@ from umo.text import cut_repr
 
 MAX_NAMED = 2**53
 """Largest number that may have a name: up to there a float has every whole number."""
+
+
+class Ranged(Protocol):
+    """What has a unit and a range: a digital object."""
+
+    @property
+    def units(self) -> str: ...
+    @property
+    def minimum(self) -> float: ...
+    @property
+    def maximum(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class Range:
             raise DeclarationError(f"no number is between {self.minimum!r} and {self.maximum!r}")
 
     @classmethod
-    def of(cls, item: Digital) -> Range:
+    def of(cls, item: Ranged) -> Range:
         """Unit and range of an object: of a position the encoder's, of an output the actuator's."""
         return cls(item.units, item.minimum, item.maximum)
 

@@ -19,7 +19,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from umo.page.watched_run import Watched
-from umo.presentation.value_text import file_form, state_text
+from umo.presentation.described import Described
 from umo.scope.reduction import Points, crossing, measured, measured_state
 
 MAX_TRACES = 64
@@ -99,7 +99,7 @@ class HistoryPart:
         if not self.watched.history.is_short(self.start, self.stop):
             return json.dumps(head | {"values": [None] * len(self.columns)})
         times, values = self.watched.history.between(self.start, self.stop, self.columns)
-        states = ["one" in self.watched.entries[column] for column in self.columns]
+        states = [self.watched.entries[column].is_binary for column in self.columns]
         found = [
             measured_state(row) if state else measured(times, row) for row, state in zip(values, states, strict=True)
         ]
@@ -211,9 +211,8 @@ def csv_of(stretch: HistoryPart) -> Iterator[str]:
             yield _lines(zip(*chain(moments, cells), strict=True))
 
 
-def _head(entry: dict[str, Any]) -> str:
-    unit = entry.get("unit")
-    return f"{entry['path']} [{unit}]" if unit and unit != "sampling_period" else str(entry["path"])
+def _head(entry: Described) -> str:
+    return f"{entry.path} [{entry.unit}]" if entry.unit and entry.unit != "sampling_period" else entry.path
 
 
 def _moments(times: Any) -> list[str]:
@@ -221,8 +220,8 @@ def _moments(times: Any) -> list[str]:
     return [f"{text}Z" for text in np.datetime_as_string(np.rint(times * 1e6).astype("datetime64[us]"))]
 
 
-def _cells(entry: dict[str, Any], values: Any) -> list[str | None]:
-    write = partial(state_text, entry) if "one" in entry else file_form(entry).format
+def _cells(entry: Described, values: Any) -> list[str | None]:
+    write = entry.state if entry.is_binary else entry.file_form.format
     return [None if value != value else write(value) for value in values.tolist()]
 
 

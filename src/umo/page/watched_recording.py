@@ -21,7 +21,7 @@ from umo.objects import Quality
 from umo.page.extremes import Extremes
 from umo.page.recorded_history import OverlaidHistory, RecordedHistory
 from umo.page.watched_run import Watched
-from umo.presentation.value_text import as_shown
+from umo.presentation.described import Described
 from umo.process.station import Station, packaged
 from umo.recording import Block, Recording
 from umo.replay.recorded_wiring import files_among
@@ -101,9 +101,9 @@ class WatchedRecording(Watched):
         told = _Told(other)
         self._second = RecordedHistory(other, told.add, tell)
         self.history = self._overlaid = OverlaidHistory(self._frames, self._second, len(self.entries))
-        more = [_as_second(each) for each in (*other.layout.objects, *other.layout.signals)]
+        more = [_as_second(each) for each in (*other.layout.described.objects, *other.layout.described.signals)]
         self.entries += more
-        self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
+        self.columns = {each.path: column for column, each in enumerate(self.entries)}
         self.extremes = told.extremes.behind(self._told.extremes)
 
     # The time ------------------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ class WatchedRecording(Watched):
 
     def description(self) -> dict[str, Any]:
         told = super().description()
-        told["signals"] = [as_shown(each) for each in self.entries[len(told["objects"]) :]]
+        told["signals"] = [each.shown for each in self.entries[len(told["objects"]) :]]
         files = [{"file": each.path.name, "whole": not each.damage, "lost": each.lost} for each in self._recordings]
         first = self._recordings[0]
         words = ["umo", "replay", str(first.path.absolute())]
@@ -213,10 +213,10 @@ class WatchedRecording(Watched):
             recording.close()
 
 
-def _as_second(about: Mapping[str, Any]) -> dict[str, Any]:
+def _as_second(about: Described) -> Described:
     """An object or a signal of the other recording as a signal of this one."""
-    kept = {name: fact for name, fact in about.items() if name not in ("kind", "actuator", "wire")}
-    return kept | {"path": f"{SECOND}.{about['path']}", "second": True}
+    kept = {name: fact for name, fact in about.plain.items() if name not in ("kind", "actuator", "wire")}
+    return Described(kept | {"path": f"{SECOND}.{about.path}", "second": True})
 
 
 class _Live:

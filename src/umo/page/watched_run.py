@@ -19,10 +19,11 @@ from umo.objects import Quality
 from umo.objects.claims import NEXT, WHO, Rank
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
 from umo.page.extremes import Extremes
+from umo.presentation.described import shown_all
 from umo.presentation.durations import duration
 from umo.presentation.rows import TableRow, declared_of
 from umo.presentation.run_facts import fault_texts
-from umo.presentation.value_text import SIGNS, WORDS, as_shown
+from umo.presentation.value_text import SIGNS, WORDS
 from umo.process.source_files import changed_files, changed_text
 from umo.scope.history import History
 from umo.text import printable
@@ -55,8 +56,8 @@ class Watched:
         """How often the time went back, or on by itself: of a recording."""
         self.viewers = 0
         """Number of pages that show it."""
-        self.entries: list[dict[str, Any]] = [*reader.layout.objects, *reader.layout.signals]
-        self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
+        self.entries = [*reader.layout.described.objects, *reader.layout.described.signals]
+        self.columns = {each.path: column for column, each in enumerate(self.entries)}
         self.period = float(self.about["period"])
         self.history = History(len(self.entries), self.period)
         self.extremes = self._new_extremes()
@@ -155,14 +156,14 @@ class Watched:
         """Message with all that does not change during the run."""
         told: dict[str, Any] = {"type": "description", "name": self.name, "run": self.run}
         told |= {name: self.about[name] for name in TOLD_FACTS}
-        layout = self.reader.layout
-        told["objects"] = [as_shown(each) | {"declared": declared_of([TableRow(each)])} for each in layout.objects]
-        told |= {"signals": list(map(as_shown, layout.signals)), "tunables": list(map(as_shown, layout.tunables))}
-        told["actions"] = [each | {"arguments": list(map(as_shown, each["arguments"]))} for each in layout.actions]
+        layout, (objects, signals, tunables) = self.reader.layout, self.reader.layout.described
+        told["objects"] = [each.shown | {"declared": declared_of([TableRow(each)])} for each in objects]
+        told |= {"signals": [each.shown for each in signals], "tunables": [each.shown for each in tunables]}
+        told["actions"] = [each | {"arguments": shown_all(each["arguments"])} for each in layout.actions]
         return (
             told
             | {"twin": self.twin, "units": list(layout.units), "alarms": bool(layout.alarms)}
-            | {"books": [each | {"fields": list(map(as_shown, each["fields"]))} for each in layout.books]}
+            | {"books": [each | {"fields": shown_all(each["fields"])} for each in layout.books]}
             | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
             | {"drivers": {rank.name: [WHO[rank], NEXT[rank]] for rank in Rank}}
         )
@@ -303,7 +304,7 @@ def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None]
         found = watched.own_twin() if elsewhere is None else elsewhere(watched.station)
     except UmoError as error:
         return {"error": str(error)}
-    return found and found | {"paths": list(map(as_shown, found.get("paths", ())))}
+    return found and found | {"paths": shown_all(found.get("paths", ()))}
 
 
 def _alarm(row: AlarmRow) -> dict[str, Any]:

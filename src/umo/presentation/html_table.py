@@ -30,12 +30,12 @@ def heading(title: str, facts: Mapping[str, str]) -> str:
 def html_table(title: str, facts: Mapping[str, str], rows: Sequence[TableRow], *, values: bool = True) -> str:
     """A line for each row, and one for the like ones of lists, with their values or (`values` False) their
     declarations. Columns in which nothing stands are left out."""
-    whole = [[rows[place] for place in places] for places in lines([row.about["path"] for row in rows])]
+    whole = [[rows[place] for place in places] for places in lines([row.about.path for row in rows])]
     shown = whole[:MAX_LINES]
     cells = {name: [text(line) for line in shown] for name, text in (VALUES if values else DECLARED).items()}
     cells = {name: texts for name, texts in cells.items() if any(texts)}
     head = "".join(f"<th>{name}</th>" for name in ("object", *cells))
-    paths = [escape(folded([row.about["path"] for row in line])) for line in shown]
+    paths = [escape(folded([row.about.path for row in line])) for line in shown]
     body = [
         f"<tr><th>{path}</th>{''.join(map(_cell, cells, texts))}</tr>"
         for path, *texts in zip(paths, *cells.values(), strict=True)

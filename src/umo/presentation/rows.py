@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from umo.presentation.value_text import WHY, measure, quality_text, span, value_text
+from umo.presentation.described import Described
+from umo.presentation.value_text import WHY, quality_text
 from umo.text import printable
 
 INHIBITED, BY_CLIENT = "inhibited", "by client"
@@ -45,9 +45,9 @@ def folded(paths: Sequence[str]) -> str:
 
 
 class TableRow(NamedTuple):
-    """One object, signal or tunable number. `about`: its description (of the last two: path and unit)."""
+    """One object, signal or tunable number."""
 
-    about: Mapping[str, Any]
+    about: Described
     value: float = nan
     quality: int | None = None
     raw: int | None = None
@@ -73,7 +73,7 @@ def restriction(reason: str | None, by_client: bool = False) -> str:
 
 
 def value_of(line: LikeRows) -> str:
-    return value_text(line[0].about, *(row.value for row in line))
+    return line[0].about.text(*(row.value for row in line))
 
 
 def worst_of(line: LikeRows) -> int:
@@ -90,7 +90,7 @@ def quality_of(line: LikeRows) -> str:
 
 def sentence_of(row: TableRow, width: int = 0) -> str:
     """Path, value, quality and note of one object, two blanks apart; the path as wide as this."""
-    cells = [f"{row.about['path']:{width}}", value_of([row]), quality_of([row]), note_of([row])]
+    cells = [f"{row.about.path:{width}}", value_of([row]), quality_of([row]), note_of([row])]
     return printable("  ".join(filter(None, cells)))
 
 
@@ -108,17 +108,14 @@ def note_of(line: LikeRows) -> str:
 
 def kind_of(line: LikeRows) -> str:
     """`digital actuator`; `40 x digital actuator`."""
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(line[0].about["kind"])).lower()
+    words = line[0].about.kind_text
     return words if len(line) == 1 else f"{len(line)} x {words}"
 
 
 def range_of(line: LikeRows) -> str:
     """`0 to 10 V, default 0 V`; `OFF or ON, default OFF`."""
     about = line[0].about
-    binary = "one" in about
-    text = f"{about['zero']} or {about['one']}" if binary else span(about["minimum"], about["maximum"], about["unit"])
-    default = about.get("default")
-    return text if default is None else f"{text}, default {default if binary else measure(default, about['unit'])}"
+    return f"{about.range_text}, default {about.default_text}" if about.default_text else about.range_text
 
 
 def declared_of(line: LikeRows) -> str:
@@ -127,7 +124,7 @@ def declared_of(line: LikeRows) -> str:
 
 
 def wiring_of(line: LikeRows) -> str:
-    wires = list(dict.fromkeys(filter(None, (row.about.get("wire") for row in line))))
+    wires = list(dict.fromkeys(filter(None, (row.about.wire for row in line))))
     return f"{wires[0]} .. {wires[-1]}" if len(wires) > 2 else ", ".join(wires)
 
 

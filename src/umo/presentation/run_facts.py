@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Any
 
+from umo.presentation.described import Described
 from umo.presentation.digits import digits_of, number_text
 from umo.presentation.durations import duration, lasting
-from umo.presentation.value_text import value_text
 from umo.text import others, printable, time_of_day
 
 IN_FAULT = "in fault"
@@ -64,27 +63,21 @@ def fault_texts(faults: Mapping[str, str]) -> list[str]:
     return found[:MAX_FAULTS] + more
 
 
-def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], holder: str) -> str:
+def driven_text(actuators: Iterable[tuple[Described, float, bool]], holder: str) -> str:
     """The actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp ON
-    (held, or its law)`. `actuators`: the description of each object, its value, whether a client has taken it."""
-    found = [each for each in actuators if "default" in each[0] and each[1] != _default_of(each[0])]
+    (held, or its law)`. `actuators`: each object, its value, whether a client has taken it."""
+    found = [each for each in actuators if each[0].default is not None and each[1] != each[0].default]
     shown = found[:MAX_DRIVEN]
-    texts = [
-        f"{about['path']} {value_text(about, value)} ({_cause(about, taken, holder)})" for about, value, taken in shown
-    ]
+    texts = [f"{about.path} {about.text(value)} ({_cause(about, taken, holder)})" for about, value, taken in shown]
     more = len(found) - len(shown)
     return printable(", ".join(texts) + (f" and {others(more)}" if more else ""))
 
 
-def _default_of(about: Mapping[str, Any]) -> float:
-    return float(about["default"] == about["one"]) if "one" in about else about["default"]
-
-
-def _cause(about: Mapping[str, Any], taken: bool, holder: str) -> str:
+def _cause(about: Described, taken: bool, holder: str) -> str:
     """Who or what keeps an actuator away from its default."""
     if taken:
         return f"client {holder}"
-    if about.get("when_suspended") == "hold":
+    if about.is_held:
         return "held, or its law"  # an object's description does not tell whether a law writes it
     return "its law or an action" if holder else "its law"
 

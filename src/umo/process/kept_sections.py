@@ -12,7 +12,7 @@ from typing import Any
 
 from umo.cycle.restoring import MAX_EXACT
 from umo.frames.layout import Layout
-from umo.presentation.value_text import named_state
+from umo.presentation.described import Described
 from umo.process.kept_file import ALARMS, NUMBERS, STATES
 
 Section = Callable[[Any], dict[str, Any]]
@@ -20,8 +20,8 @@ Section = Callable[[Any], dict[str, Any]]
 
 def sections_of(layout: Layout) -> dict[str, Section]:
     """The sections of a run by name; empty where nothing is kept."""
-    places = {entry["path"]: (place, entry) for place, entry in enumerate(layout.signals)}
-    kept = [each for each in places.values() if "kept" in each[1]]
+    places = {each.path: (place, each) for place, each in enumerate(layout.described.signals)}
+    kept = [(place, each) for place, each in enumerate(layout.signals) if "kept" in each]
     alarms = [str(entry["path"]) for entry in layout.alarms]
     units = [str(unit["path"]) for unit in layout.units]
     states = {path: places[f"{path}.state"] for path in units if f"{path}.state" in places}
@@ -35,11 +35,9 @@ def _alarms(paths: Sequence[str], frame: Any) -> dict[str, Any]:
     return {path: state for path, state in zip(paths, frame["alarms"].tolist(), strict=True) if state}
 
 
-def _states(places: Mapping[str, tuple[int, Mapping[str, Any]]], frame: Any) -> dict[str, Any]:
+def _states(places: Mapping[str, tuple[int, Described]], frame: Any) -> dict[str, Any]:
     values = frame["signals"].tolist()
-    return {
-        path: named_state(entry, values[place]) for path, (place, entry) in places.items() if isfinite(values[place])
-    }
+    return {path: each.state(values[place]) for path, (place, each) in places.items() if isfinite(values[place])}
 
 
 def _numbers(kept: Sequence[tuple[int, Mapping[str, Any]]], frame: Any) -> dict[str, Any]:

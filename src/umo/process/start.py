@@ -203,8 +203,8 @@ class Started:
                 timeout = 0.0
                 self._note(message)
             if self._outcome is None and self._channel.ended:
-                objects = [] if self.frames is None else self.frames.layout.objects
-                actuators = [each["path"] for each in objects if each.get("actuator")]
+                objects = () if self.frames is None else self.frames.layout.described.objects
+                actuators = [each.path for each in objects if each.is_actuator]
                 self._outcome = vanished(
                     self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None
                 )

@@ -20,6 +20,7 @@ from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError
 from umo.frames.layout import ENTRY, Layout
 from umo.frames.reader import Entries, Frames, NumberedEvent
+from umo.objects.scaling import to_values
 from umo.recording.column_coding import decode, encoded
 
 MADE_ANEW = ("sequence", "checksum", "entries_checksum")
@@ -183,11 +184,9 @@ def _following(layout: Layout, frames: Frames) -> list[int]:
 def _values(layout: Layout, frames: Frames) -> Any:
     """The values of raws by resolution and zero offset; of a binary object the raw itself. What has neither has a value
     by chance, if at all."""
-    resolutions = np.array([float(each.get("resolution", 1.0)) for each in layout.objects])
-    offsets = np.array([float(each.get("zero_offset", 0.0)) for each in layout.objects])
-    values = frames["raws"] * resolutions
-    values += offsets
-    return values
+    objects = layout.described.objects
+    resolutions = np.array([1.0 if each.resolution is None else float(each.resolution) for each in objects])
+    return to_values(frames["raws"], resolutions, np.array([each.zero_offset for each in objects]))
 
 
 def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:

@@ -12,6 +12,7 @@ from typing import Any
 from google.protobuf import descriptor_pb2 as pb
 
 from umo.frames.layout import Layout
+from umo.presentation.described import Described
 from umo.presentation.value_text import span
 
 PACKAGE, ROOT = "umo", "Machine"
@@ -44,30 +45,20 @@ class _Part:
 
 def leaves_of(layout: Layout) -> list[tuple[str, Leaf]]:
     """The numbers of a machine by path, in the order of a frame's columns."""
-    found = [(str(each["path"]), _object(place, each)) for place, each in enumerate(layout.objects)]
-    found += [(str(each["path"]), _signal(place, each)) for place, each in enumerate(layout.signals)]
+    objects, signals, _ = layout.described
+    found = [(each.path, _leaf("values", place, each)) for place, each in enumerate(objects)]
+    found += [(each.path, _leaf("signals", place, each)) for place, each in enumerate(signals)]
     for column, entries in (("equipment", layout.equipment), ("axes", layout.axes)):
-        for place, each in enumerate(entries):
-            states = dict(enumerate(map(str, each["states"])))
-            found.append((f"{each['path']}.{column}_state", _leaf(column, place, states, "")))
+        for place, each in enumerate(map(Described, entries)):
+            found.append((f"{each.path}.{column}_state", _leaf(column, place, each)))
     return found
 
 
-def _object(place: int, entry: Mapping[str, Any]) -> Leaf:
-    if "one" in entry:
-        return _leaf("values", place, {0: str(entry["zero"]), 1: str(entry["one"])}, "")
-    bounds = span(entry["minimum"], entry["maximum"]) if "minimum" in entry else ""
-    return _leaf("values", place, {}, ", ".join(filter(None, [str(entry.get("unit", "")), bounds])))
-
-
-def _signal(place: int, entry: Mapping[str, Any]) -> Leaf:
-    states = {int(number): str(name) for number, name in entry.get("states", {}).items()}
-    return _leaf("signals", place, states, str(entry.get("unit", "")))
-
-
-def _leaf(column: str, place: int, states: Mapping[int, str], about: str) -> Leaf:
-    small = all(0 <= number <= MAX_ENUM for number in states)
-    return Leaf(column, place, states if small else {}, about)
+def _leaf(column: str, place: int, value: Described) -> Leaf:
+    if value.states:
+        small = all(0 <= number <= MAX_ENUM for number in value.states)
+        return Leaf(column, place, value.states if small else {})
+    return Leaf(column, place, {}, ", ".join(filter(None, [value.unit, span(value.minimum, value.maximum)])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from inspect import Parameter, Signature
-from math import isfinite, isnan
+from math import isnan
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME
@@ -14,8 +14,9 @@ from umo.frames import Reader
 from umo.objects import Quality
 from umo.objects.claims import Claim
 from umo.objects.units import convert
+from umo.presentation.described import Described
 from umo.presentation.html_table import never_raises
-from umo.presentation.value_text import named_state, quality_text, state_text, value_text
+from umo.presentation.value_text import quality_text
 from umo.remote.commander import Commander
 from umo.text import did_you_mean
 
@@ -25,10 +26,10 @@ class Tree:
 
     def __init__(self, reader: Reader) -> None:
         layout = reader.layout
-        self.objects = {entry["path"]: entry for entry in layout.objects}
+        self.objects = {each.path: each for each in layout.described.objects}
         self.actions = {entry["path"]: entry for entry in layout.actions}
-        self.tunables = {entry["path"]: entry for entry in layout.tunables}
-        self.signals = {entry["path"]: number for number, entry in enumerate(layout.signals)}
+        self.tunables = {each.path: each for each in layout.described.tunables}
+        self.signals = {each.path: number for number, each in enumerate(layout.described.signals)}
         self.parts: set[str] = set()
         for path in (*self.objects, *self.actions, *self.tunables, *self.signals):
             names = path.split(".")
@@ -78,8 +79,7 @@ class RemotePart:
         if path in tree.signals:
             frame = self._station.reader.latest()
             number = float("nan") if frame is None else float(frame["signals"][tree.signals[path]])
-            about = self._station.reader.layout.signals[tree.signals[path]]
-            return named_state(about, number) if "states" in about and isfinite(number) else number
+            return self._station.reader.layout.described.signals[tree.signals[path]].value(number)
         raise NoMember(
             f"{self._path or 'the station'} has no {name!r}{did_you_mean(str(name), tree.below(self._path))}"
         )
@@ -116,10 +116,10 @@ class NoMember(PathError, AttributeError):
 class RemoteObject:
     """One object of a running station. What is read is of the last finished period."""
 
-    def __init__(self, station: Commander, entry: dict[str, Any]) -> None:
+    def __init__(self, station: Commander, about: Described) -> None:
         self._station = station
-        self._entry = entry
-        self.path: str = entry["path"]
+        self._about = about
+        self.path = about.path
         self._number = station.reader.index(self.path)
 
     def _frame(self) -> Any:
@@ -131,11 +131,11 @@ class RemoteObject:
     def read(self, unit: str | None = None) -> float | str:
         """A number in `unit` (default: its own), or a state's name. Not read yet: NaN, of a state BadInput."""
         value = float(self._frame()["values"][self._number])
-        if "one" in self._entry and isnan(value):
+        if self._about.is_number:
+            return value if unit is None else convert(value, self.units, unit)
+        if isnan(value):
             raise BadInput(self.path, Quality.BAD, why="it was never read")
-        if "one" in self._entry:
-            return state_text(self._entry, value)
-        return value if unit is None else convert(value, self.units, unit)
+        return self._about.state(value)
 
     @property
     def raw(self) -> int:
@@ -148,17 +148,17 @@ class RemoteObject:
     @property
     def actuator(self) -> bool:
         """Whether it can be written."""
-        return bool(self._entry.get("actuator"))
+        return self._about.is_actuator
 
     @property
     def units(self) -> str:
-        """ "" for a binary object."""
-        return str(self._entry.get("unit", ""))
+        """ "" for an object that has states."""
+        return self._about.unit
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The names of the states of a binary object."""
-        return (self._entry["zero"], self._entry["one"]) if "one" in self._entry else ()
+        """The names of its states; of a number none."""
+        return tuple(self._about.states.values())
 
     @property
     def inhibited(self) -> str | None:
@@ -173,7 +173,7 @@ class RemoteObject:
     def write(self, value: Any) -> None:
         """Take the actuator and write it: a number in its unit, or a state's name. Under the lease, in manual
         mode. It lasts until `release`, or until the lease ends."""
-        lasts = self._entry.get("expires")
+        lasts = self._about.expires
         text = getattr(value, "name", value)  # a state of the declaration
         with self._station.holding(self.path, min(DEAD_MAN_TIME, lasts or DEAD_MAN_TIME)):
             self._station.ask("write", self.path, value=text)
@@ -189,7 +189,7 @@ class RemoteObject:
     def __repr__(self) -> str:
         frame = self._frame()
         value, quality = frame["values"][self._number], frame["quality"][self._number]
-        return f"<{self._entry['kind']} {self.path} = {value_text(self._entry, value)} {quality_text(quality)}>"
+        return f"<{self._about.kind} {self.path} = {self._about.text(value)} {quality_text(quality)}>"
 
 
 def call_action(

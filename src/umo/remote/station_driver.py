@@ -21,6 +21,7 @@ from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalS
 from umo.errors import ChannelError, ChannelsFailed, DriverError, FramesError, text_of
 from umo.frames import Reader
 from umo.objects import Quality
+from umo.presentation.described import Described
 from umo.remote.search import find_running
 from umo.text import did_you_mean
 
@@ -79,11 +80,11 @@ class StationDriver(Driver[Published]):
         reader = self._found()
         if reader is None or channel.scale is None:
             return None
-        known = [*reader.layout.objects, *reader.layout.signals]
-        units = next((each.get("unit") for each in known if each["path"] == channel.path), None)
+        known = (*reader.layout.described.objects, *reader.layout.described.signals)
+        found = next((each for each in known if each.path == channel.path and not each.is_binary), None)
         self._let_go()  # until it is opened, perhaps in another process
         self._search_at = 0.0
-        return None if units is None else PhysicalScale(channel.scale, 0.0, units)
+        return None if found is None else PhysicalScale(channel.scale, 0.0, found.unit)
 
     def open(self) -> None:
         """The station may come later."""
@@ -198,12 +199,12 @@ def _places(reader: Reader) -> dict[str, _Place]:
         names = path.split(".")
         return [".".join(names[:count]) for count in range(len(names), 0, -1)]
 
-    def place(column: str, number: int, each: Mapping[str, Any]) -> _Place:
-        paths = around(each["path"])
+    def place(column: str, number: int, each: Described) -> _Place:
+        paths = around(each.path)
         rate = next((rates[path] for path in paths if path in rates), (1, 0, period))
         in_fault = [equipment[path] for path in paths if path in equipment] if column == "signals" else ()
-        late = "" if each.get("synchronous", True) else "is asynchronous: nobody knows when it was read"
-        return _Place(column, number, "one" in each, in_fault, rate, late)
+        late = "" if each.is_synchronous else "is asynchronous: nobody knows when it was read"
+        return _Place(column, number, each.is_binary, in_fault, rate, late)
 
-    columns = {"signals": layout.signals, "values": layout.objects}
-    return {each["path"]: place(column, n, each) for column, all_ in columns.items() for n, each in enumerate(all_)}
+    columns = {"signals": layout.described.signals, "values": layout.described.objects}
+    return {each.path: place(column, n, each) for column, all_ in columns.items() for n, each in enumerate(all_)}

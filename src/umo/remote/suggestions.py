@@ -13,6 +13,7 @@ from umo.cycle.client_control import COMMANDS
 from umo.cycle.events import CommandState, Event
 from umo.cycle.law_loops import NAMES as EXPERIMENTS
 from umo.frames.layout import Layout
+from umo.presentation.described import Described
 from umo.text import did_you_mean
 
 UNKNOWN = re.compile(r"(?:Path|State|Range|Recipe)Error: |CommandRefused: there is no command ")
@@ -42,22 +43,18 @@ def _known(event: Event, layout: Layout) -> Iterator[str]:
     elif do in ALARM_COMMANDS:
         yield from _with_parents(layout.alarms)
     elif do in ("write", "tune"):
-        entries = [each for each in layout.objects if each.get("actuator")] if do == "write" else layout.tunables
-        yield from _named(entries, event.path)
+        objects, _, tunables = layout.described
+        yield from _named([each for each in objects if each.is_actuator] if do == "write" else tunables, event.path)
     elif do in ("call", "cancel"):
         yield from _of_action(event, layout)
     else:
         yield from _with_parents(layout.objects)
 
 
-def _named(entries: Sequence[Mapping[str, Any]], path: str) -> Iterator[str]:
-    """The names of the values of the entry at this path; if there is none, the paths of all."""
-    entry = next((each for each in entries if each["path"] == path), None)
-    if entry is None:
-        yield from (each["path"] for each in entries)
-    else:
-        yield from (entry[name] for name in ("zero", "one") if name in entry)
-        yield from entry.get("states", {}).values()
+def _named(values: Sequence[Described], path: str) -> Iterator[str]:
+    """The names of the states of what is at this path; if nothing is, the paths of all."""
+    found = next((each for each in values if each.path == path), None)
+    yield from (each.path for each in values) if found is None else found.states.values()
 
 
 def _of_action(event: Event, layout: Layout) -> Iterator[str]:

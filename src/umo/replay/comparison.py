@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from math import isnan
 from typing import Any
 
@@ -14,8 +14,8 @@ from umo.cycle.machine import ConnectedMachine
 from umo.drivers.contract import Direction
 from umo.frames.layout import ENTRY as ENTRY_ROW
 from umo.frames.layout import Layout
+from umo.presentation.described import Described
 from umo.presentation.digits import number_text
-from umo.presentation.value_text import value_text
 from umo.replay.player import Player
 from umo.replay.result import Difference, Replayed
 from umo.replay.tape import JournalEntry, TapedPeriod
@@ -172,7 +172,7 @@ class Comparison:
         """A value with its unit, and its raw integer."""
         try:
             value = self._machine.image.wires[self._slot_of[slot]].value(raw)
-            return f"{value_text(self._layout.objects[slot], value)} (raw {raw})"
+            return f"{self._layout.described.objects[slot].text(value)} (raw {raw})"
         except Exception:  # of a linearization of the user's
             return f"raw {raw}"
 
@@ -181,16 +181,16 @@ class Comparison:
         frame = self._machine.frame
         replayed = {each.path: value for each, value in zip(frame.signals, frame.signal_values, strict=False)}
         found = []
-        for about, value in zip(self._layout.signals, recorded, strict=False):
-            now = replayed.get(about["path"], value)
+        for about, value in zip(self._layout.described.signals, recorded, strict=False):
+            now = replayed.get(about.path, value)
             if now != value and not (isnan(now) and isnan(value)):
-                found.append(f"{about['path']}: recorded {_shown(about, value)}, replayed {_shown(about, now)}")
+                found.append(f"{about.path}: recorded {_shown(about, value)}, replayed {_shown(about, now)}")
         rest = len(found) - MAX_SIGNALS
         return found[:MAX_SIGNALS] + ([f"and {rest} more signals"] if rest > 0 else [])
 
 
-def _shown(about: Mapping[str, Any], value: float) -> str:
-    return number_text(value) if not about.get("unit") else f"{number_text(value)} {about['unit']}"
+def _shown(about: Described, value: float) -> str:
+    return f"{number_text(value)} {about.unit}".rstrip()
 
 
 def _whole(what: str, count: int) -> str:

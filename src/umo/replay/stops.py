@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError, text_of
-from umo.objects import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
+from umo.objects import Atomic, Compound
 from umo.text import did_you_mean
 
 FIRST_DIFFERENCE, END = "first-difference", "end"
@@ -134,14 +134,18 @@ def _refused(node: ast.AST) -> str:
     return ""
 
 
-OBJECTS = BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
+def _names(kind: type[Atomic]) -> Iterator[str]:
+    """The names of all kinds of objects."""
+    yield kind.__name__
+    for each in kind.__subclasses__():
+        yield from _names(each)
 
 
 def _mistake(error: Exception) -> str:
     """Such as `Servo has no eror (did you mean 'error'?)`."""
     name, owner = getattr(error, "name", None), getattr(error, "obj", None)
     said = str(error)
-    of_object = "compares an object" in said or any(f"'{kind.__name__}'" in said for kind in OBJECTS)
+    of_object = "compares an object" in said or any(f"'{name}'" in said for name in _names(Atomic))
     if isinstance(error, TypeError) and of_object:
         return f"{text_of(error)}; the value of an object is given by `read()`"
     if not isinstance(error, AttributeError) or name is None:

@@ -63,7 +63,7 @@ class RawCurves:
         return [self._curve(outputs[place], recorded[:, place], replayed[:, place]) for place in order]
 
     def _curve(self, slot: int, recorded: Any, replayed: Any) -> TwoCurves:
-        about = self._replay.layout.objects[slot]
-        wire = next(wire for wire in self._replay.program.wired.wires if wire.path == about["path"])
+        about = self._replay.layout.described.objects[slot]
+        wire = next(wire for wire in self._replay.program.wired.wires if wire.path == about.path)
         values = [np.array([wire.value(raw) for raw in each.tolist()]) for each in (recorded, replayed)]
-        return TwoCurves(str(about["path"]), str(about.get("unit", "")), *values)
+        return TwoCurves(about.path, about.unit, *values)

@@ -14,7 +14,7 @@ from umo.frames import Reader
 from umo.objects.scaling import FloatArray
 from umo.presentation.digits import scale_texts
 from umo.presentation.html_table import STYLE, heading
-from umo.presentation.value_text import shown_unit, value_text
+from umo.presentation.value_text import shown_unit
 from umo.scope.history import History
 from umo.scope.reduction import Points, reduced
 from umo.wiring.patterns import chosen
@@ -37,8 +37,8 @@ class Scope:
     def __init__(self, reader: Reader, paths: Sequence[str], seconds: float) -> None:
         if not (isfinite(seconds) and 0 < seconds <= MAX_SPAN):
             raise RangeError(f"seconds: {seconds!r} is not above 0 and up to {MAX_SPAN:g}")
-        entries = [*reader.layout.objects, *reader.layout.signals]
-        self._places = chosen([entry["path"] for entry in entries], paths, str(reader.about["station"]))
+        entries = [*reader.layout.described.objects, *reader.layout.described.signals]
+        self._places = chosen([entry.path for entry in entries], paths, str(reader.about["station"]))
         if len(self._places) > MAX_TRACES:
             raise PathError(
                 f"{len(self._places)} objects and signals; a scope shows up to {MAX_TRACES}: name fewer paths"
@@ -72,11 +72,11 @@ class Scope:
         x = LEFT + (points.times - start) * (PIXELS / self._seconds)
         parts, height = [], 0.0
         for lane in self._lanes():
-            top = LANE + LINE * ceil(len(lane) / LEGEND_COLUMNS) if "one" not in self._entries[lane[0]] else BAR
+            top = LANE + LINE * ceil(len(lane) / LEGEND_COLUMNS) if not self._entries[lane[0]].is_binary else BAR
             draw = self._bar if top == BAR else self._curves
             parts.append(f'<g transform="translate(0 {height:g})">{draw(lane, x, points)}</g>')
             height += top
-        names = escape(", ".join(str(entry["path"]) for entry in self._entries))
+        names = escape(", ".join(entry.path for entry in self._entries))
         return (
             f'<svg viewBox="0 0 {LEFT + PIXELS + 4} {height + AXIS:g}" role="img" aria-label="{names}" font-size="12" '
             f'fill="currentColor">{"".join(parts)}{_time_axis(start, stop, height)}</svg>'
@@ -86,7 +86,7 @@ class Scope:
         """Numbers by unit, binary objects one by one."""
         lanes: dict[str, list[int]] = {}
         for row, entry in enumerate(self._entries):
-            lanes.setdefault(f"={entry['unit']}" if "one" not in entry else str(entry["path"]), []).append(row)
+            lanes.setdefault(entry.path if entry.is_binary else f"={entry.unit}", []).append(row)
         return list(lanes.values())
 
     # Lanes ---------------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ class Scope:
             line = LINE * (number // LEGEND_COLUMNS) + 12
             parts.append(f'<path d="M{place:g} {line - 4}h24" {style} stroke-width="2.5"/>')
             parts.append(_text(place + 30, line, self._said(row)))
-        return "".join([*parts, _text(4, 12, shown_unit(self._entries[lane[0]]["unit"]))])
+        return "".join([*parts, _text(4, 12, shown_unit(self._entries[lane[0]].unit))])
 
     def _bar(self, lane: list[int], x: FloatArray, points: Points) -> str:
         """Full where the object was in its 1 state, pale where it was in both within a pixel."""
@@ -128,9 +128,9 @@ class Scope:
 
     def _said(self, row: int) -> str:
         """Name of a trace, and its last value."""
-        path = str(self._entries[row]["path"])
+        path = self._entries[row].path
         name = path if len(path) <= MAX_NAME_LENGTH else f"...{path[3 - MAX_NAME_LENGTH :]}"
-        return f"{name}  {value_text(self._entries[row], *self._now[row])}"
+        return f"{name}  {self._entries[row].text(*self._now[row])}"
 
 
 def _span(low: FloatArray, high: FloatArray) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from struct import Struct
 from typing import Any, cast
 
 from umo.cycle.machine import ConnectedMachine
-from umo.objects import Compound, DigitalSensor, Quality, walk
+from umo.objects import Compound, Quality, walk
 from umo.split.link_bodies import ControllerState, FrameItem, item
 from umo.split.part_plan import PartPlan
 
@@ -22,9 +22,7 @@ class PartMirror:
         self._outputs = [slots[objects[slot].path] for slot in plan.model.outputs]
         """The slots on the host, by places of the controller."""
         inputs = [slots[each.path] for each in objects[: plan.model.inputs]]
-        self._references = [
-            (n, slot) for n, slot in enumerate(inputs) if isinstance(self._image.items[slot], DigitalSensor)
-        ]
+        self._references = [(n, slot) for n, slot in enumerate(inputs) if not self._image.items[slot]._has_states]
         nodes = {each._path: each for each in (part, *walk(part))}
         self._equipment = [cast(Compound, nodes[each.path]) for each in plan.model.equipment]
         self._real = Struct("<d" if plan.real_size == 8 else "<f")

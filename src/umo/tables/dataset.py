@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from umo.errors import OptionError
 from umo.objects import Quality
+from umo.presentation.described import Described
 from umo.recording import Recording
 from umo.recording.recording_file import utc_of
 from umo.tables.recorded_values import RecordedValues
@@ -63,14 +64,12 @@ QUALITY = {
 """Attributes of a variable with the quality of another."""
 
 
-def attributes(about: Mapping[str, Any]) -> dict[str, Any]:
+def attributes(about: Described) -> dict[str, Any]:
     """Units, range and states of an object or a signal, as CF has them where it can say it."""
-    found = {name: about[key] for key, name in ATTRIBUTES.items() if about.get(key) not in (None, "")}
-    states = {"0": about["zero"], "1": about["one"]} if "one" in about else about.get("states")
-    if states:
-        found |= {"flag_values": [int(number) for number in states], "flag_meanings": " ".join(
-            str(name).replace(" ", "_") for name in states.values()
-        )}  # fmt: skip
+    found = {name: about.plain[key] for key, name in ATTRIBUTES.items() if about.plain.get(key) not in (None, "")}
+    if about.states:
+        meanings = " ".join(name.replace(" ", "_") for name in about.states.values())
+        found |= {"flag_values": list(about.states), "flag_meanings": meanings}
     return found
 
 

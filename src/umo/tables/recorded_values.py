@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,10 +46,10 @@ class RecordedValues:
         self.layout: Layout = recording.layout
         self.start, self.stop = start, stop
         objects = len(self.layout.objects)
-        known = [*self.layout.objects, *self.layout.signals]
-        self.places = chosen([str(each["path"]) for each in known], only, recording.path.name)
+        known = [*self.layout.described.objects, *self.layout.described.signals]
+        self.places = chosen([each.path for each in known], only, recording.path.name)
         """Those of the chosen in objects and signals together."""
-        self.entries: list[dict[str, Any]] = [known[place] for place in self.places]
+        self.entries = [known[place] for place in self.places]
         self.objects = [place for place in self.places if place < objects]
         """The places of the chosen objects."""
         self.bare = 0
@@ -64,7 +64,7 @@ class RecordedValues:
 
     @property
     def paths(self) -> list[str]:
-        return [str(each["path"]) for each in self.entries]
+        return [each.path for each in self.entries]
 
     @property
     def names(self) -> list[str]:

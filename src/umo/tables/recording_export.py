@@ -14,7 +14,6 @@ from typing import IO, Any
 import numpy as np
 
 from umo.errors import FramesError, OptionError
-from umo.presentation.value_text import file_form
 from umo.recording.recording_file import utc_of
 from umo.tables.recorded_values import RecordedValues, TellTime
 from umo.text import reason_of
@@ -64,21 +63,14 @@ def _renamed(path: Path) -> Iterator[Path]:
         raise
 
 
-def heading(about: dict[str, Any]) -> str:
-    """The heading of a column: `z.encoder[um]`, `gripper.valve[open=1]`."""
-    if "one" in about:
-        return f"{about['path']}[{about['one']}=1]"
-    return f"{about['path']}[{about.get('unit', '')}]"
-
-
 # CSV -------------------------------------------------------------------------------------------------------
 
 
 def _write_csv(values: RecordedValues, file: Path, progress: TellTime) -> int:
-    forms = ["{}", "{}", "{}", "{:.3f}", *(file_form(each) if "kind" in each else "{}" for each in values.entries)]
+    forms = ["{}", "{}", "{}", "{:.3f}", *(each.file_form if each.is_object else "{}" for each in values.entries)]
     form, count = ",".join(forms) + "\r\n", 0
     with file.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
-        csv.writer(stream).writerow([*BEFORE, *map(heading, values.entries)])
+        csv.writer(stream).writerow([*BEFORE, *(each.heading for each in values.entries)])
         for frames, _ in values.parts():
             for first in range(0, len(frames), PIECE_ROWS):
                 _write_rows(values, frames[first : first + PIECE_ROWS], form, stream)

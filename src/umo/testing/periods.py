@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
-from umo.objects import Atomic, Binary, Compound, Digital, Sensor, children
+from umo.objects import Atomic, Compound, Sensor, children
 from umo.states import TwoState
 
 if TYPE_CHECKING:
@@ -29,11 +29,7 @@ def put(sensor: Sensor, value: float | TwoState) -> None:
     driver = bare(wire.driver)
     if not isinstance(driver, _Settable):
         raise DeclarationError(f"{sensor.path}: put() cannot set a {type(driver).__name__} channel")
-    if isinstance(sensor, Binary):
-        level: float = sensor._level(cast(Any, value))
-    else:
-        level = cast(Digital, sensor)._number(cast(float, value))
-    driver.set(wire.channel.text, image.nearest(sensor._slot, level))
+    driver.set(wire.channel.text, image.nearest(sensor._slot, sensor._number(value)))
 
 
 def periods(machine: Compound, count: int = 1) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from umo.control.loops import SETTINGS
 from umo.errors import PathError
+from umo.presentation.described import Described
 from umo.text import did_you_mean
 from umo.tuning.margins import Gains
 
@@ -63,22 +64,23 @@ class LawFacts:
         head, _, last = self.law.rpartition(".")
         return head if last.isdigit() and head else self.law
 
-    def described(self, objects: Iterable[Mapping[str, Any]]) -> LawFacts:
+    def described(self, objects: Iterable[Described]) -> LawFacts:
         """With units and ranges from the descriptions of the objects and signals. PathError if sensor or actuator is
         none of them."""
-        known = {str(each["path"]): each for each in objects}
-        found: list[Mapping[str, Any]] = []
+        known = {each.path: each for each in objects}
+        found: list[Described] = []
         for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):
             if not path:
                 raise PathError(f"{self.law} knows no {what}: name it with --{what}")
-            if path not in known or "one" in known[path]:
+            if path not in known or not known[path].is_number:
                 raise PathError(f"no {what} {path!r} that has a number{did_you_mean(path, known)}")
             found.append(known[path])
         measured, output = found
-        units = str(measured.get("unit", "")), str(output.get("unit", ""))
+        units = measured.unit, output.unit
         ranges = _width(measured, inf), _width(output, self.ranges[1])
-        return replace(self, units=units, ranges=ranges, resolution=abs(float(output.get("resolution") or 0.0)))
+        return replace(self, units=units, ranges=ranges, resolution=abs(float(output.resolution or 0.0)))
 
 
-def _width(about: Mapping[str, Any], otherwise: float) -> float:
-    return float(about["maximum"]) - float(about["minimum"]) if "maximum" in about else otherwise
+def _width(about: Described, otherwise: float) -> float:
+    low, high = about.bounds
+    return high - low if isfinite(high - low) else otherwise

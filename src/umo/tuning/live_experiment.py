@@ -80,7 +80,7 @@ def facts_of(station: RemoteStation, place: str, sensor: str = "", actuator: str
     """What the law at this path is made of. It needs the lease. PathError if there is no law."""
     told = station.ask("call", f"{place}.law", arguments={})
     layout = station.reader.layout
-    return LawFacts.of(told, sensor, actuator).described([*layout.objects, *layout.signals])
+    return LawFacts.of(told, sensor, actuator).described((*layout.described.objects, *layout.described.signals))
 
 
 def experiment(
@@ -116,8 +116,8 @@ def moves(
     axis; the other errors are those of `move_to`."""
     axis, samples = facts.law.rpartition(".")[0], CollectedSamples(station, facts)
     start = float(station[facts.sensor].read())
-    about = next(each for each in station.reader.layout.objects if each["path"] == facts.sensor)
-    inside = [each for each in (start + distance, start - distance) if about["minimum"] <= each <= about["maximum"]]
+    low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds
+    inside = [each for each in (start + distance, start - distance) if low <= each <= high]
     if not inside:
         at, by = measure(start, facts.units[0]), measure(distance, facts.units[0])
         raise RangeError(f"{axis} stands at {at}: a move by {by} leaves its range")

@@ -17,6 +17,7 @@ from umo.cycle.run import drive
 from umo.errors import CommandRefused, OptionError
 from umo.frames.layout import describe_signals
 from umo.objects import Compound, Quality, atoms, described, numbers_of
+from umo.presentation.described import Described
 from umo.process.job import Plan
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.live_experiment import BEFORE
@@ -34,7 +35,7 @@ def declared_facts(plan: Plan, place: str, sensor: str = "", actuator: str = "")
         told: dict[str, Any] = loop.law.experiments(loop.part, loop.path, loop.name).law()
         if plan.wired.period is not None:
             told["dt"] = plan.wired.period * every.get(id(loop.part), 1)
-        signals = describe_signals(signals_of(numbers_of(machine)))
+        signals = map(Described, describe_signals(signals_of(numbers_of(machine))))
         return LawFacts.of(told, sensor, actuator).described([*map(described, atoms(machine)), *signals])
 
 

@@ -9,18 +9,16 @@ from typing import Any, ClassVar
 
 from umo.errors import DeclarationError
 from umo.objects.units import check_unit, convert
+from umo.presentation.described import Described
 from umo.text import did_you_mean
 from umo.twin.shapes import HERE, Numbers, check_colour, number, numbers, unit_vector
-
-Described = Mapping[str, Any]
-"""An object or a signal as frames describe it: path, and unit or the names of its states `one` and `zero`."""
 
 
 class Values:
     """The objects and signals of a machine, by path."""
 
     def __init__(self, entries: Sequence[Described]) -> None:
-        self._entries = {str(entry["path"]): entry for entry in entries}
+        self._entries = {entry.path: entry for entry in entries}
 
     def entry(self, path: str) -> Described:
         """DeclarationError with the nearest path."""
@@ -29,22 +27,21 @@ class Values:
         return self._entries[path]
 
     def level(self, path: str, state: str) -> float:
-        """The value that stands for a state: 1.0 or 0.0."""
+        """The value that stands for a state."""
         entry = self.entry(path)
-        if "one" not in entry:
-            raise DeclarationError(f"{path!r} is a number in {entry['unit']!r}; it has no state {state!r}")
-        states = {str(entry["one"]): 1.0, str(entry["zero"]): 0.0}
-        if state not in states:
-            known = ", ".join(states)
-            raise DeclarationError(f"{path!r} has no state {state!r}{did_you_mean(state, states)}: {known}")
-        return states[state]
+        if not entry.states:
+            raise DeclarationError(f"{path!r} is a number in {entry.unit!r}; it has no state {state!r}")
+        level, names = entry.number_of(state), list(entry.states.values())
+        if level is None:
+            raise DeclarationError(f"{path!r} has no state {state!r}{did_you_mean(state, names)}: {', '.join(names)}")
+        return level
 
     def line(self, path: str, unit: str, quantity: str) -> tuple[float, float]:
         """Factor and offset from its values to a unit; a binary object counts 1 in the state declared as `one`."""
         entry = self.entry(path)
-        if "one" in entry:
+        if entry.is_binary:
             return 1.0, 0.0
-        source = str(entry["unit"])
+        source = entry.unit
         try:
             zero, one, two = (convert(x, source, unit) for x in (0.0, 1.0, 2.0))
         except DeclarationError:
@@ -165,7 +162,7 @@ class Colour:
     def _place(self, values: Values, key: str | float) -> float:
         if isinstance(key, str):
             return values.level(self.path, key)
-        if "one" in values.entry(self.path):
+        if values.entry(self.path).is_binary:
             raise DeclarationError(f"{self.path!r} has states, not numbers: name them instead of {key!r}")
         return number(f"Colour {self.path!r}: a place", key)
 

@@ -10,8 +10,9 @@ from typing import Any
 
 from umo.cycle.frame import signals_of
 from umo.errors import DeclarationError
-from umo.frames.layout import Layout, describe_objects, describe_signals
-from umo.objects import Compound, atoms, numbers_of
+from umo.frames.layout import Layout, describe_signals
+from umo.objects import Compound, atoms, described, numbers_of
+from umo.presentation.described import Described
 from umo.text import did_you_mean
 from umo.twin.bodies import Body, Viewpoint
 from umo.twin.drives import Drive, Values
@@ -71,15 +72,15 @@ class Twin:
         values = Values(entries_of(machine))
         bodies = [body.describe(values) for body in self.bodies]
         view = None if self.view is None else self.view.describe()
-        paths = sorted(set(_paths(bodies)))
-        return {"bodies": bodies, "floor": self.floor, "view": view, "paths": [dict(values.entry(p)) for p in paths]}
+        paths = [dict(values.entry(path).plain) for path in sorted(set(_paths(bodies)))]
+        return {"bodies": bodies, "floor": self.floor, "view": view, "paths": paths}
 
 
-def entries_of(machine: Compound | Layout) -> list[Mapping[str, Any]]:
+def entries_of(machine: Compound | Layout) -> list[Described]:
     """The objects and signals, as frames describe them."""
     if isinstance(machine, Layout):
-        return [*machine.objects, *machine.signals]
-    return [*describe_objects(list(atoms(machine))), *describe_signals(signals_of(numbers_of(machine)))]
+        return [*machine.described.objects, *machine.described.signals]
+    return [*map(described, atoms(machine)), *map(Described, describe_signals(signals_of(numbers_of(machine))))]
 
 
 def _paths(bodies: Sequence[Mapping[str, Any]]) -> Iterable[str]:

@@ -15,7 +15,7 @@ from umo.drivers.faults.fault_syntax import FORM, KINDS_OF_DRIVERS, InjectedFaul
 from umo.drivers.faults.wrapper import FaultyDriver, Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError
-from umo.objects.atomic import Binary
+from umo.objects.description import described
 from umo.objects.paths import is_pattern, matches
 from umo.objects.scaling import to_raw
 from umo.objects.units import convert
@@ -106,7 +106,7 @@ class _Binding:
 
     def _of_levels(self, about: dict[str, Any], wire: Wire) -> Effect:
         """A fault that changes raw integers."""
-        kind, binary = self.fault.kind, isinstance(wire.item, Binary)
+        kind, binary = self.fault.kind, wire.item._has_states
         if kind == "stuck":
             return effects.Stuck(**about, given=self._level(wire) if self.given else None)
         if kind == "bit flip":
@@ -117,7 +117,7 @@ class _Binding:
             share = self._share()
             return Effect(**about, change=lambda raw, since, random: raw ^ (random.random() < share))
         if binary:
-            raise DeclarationError(f"{wire.path} is binary: it cannot {kind}")
+            raise DeclarationError(f"{wire.path} is {wire.item._word}: it cannot {kind}")
         amount, shift = self._amount(wire)
         if kind == "noise":
             if amount < 0:
@@ -150,14 +150,14 @@ class _Binding:
 
     def _level(self, wire: Wire) -> int:
         item = wire.item
-        if isinstance(item, Binary):
-            for raw in (0, 1):
-                state = item.one if raw != wire.inverted else item.zero
-                if self.given.casefold() in (state.name.casefold(), str(raw)):
+        if states := described(item).states:
+            for number, state in states.items():
+                raw = wire.nearest(number)
+                if self.given.casefold() in (state.casefold(), str(raw)):
                     return raw
-            raise DeclarationError(f"{self.given!r} is not a state of {item.path}: {item.zero.name} or {item.one.name}")
-        number, unit = self._number(f'a level; write for example "5 {item.units}"')  # type: ignore[attr-defined]
-        level = number if not unit else wire.nearest(convert(number, unit, item.units))  # type: ignore[attr-defined]
+            raise DeclarationError(f"{self.given!r} is not a state of {item.path}: {' or '.join(states.values())}")
+        amount, unit = self._number(f'a level; write for example "5 {item.units}"')  # type: ignore[attr-defined]
+        level = amount if not unit else wire.nearest(convert(amount, unit, item.units))  # type: ignore[attr-defined]
         if round(level) != (nearest := limited(level, wire.channel)):
             raise DeclarationError(f"{self.given!r} is beyond {_carried(wire)}")
         return nearest

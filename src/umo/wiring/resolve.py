@@ -26,7 +26,6 @@ from umo.objects import (
     Atomic,
     Compound,
     Digital,
-    DigitalActuator,
     DigitalSensor,
     Node,
     Sensor,
@@ -55,7 +54,7 @@ from umo.wiring.process_table import process_of
 from umo.wiring.rates import RateMap, rates_of
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.source import SECTIONS, WiringSource, read
-from umo.wiring.wired import INVERTED, LEVEL, Parameter, Wire, Wired, mistake_of_parameters
+from umo.wiring.wired import Parameter, Wire, Wired, mistake_of_parameters
 
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry
@@ -290,8 +289,12 @@ class _Resolver:
         if not isinstance(item, Digital):
             for name in Calibration._fields:
                 if getattr(entry, name) is not None:
-                    self.source.mistake(f"{key}.{name}", "is for digital objects; this one is binary")
-            return Wire(item, driver, channel, INVERTED if entry.inverted else LEVEL, path)
+                    self.source.mistake(f"{key}.{name}", f"is for digital objects; this one is {item._word}")
+            try:
+                return Wire(item, driver, channel, item._levels(bool(entry.inverted)), path)
+            except DeclarationError as error:
+                self.source.mistake(f"{key}.inverted", str(error))
+                return Wire(item, driver, channel, item._levels(False), path)
         if entry.inverted is not None:
             self.source.mistake(f"{key}.inverted", "is for binary objects; use a negative resolution")
         calibration = self._calibration(key, item, entry)
@@ -371,7 +374,7 @@ class _Resolver:
         if calibration.minimum >= calibration.maximum:
             low, high = (measure(each, item.units) for each in (calibration.minimum, calibration.maximum))
             self.source.mistake(key, f"minimum {low} is not below maximum {high}")
-        if isinstance(item, DigitalActuator) and not calibration.minimum <= item.default <= calibration.maximum:
+        if isinstance(item, Actuator) and not calibration.minimum <= item.default <= calibration.maximum:
             self.source.mistake(key, f"the default {measure(item.default, item.units)} is outside the narrowed range")
         return calibration
 
@@ -396,7 +399,7 @@ class _Resolver:
         except OverflowError:
             self.source.mistake(key, f"the {resolution} makes raw values too large for any channel")
             return
-        if isinstance(item, DigitalActuator) and operator.gt(*wire.raw_bounds):
+        if isinstance(item, Actuator) and operator.gt(*wire.raw_bounds):
             self.source.mistake(key, f"no multiple of the {resolution} lies within the range")
         lowest, highest = channel.lowest, channel.highest
         self._check_rollover(f"{key}.rollover", item, wire)
@@ -407,7 +410,7 @@ class _Resolver:
                 f"has {channel.bits} bits: {lowest} to {highest}",
             )
         for raw in wire.invalid_raws:
-            if isinstance(item, DigitalActuator):
+            if isinstance(item, Actuator):
                 self.source.mistake(f"{key}.invalid_raws", "is for sensors; this is an actuator")
                 return
             if not lowest <= raw <= highest:
@@ -418,7 +421,7 @@ class _Resolver:
         bits, channel = wire.rollover_bits, wire.channel
         if not bits:
             return
-        if isinstance(item, DigitalActuator):
+        if isinstance(item, Actuator):
             self.source.mistake(key, "is for sensors; this is an actuator")
         elif not MIN_COUNTER <= bits <= MAX_COUNTER:
             self.source.mistake(key, f"{bits} is not the number of a counter's bits, {MIN_COUNTER} to {MAX_COUNTER}")

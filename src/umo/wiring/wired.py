@@ -11,7 +11,7 @@ from umo.drivers.contract import Channel, Driver, PhysicalScale
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects import Actuator, Compound
-from umo.objects.atomic import Atomic, Binary, Calibration, Digital
+from umo.objects.atomic import INVERTED, Atomic, Calibration
 from umo.objects.linearization import Linearization
 from umo.objects.numbers import MachineNumber, check_settings, numbers_of
 from umo.objects.scaling import raw_bounds, to_raw, to_value
@@ -21,13 +21,10 @@ from umo.presentation.value_text import measure
 from umo.user_code import told_as
 from umo.wiring.rates import Rate
 
-LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)
-"""Calibrations of binary objects: the value is the raw integer of the channel or, inverted, 1 - raw."""
-
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """One object on one channel. The calibration of a binary object is `LEVEL`, or `INVERTED`."""
+    """One object on one channel."""
 
     item: Atomic
     driver: Driver
@@ -58,7 +55,7 @@ class Wire:
     @property
     def inverted(self) -> bool:
         """Whether the electrical level of a binary object is inverted."""
-        return isinstance(self.item, Binary) and self.calibration == INVERTED
+        return self.item._has_states and self.calibration == INVERTED
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -82,9 +79,8 @@ class Wire:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Range in which a sensor's value is GOOD: to half a resolution beyond the declared one; a binary level is
-        exactly 0 or 1."""
-        half = 0.0 if isinstance(self.item, Binary) else abs(self.calibration.resolution) / 2
+        """Range in which a sensor's value is GOOD: to half a resolution beyond the declared one; a state is exact."""
+        half = 0.0 if self.item._has_states else abs(self.calibration.resolution) / 2
         low, high = sorted(self.ends)
         if (linearization := self.linearization) is None:
             return low - half, high + half
@@ -134,13 +130,8 @@ class Wire:
 
     def apply(self) -> Wire:
         """Set the object to this wire's calibration; returns the wire that restores what it had."""
-        if isinstance(self.item, Digital):
-            before = self.item.calibration
-            self.item._calibrate(self.calibration)
-        else:
-            assert isinstance(self.item, Binary)
-            before = INVERTED if self.item._inverted else LEVEL
-            self.item._inverted = self.inverted
+        before = self.item.calibration
+        self.item._calibrate(self.calibration)
         return Wire(self.item, self.driver, self.channel, before, self.path)
 
 

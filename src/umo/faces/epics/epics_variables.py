@@ -246,7 +246,7 @@ def _number(item: FaceItem) -> Value:
         limits = {"limitLow": float(item.minimum), "limitHigh": float(item.maximum)}
     about: dict[str, Any] = {"units": item.unit, "description": _about(item), "precision": precision_of(item)}
     value = scalar(nan, "d", **about, **limits)
-    value["control"] = {**limits, "minStep": abs(float(item.about.get("resolution") or 0.0))}
+    value["control"] = {**limits, "minStep": item.resolution}
     return value
 
 

@@ -112,7 +112,7 @@ class MotorRecord:
                 self._variables.follow(item, show)
 
     def _add_constants(self, encoder: FaceItem) -> None:
-        axis, resolution = self._axis, abs(float(encoder.about.get("resolution") or 0.0))
+        axis, resolution = self._axis, encoder.resolution
         numbers = {
             "HLM": axis["maximum"], "LLM": axis["minimum"], "DHLM": axis["maximum"], "DLLM": axis["minimum"],
             "RDBD": axis["window"], "MRES": resolution, "ERES": resolution, "OFF": 0.0, "UREV": 0.0,

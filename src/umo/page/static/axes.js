@@ -1,6 +1,6 @@
 /** The lanes of the chart: one for each unit, its range, and the numbers beside it. */
 
-import { scaleTexts, unitOf } from "./presentation.js";
+import { isNumber, scaleTexts, statesOf, unitOf } from "./presentation.js";
 
 const CONSTANT_SHARE = 1e-9;  // of the value: a smaller change is none
 const LANE_GAP = 0.06;  // of a lane: free above and below its traces
@@ -15,7 +15,7 @@ const MAX_STATE_LENGTH = 12;  // characters of a state beside its axis
 
 /** A lane for each unit and for each named value, in the order of the traces. @param {Page.Trace[]} traces @returns {Axis[]} */
 export function axesOf(traces) {
-  const keyOf = (/** @type {Page.Trace} */ { path, entry }) => (entry.states ? `=${path}` : unitOf(entry));
+  const keyOf = (/** @type {Page.Trace} */ { path, entry }) => (isNumber(entry) ? unitOf(entry) : `=${path}`);
   const keys = [...new Set(traces.map(keyOf))];
   return keys.map((key, lane) => {
     const those = traces.filter((trace) => keyOf(trace) === key);
@@ -94,15 +94,15 @@ export function laneSplits([least, most], steps) {
  * @param {Axis} axis @param {Range} range @param {number} steps  At most.
  */
 export function splitsOf({ traces: [{ entry }] }, range, steps) {
-  if (!entry.states) return laneSplits(range, steps);
-  const known = Object.keys(entry.states).map(Number).filter((number) => number >= range[0] && number <= range[1]).sort((a, b) => a - b);
+  if (isNumber(entry)) return laneSplits(range, steps);
+  const known = Object.keys(statesOf(entry)).map(Number).filter((number) => number >= range[0] && number <= range[1]).sort((a, b) => a - b);
   const every = Math.ceil(known.length / (steps + 1));
   return known.filter((_, place) => place % every === 0);
 }
 
 /** What stands beside a lane at these. @param {Axis} axis @param {number[]} splits @returns {string[]} */
-export function splitTexts({ traces: [{ entry: { states } }] }, splits) {
-  return states ? splits.map((number) => shortened(states[String(number)] ?? "")) : scaleTexts(splits);
+export function splitTexts({ traces: [{ entry }] }, splits) {
+  return isNumber(entry) ? scaleTexts(splits) : splits.map((number) => shortened(statesOf(entry)[String(number)] ?? ""));
 }
 
 /** @param {string} text */

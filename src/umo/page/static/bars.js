@@ -3,6 +3,7 @@
 import { lowerBound } from "./buffer.js";
 import { colour, css, font, line, pixelRatio } from "./canvas.js";
 import { el } from "./dom.js";
+import { stateText } from "./presentation.js";
 
 const HEIGHT = 22;  // CSS pixels of a state
 
@@ -44,7 +45,7 @@ export class Bars {
     ctx.fillStyle = css("--text");
     ctx.font = font(11);
     this._states.forEach(({ path, entry }, at) => {
-      ctx.fillText(`${path} (bar: ${entry.one})`, left + 4, (at + 0.68) * height, width);
+      ctx.fillText(`${path} (bar: ${stateText(entry, 1)})`, left + 4, (at + 0.68) * height, width);
     });
   }
 

@@ -4,7 +4,7 @@ import { allow, el, setText } from "./dom.js";
 import { CallLine } from "./calls.js";
 import { plain, unquoted } from "./client.js";
 import { NumberInput } from "./number.js";
-import { inSentence, isBinary, numberText, readable, shownQuality, unitOf, valueText } from "./presentation.js";
+import { inSentence, isNumber, numberText, readable, shownQuality, statesOf, stateText, unitOf, valueText } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -32,7 +32,7 @@ export class ActuatorControl {
     this._timer = null;
     this._newest = 0;
     this._release = el("button", { textContent: "Release", type: "button", onclick: () => this._letGo() });
-    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: inRow ? null : (value) => this._slid(value), unit: false });
+    this._number = isNumber(entry) ? new NumberInput(entry, entry.path, { slide: inRow ? null : (value) => this._slid(value), unit: false }) : null;
     this._buttons = this._number ? [setButton()] : this._states();
     this._reason = el("small", { className: "reason" });
     this._word = el("small", { className: "word" });
@@ -47,8 +47,7 @@ export class ActuatorControl {
   }
 
   _states() {
-    const states = [this._entry.zero ?? "", this._entry.one ?? ""];
-    return states.map((state) => el("button", { textContent: state, type: "button", "data-state": state, "aria-pressed": "false", onclick: () => this._write(state) }));
+    return Object.values(statesOf(this._entry)).map((state) => el("button", { textContent: state, type: "button", "data-state": state, "aria-pressed": "false", onclick: () => this._write(state) }));
   }
 
   /** @param {Event} event */
@@ -96,7 +95,7 @@ export class ActuatorControl {
     this._number?.enable(!barrier);
     allow(this._release, barrier || (this._client.holds(this.path) ? "" : "This page has written nothing here"), RELEASE);
     for (const button of this._number ? [] : this._buttons) {
-      const on = value !== null && button.dataset.state === (value > 0.5 ? this._entry.one : this._entry.zero);
+      const on = value !== null && button.dataset.state === stateText(this._entry, value);
       button.setAttribute("aria-pressed", String(on));
     }
     if (!this._timer) this._number?.show(value);

@@ -2,7 +2,7 @@
 
 import { colour } from "./canvas.js";
 import { el, setText } from "./dom.js";
-import { clockText, duration, isBinary, numberText, unitOf, valueText, wallTime } from "./presentation.js";
+import { clockText, duration, isBinary, numberText, stateText, unitOf, valueText, wallTime } from "./presentation.js";
 
 /** @typedef {Record<string, number> | null} Measured */
 
@@ -86,5 +86,5 @@ export class Legend {
 /** What was measured, cell by cell; of a state: the share of time and the changes. @param {Page.Entry} entry @param {Measured} found */
 function words(entry, found) {
   if (!isBinary(entry)) return MEASURED.map(([name]) => (found?.[name] == null ? "" : numberText(found[name], READ.includes(name) ? entry.digits : null) + (name === "frequency" ? " Hz" : "")));
-  return [found ? `${entry.one} ${numberText(100 * found.on, 1)} % of the time, changes: ${found.changes}` : ""];
+  return [found ? `${stateText(entry, 1)} ${numberText(100 * found.on, 1)} % of the time, changes: ${found.changes}` : ""];
 }

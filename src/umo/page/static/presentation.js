@@ -59,10 +59,16 @@ export function scaleTexts(levels) {
 
 /** The unit as it is shown. @param {{look?: string} | null | undefined} about */
 export const unitOf = (about) => about?.look ?? "";
-/** @param {Page.Entry | null | undefined} entry */
+/** Whether it is a level: 0 and 1 are its two states. @param {Page.Entry | null | undefined} entry */
 export const isBinary = (entry) => Boolean(entry && "one" in entry);
+/** Whether it has more states than two, or such of other numbers. @param {Page.Entry} entry */
+export const isNamed = (entry) => Boolean(entry.states);
+/** @param {Page.Entry | null | undefined} entry */
+export const isNumber = (entry) => !isBinary(entry) && !entry?.states;
+/** The names of its states by number; none: it is a number. @param {Page.Entry | null | undefined} entry @returns {Record<string, string>} */
+export const statesOf = (entry) => (isBinary(entry) ? { 0: entry?.zero ?? NO_VALUE, 1: entry?.one ?? NO_VALUE } : entry?.states ?? {});
 /** @param {Page.Entry} entry @param {number} value */
-const stateText = (entry, value) => (value > 0.5 ? entry.one : entry.zero) ?? NO_VALUE;
+export const stateText = (entry, value) => statesOf(entry)[String(isBinary(entry) ? Number(value > 0.5) : value)] ?? numberText(value);
 
 /** A value with its unit, or a state; of a family from the least to the greatest, how many are in each state, or the names. @param {Page.Entry} entry @param {(number | null | undefined)[]} values */
 export function valueText(entry, ...values) {
@@ -71,9 +77,9 @@ export function valueText(entry, ...values) {
   if (isBinary(entry)) {
     const ones = known.filter((value) => value > 0.5).length;
     const mixed = ones > 0 && ones < known.length;
-    return mixed ? `${ones} ${entry.one}, ${known.length - ones} ${entry.zero}` : stateText(entry, known[0]);
+    return mixed ? `${ones} ${stateText(entry, 1)}, ${known.length - ones} ${stateText(entry, 0)}` : stateText(entry, known[0]);
   }
-  if (entry.states) return [...new Set(known.map((value) => entry.states?.[String(value)] ?? numberText(value)))].join(", ");
+  if (isNamed(entry)) return [...new Set(known.map((value) => stateText(entry, value)))].join(", ");
   const [least, most] = [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))].map((value) => numberText(value, entry.digits));
   return `${least === most ? least : `${least} to ${most}`} ${unitOf(entry)}`.trimEnd();
 }

@@ -2,7 +2,7 @@
 
 import { words } from "./client.js";
 import { allow, el, setText } from "./dom.js";
-import { inSentence, numberText, unitOf } from "./presentation.js";
+import { inSentence, numberText, statesOf, unitOf } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -93,6 +93,6 @@ export class RecipePanel {
   _shown(feed, which) {
     const path = `${this._book.path}.${which}`;
     const value = feed.latest(path)?.value;
-    return feed.entry(path)?.states?.[String(value)] ?? "not shown";
+    return statesOf(feed.entry(path))[String(value)] ?? "not shown";
   }
 }

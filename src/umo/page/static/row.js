@@ -3,7 +3,7 @@
 import { ActuatorControl } from "./controls.js";
 import { breakable, el, setText } from "./dom.js";
 import { isActuator } from "./parts.js";
-import { lasting, shownQuality, STALE, valueText } from "./presentation.js";
+import { isNamed, lasting, shownQuality, STALE, valueText } from "./presentation.js";
 
 export class Row {
   /**
@@ -62,7 +62,7 @@ export class Row {
 
   /** The least and the greatest value, of a family of all. @param {Map<number, [number, number]>} extremes */
   showExtremes(extremes) {
-    const found = this._entry.states ? [] : this._places.flatMap((place) => [extremes.get(place) ?? []]).filter(({ length }) => length);
+    const found = isNamed(this._entry) ? [] : this._places.flatMap((place) => [extremes.get(place) ?? []]).filter(({ length }) => length);
     setText(this._least, found.length ? valueText(this._entry, Math.min(...found.map(([least]) => least))) : "");
     setText(this._greatest, found.length ? valueText(this._entry, Math.max(...found.map(([, greatest]) => greatest))) : "");
   }

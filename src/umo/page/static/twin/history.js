@@ -1,5 +1,7 @@
 /** Values of the past: a coarse window over all that the server keeps, a fine one about the time that is shown. */
 
+import { isBinary } from "../presentation.js";
+
 const MAX_NUMBERS = 1_500_000; // numbers in a window
 const MAX_PATHS = 64; // paths that the server takes at once
 const COARSE = 2000; // samples
@@ -12,7 +14,7 @@ export class History {
   constructor(feed, entries) {
     this.feed = feed;
     this.entries = entries;
-    this.binary = new Map(entries.map((entry) => [entry.path, "one" in entry]));
+    this.binary = new Map(entries.map((entry) => [entry.path, isBinary(entry)]));
     /** @type {Window | null} */
     this.coarse = null;
     /** @type {Window | null} */
@@ -69,7 +71,7 @@ export class History {
 
 /** One number for each minimum and maximum: the mean, of a state the higher level. @param {Page.Entry[]} entries @param {{low: Float64Array[], high: Float64Array[]}} points */
 export function middles(entries, { low, high }) {
-  return entries.map((entry, i) => ("one" in entry ? high[i] : low[i].map((value, j) => (value + high[i][j]) / 2)));
+  return entries.map((entry, i) => (isBinary(entry) ? high[i] : low[i].map((value, j) => (value + high[i][j]) / 2)));
 }
 
 /** @param {Window | null} window @param {number} t @returns {window is Window} */
