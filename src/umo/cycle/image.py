@@ -1,4 +1,5 @@
-"""The process image: the slots of a connected machine (`slots.py`, `deliveries.py`), and their way to and from drivers.
+"""The process image: the slots of a connected machine, with what becomes of sensors (`readings.py`) and of actuators
+(`deliveries.py`), and their way to and from drivers.
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
 after it (`conversion.py`). What moves goes through the transfer stage. What control code writes goes straight into the
@@ -17,6 +18,7 @@ import numpy as np
 from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
 from umo.cycle.deliveries import ImageOutputs
+from umo.cycle.readings import ImageInputs
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction, WaitEnded
@@ -64,7 +66,7 @@ def raise_failures(what: str, failures: Sequence[Failure]) -> None:
     raise DriverError(what, failures)
 
 
-class Image(ImageOutputs):
+class Image(ImageInputs, ImageOutputs):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate

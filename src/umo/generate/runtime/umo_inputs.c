@@ -2,19 +2,19 @@
  * umo.objects.interpolation. */
 #include "umo.h"
 
-/* Slots._is_inside */
+/* ImageInputs._is_inside */
 static bool inside(const umo_object *o, umo_real value)
 {
     return o->traits->low <= value && value <= o->traits->high;
 }
 
-/* Slots._judge */
+/* ImageInputs._judge */
 uint8_t umo_judge(const umo_object *o, umo_real value)
 {
     return o->base != UMO_GOOD || inside(o, value) ? o->base : (uint8_t)UMO_OUT_OF_RANGE;
 }
 
-/* Slots._is_refused: whether a raw integer is no reading. */
+/* ImageInputs._is_refused: whether a raw integer is no reading. */
 static bool refused(const umo_object *o, int32_t raw)
 {
     if (o->traits->flags & UMO_BINARY)
@@ -25,7 +25,7 @@ static bool refused(const umo_object *o, int32_t raw)
     return false;
 }
 
-/* Slots._fail_input: the last value is held for max_age, then the sensor is marked, or the period ends. */
+/* ImageInputs.fail_input: the last value is held for max_age, then the sensor is marked, or the period ends. */
 static umo_fault fail(umo_object *o)
 {
     if (o->traits->max_age >= 0 && o->time != UMO_NEVER && umo_since(o->core, o->time) <= o->traits->max_age) {
@@ -40,7 +40,7 @@ static umo_fault fail(umo_object *o)
     return UMO_UNREAD;
 }
 
-/* Slots._accept */
+/* ImageInputs.accept */
 static umo_fault accept(umo_object *o, int32_t raw)
 {
     o->raw = raw;

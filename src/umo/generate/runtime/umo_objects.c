@@ -187,7 +187,7 @@ umo_fault umo_object_reset(umo_object *o)
 
 #define MAX_OFFSET_RAW (umo_real)4611686018427387904.0 /* the largest zero offset in raw integers */
 
-/* Slots.set_referenced */
+/* ImageInputs.set_referenced */
 void umo_referenced(umo_object *o, bool known)
 {
     o->base = known ? UMO_GOOD : UMO_UNREFERENCED;
@@ -198,7 +198,7 @@ void umo_referenced(umo_object *o, bool known)
         o->quality = UMO_STALE;
 }
 
-/* Slots.set_reading: the zero offset becomes such that the last reading is this value. */
+/* ImageInputs.set_reading: the zero offset becomes such that the last reading is this value. */
 umo_fault umo_set_reading(umo_object *o, umo_real value)
 {
     umo_real resolution = o->traits->resolution, reading = o->value;

@@ -196,7 +196,7 @@ void umo_send(umo_object *o)
     accepted(o);
 }
 
-/* Slots._is_sent_again: the tick from which max_age counts. */
+/* WithPeriod.is_sent_again: the tick from which max_age counts. */
 static umo_tick since(umo_object *o)
 {
     umo_output *output = o->output;
@@ -207,7 +207,7 @@ static umo_tick since(umo_object *o)
     return output->unconfirmed;
 }
 
-/* Slots._fail_output: with on_error="retry" the value is sent again for max_age. */
+/* ImageOutputs.fail_output: with on_error="retry" the value is sent again for max_age. */
 static umo_fault fail(umo_object *o)
 {
     umo_real max_age = o->traits->max_age;

@@ -1,0 +1,245 @@
+"""The sensors of the image: what becomes of a reading.
+
+It is refused, or judged by its range and by whether the sensor is referenced, and conditioned. One that has failed is
+told, or the last value is held, or the sensor is marked BAD.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, Protocol, cast
+
+from umo.cycle.clock import Clock
+from umo.cycle.columns import Block
+from umo.cycle.conditioning import ConditionedInputs, conditioner_of
+from umo.cycle.conversion import convert_inputs
+from umo.cycle.slots import Slots
+from umo.cycle.transfer import Transfer, cause_of_failure
+from umo.drivers.contract import UNREAD, Direction
+from umo.errors import BadInput, DriverError, Failure, RangeError
+from umo.objects import Digital, Quality, Sensor
+from umo.objects.scaling import to_value
+from umo.wiring.wired import Wired
+
+MARKED_LOG_INTERVAL = 10.0
+"""Least time in s between two lines of the log about one sensor that is marked BAD."""
+MAX_OFFSET_RAW = 2.0**62
+"""Largest zero offset that is accepted, in raw integers."""
+
+
+class Elsewhere(Protocol):
+    """The circuits whose values come at times of their own (`umo.cycle.off_cycle`)."""
+
+    def read_at(self, slot: int) -> float:
+        """The time in s of the reading that is being accepted."""
+
+    def was_read(self, slot: int, failures: list[Failure]) -> None:
+        """A reading was accepted: it has its own time."""
+
+
+class ImageInputs(Slots):
+    """The slots of a machine's objects, with what becomes of the sensors among them."""
+
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
+        super().__init__(wired, clock, equipment, axes, alarms)
+        self._low, self._high = self.scales.low.data, self.scales.high.data
+        self.elsewhere: dict[int, Elsewhere] = {}
+        """By sensor, what is read at times of its own."""
+        self.found: list[Failure] = []
+        """Failures that were found since the last sample, which tells them."""
+        self.failed: set[int] = set()
+        """The sensors that failed and have not been initialised since."""
+        self._marked: list[tuple[int, str]] = []
+        """Failures of the sensors that were marked BAD and not logged yet."""
+        self._next_log: dict[int, float] = {}
+        """Time in s from which a marked sensor is logged again, by slot."""
+        sensors = (slot for slot, item in enumerate(self.items) if item.direction is Direction.INPUT)
+        self.invalid_raws = {slot: raws for slot in sensors if (raws := self._invalid(slot))}
+        found = ((slot, conditioner_of(wire)) for slot, wire in enumerate(self.wires))
+        self.conditioners = {slot: each for slot, each in found if each is not None}
+        """Of the sensors that are conditioned."""
+        for block in self.blocks:
+            if block.stop <= self.sampled.stop:
+                self._prepare(block)
+
+    def _prepare(self, block: Block) -> None:
+        """An input block: a raw integer that the circuit reports as invalid gives a value that is out of bounds."""
+        hidden: dict[int, list[int]] = {}
+        for slot, raws in self.invalid_raws.items():
+            for raw in raws if block.start <= slot < block.stop else ():
+                if self._is_inside(slot, self.value_of(slot, raw)):
+                    hidden.setdefault(raw, []).append(slot - block.start)
+        convert_inputs(block, self.columns, self.scales, hidden)
+        mine = {slot: each for slot, each in self.conditioners.items() if block.start <= slot < block.stop}
+        if mine:
+            block.conditioned = ConditionedInputs(block, self.columns, mine, self._is_refused)
+            block.convert = block.conditioned.convert
+
+    def set_reading(self, slot: int, value: float) -> None:
+        """Change the zero offset of a digital sensor so that its last reading is this value."""
+        item = cast(Digital, self.items[slot])
+        if self.quality[slot] == Quality.BAD:
+            raise BadInput(item.path, Quality.BAD)
+        resolution = float(self.scales.resolution[slot])
+        conditioner = self.conditioners.get(slot)
+        reading = None if conditioner is None else conditioner.reading
+        if reading is None:
+            reading = self.values[slot]  # `raws` may be of a reading that failed
+        raw = self.nearest(slot, reading)
+        zero_offset = value - to_value(raw, resolution, 0.0)
+        if not abs(zero_offset) < MAX_OFFSET_RAW * abs(resolution):
+            raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
+        item._calibrate(item.calibration._replace(zero_offset=zero_offset))
+        distance = zero_offset - float(self.scales.zero_offset[slot])
+        self.scales.zero_offset[slot] = zero_offset
+        if conditioner is None:
+            self.values[slot] = to_value(raw, resolution, zero_offset)
+        else:  # a filtered value keeps its lag
+            conditioner.shift(distance)
+            self.values[slot] += distance
+        for block in self.blocks:
+            if block.start <= slot < block.stop:
+                self._prepare(block)
+
+    def set_referenced(self, slot: int, referenced: bool) -> None:
+        self.base[slot] = Quality.GOOD if referenced else Quality.UNREFERENCED
+        item, quality = cast(Sensor, self.items[slot]), self.quality[slot]
+        held = item._max_age is not None and item.synchronous and self.times[slot] < self.clock.now
+        if quality != Quality.BAD and not (held and referenced):
+            self.set_quality(slot, self._judge(slot, self.values[slot]))
+        elif quality == Quality.UNREFERENCED:  # the held value is referenced from now on, but it is still old
+            self.set_quality(slot, Quality.STALE)
+
+    def _is_inside(self, slot: int, value: float) -> bool:
+        """Whether a sensor's value is GOOD."""
+        return self._low[slot] <= value <= self._high[slot]
+
+    def _judge(self, slot: int, value: float) -> Quality:
+        if self.base[slot] is not Quality.GOOD or self._is_inside(slot, value):
+            return self.base[slot]
+        return Quality.OUT_OF_RANGE
+
+    def settle_block(
+        self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]
+    ) -> None:
+        """The slow path of `sample`: something in the block is, or was, not as it should be."""
+        failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
+        for slot in block.unsettled - failed.keys():
+            self.set_quality(slot, self.base[slot])
+        block.unsettled &= failed.keys()
+        for slot, value in outside:
+            if slot not in failed:
+                self.values[slot] = value
+                self.set_quality(slot, self._judge(slot, value))
+        self.columns.times[block.slots] = now
+        for slot, (cause, time) in failed.items():
+            self.times[slot] = time
+            self.fail_input(slot, cause, failures)
+
+    def _invalid(self, slot: int) -> tuple[int, ...]:
+        """The raw integers that are not readings: those of the wiring, and the mark of a place that was not read where
+        it would lie within the range."""
+        unread = (UNREAD,) if self._is_inside(slot, self.value_of(slot, UNREAD)) else ()
+        return (*self.wires[slot].invalid_raws, *unread)
+
+    def _read_at(self, slot: int) -> float:
+        """The time in s of the reading that is being accepted."""
+        elsewhere = self.elsewhere.get(slot)
+        return self.clock.read() if elsewhere is None else elsewhere.read_at(slot)
+
+    def velocity(self, slot: int) -> float:
+        """Of a sensor, units per s; BadInput while it is BAD."""
+        if self.quality[slot] == Quality.BAD:
+            raise BadInput(self.items[slot].path, Quality.BAD)
+        return self.conditioners[slot].velocity
+
+    def _is_refused(self, slot: int, raw: int) -> bool:
+        """Whether a raw integer is no reading."""
+        if (levels := self.items[slot]._raws) is not None:
+            return raw not in levels
+        return raw in self.invalid_raws.get(slot, ()) or raw == UNREAD
+
+    def _refused(self, slot: int) -> str:
+        """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""
+        raw = self.raws[slot]
+        if raw == UNREAD:
+            return "the driver returned fewer values than channels"
+        if (levels := self.items[slot]._raws) is not None and raw not in levels:
+            return f"read {raw}, but a {self.items[slot]._word} channel reads {' or '.join(map(str, levels))}"
+        return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""
+
+    def accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
+        """One sensor was read."""
+        conditioner = self.conditioners.get(slot) if self.conditioners else None
+        is_reading = conditioner is not None and not self._is_refused(slot, raw)
+        try:
+            value = self.value_of(slot, conditioner.count_of(raw) if conditioner and is_reading else raw)
+        except Exception as error:  # of a linearization of the user's
+            self.fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+            return
+        inside = self._is_inside(slot, value)
+        if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
+            self.fail_input(slot, cause, failures)
+            return
+        if conditioner is not None:
+            value = conditioner.conditioned(value, self._read_at(slot), inside)
+        self.values[slot] = value
+        self.times[slot] = self.clock.now
+        if not inside or self.quality[slot] != self.base[slot]:
+            self.set_quality(slot, self._judge(slot, value))
+        if slot in self.elsewhere:
+            self.elsewhere[slot].was_read(slot, failures)
+
+    def fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        item: Any = self.items[slot]
+        max_age = item._max_age
+        if max_age is not None and self.clock.now - self.times[slot] <= max_age:  # NaN before the first reading
+            if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
+                self.set_quality(slot, Quality.STALE)
+        elif item._marks:
+            if self.quality[slot] != Quality.BAD:
+                self.set_quality(slot, Quality.BAD)
+                if self.clock.now >= self._next_log.get(slot, 0.0):
+                    self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
+                    self._marked.append((slot, cause))
+        else:
+            self.failed.add(slot)
+            self.set_quality(slot, Quality.BAD)
+            failures.append(self.transfer.failure(slot, cause))
+
+    def fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
+        """The same of many, such as all that a driver reads."""
+        items: Any = self.items
+        plain, marked = [], []
+        for slot, cause in causes.items():
+            item = items[slot]
+            if item._max_age is not None:
+                self.fail_input(slot, cause, failures)
+            elif not item._marks:
+                plain.append(slot)
+            elif self.quality[slot] != Quality.BAD:
+                marked.append(slot)
+        if not (plain or marked):
+            return
+        self.failed.update(plain)
+        self.columns.quality[plain + marked] = Quality.BAD
+        self.sampled_good = None
+        for slot in plain + marked:
+            if (block := self._block_of[slot]) is not None:
+                block.unsettled.add(slot)
+        failure, now, told = self.transfer.failure, self.clock.now, self._next_log
+        failures += [failure(slot, causes[slot]) for slot in plain]
+        if due := [slot for slot in marked if now >= told.get(slot, 0.0)]:
+            told.update(dict.fromkeys(due, now + MARKED_LOG_INTERVAL))
+            self._marked += [(slot, causes[slot]) for slot in due]
+
+    def _log_marked(self) -> None:
+        """Log together what was marked BAD together: a thousand lines would take longer than a period."""
+        if self._marked:
+            self.events.log(partial(_marked_text, self.transfer, self._marked))
+            self._marked = []
+
+
+def _marked_text(transfer: Transfer, marked: Sequence[tuple[int, str]]) -> str:
+    return str(DriverError("marked BAD", [transfer.failure(slot, cause) for slot, cause in marked]))
