@@ -18,6 +18,7 @@ from umo.control import Servo, next_period
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.cycle.image import ToDefault
+from umo.drivers import Looks
 from umo.drivers.simulated import Simulated
 from umo.frames import published
 from umo.frames.memory import RunDescriptors
@@ -122,7 +123,7 @@ def plant(count: int) -> Plant:
     )
 
 
-class Away(Simulated):
+class Away(Simulated, Looks):
     """A simulated circuit whose block transfers may time out; it knows whether its device answers."""
 
     def __init__(self) -> None:

@@ -15,14 +15,14 @@ from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Qualit
 from umo.cycle.absence import LONG_ABSENCE
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
-from umo.drivers import ChannelsFailed, DeviceTimeout, DriverError
+from umo.drivers import ChannelsFailed, DeviceTimeout, DriverError, Looks
 from umo.states import OnOff
 from umo.testing import Scripted, periods
 
 PERIOD = 0.001
 
 
-class Box(Scripted):
+class Box(Scripted, Looks):
     """A circuit whose device may be silent; it is looked for as `found` says."""
 
     def __init__(self) -> None:

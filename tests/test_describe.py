@@ -14,10 +14,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from umo.drivers import Channel, ChannelError, Direction, Driver
+from umo.drivers import Channel, ChannelError, Direction, Driver, HasWatchdog
 
 
-class Card(Driver):
+class Card(Driver, HasWatchdog):
     """A card whose file lists its channels,
     one a line.
 

@@ -8,8 +8,22 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from umo.drivers import Channel, Direction, Driver
+from umo.drivers import Channel, Direction, Driver, HasShortForm, HasWatchdog, KnowsScale, Looks, Reports
+from umo.drivers.optional import (
+    OPTIONAL,
+    NoWatchdog,
+    ages_of,
+    arm_watchdog,
+    inspection_of,
+    look_for,
+    names_of,
+    report_of,
+    scale_of,
+    short_form_of,
+)
 from umo.drivers.simulated import Simulated
+from umo.drivers.wrapping import Wrapper, bare
+from umo.errors import DeclarationError
 from umo.testing import Scripted
 
 
@@ -41,8 +55,7 @@ def test_a_driver_needs_channel_and_what_its_directions_need():
 def test_the_contract_is_the_five_segments_and_what_is_derived_from_them():
     public = [name for name, item in vars(Driver).items() if inspect.isfunction(item) and not name.startswith("_")]
     assert public == ["channel", "initialize", "finalize", "reset", "read", "write", "devices",
-                      "physical_scale", "read_many", "write_many", "open", "close", "ages", "look", "stop_waiting",
-                      "watchdog", "check_watchdog", "inspect", "report"]  # fmt: skip
+                      "read_many", "write_many", "open", "close"]  # fmt: skip
 
 
 def test_an_output_is_initialised_and_reset_by_writing_its_default_alone():
@@ -96,7 +109,7 @@ def test_a_direction_without_its_function_says_so():
     with pytest.raises(NotImplementedError, match="Nothing has no outputs"):
         Nothing().write(CHANNELS[0], 1)
     with pytest.raises(NotImplementedError, match="Nothing has no watchdog"):
-        Nothing().watchdog(1.0)
+        arm_watchdog(Nothing(), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -148,3 +161,92 @@ def test_a_derived_channel_hashes_by_its_text_unless_it_has_a_hash_of_its_own():
 def test_the_limits_of_a_channel_are_those_of_a_transfer_at_most(bits, signed):
     channel = Channel("a", Direction.BOTH, bits, signed)
     assert (channel.lowest, channel.highest) == (-(2**63) if signed else 0, 2**63 - 1)
+
+
+# What a driver may have beside the contract --------------------------------------------------------------
+
+
+def test_a_driver_without_any_of_it_is_tried_and_knows_nothing() -> None:
+    driver, channel = Least(), CHANNELS[0]
+    assert look_for(driver) is True
+    assert (ages_of(driver, [channel]), scale_of(driver, channel), short_form_of(Least, "x")) == (None, None, None)
+    assert (report_of(driver), inspection_of(driver, channel)) == ({}, "")
+    with pytest.raises(NoWatchdog):
+        arm_watchdog(driver, 1.0)
+
+
+FUNCTIONS = [(kind, name) for kind in OPTIONAL for name in names_of(kind) if callable(getattr(kind, name))]
+
+
+@pytest.mark.parametrize(("kind", "name"), FUNCTIONS, ids=[name for _, name in FUNCTIONS])
+def test_a_function_whose_class_is_not_named_is_refused_with_the_line_that_names_it(kind: type, name: str) -> None:
+    with pytest.raises(DeclarationError) as refused:
+        type("Card", (Least,), {name: lambda self, *given: None})
+    assert f"Card.{name} would never be called: it is a function of {kind.__name__}" in str(refused.value)
+    assert f"write `class Card(Least, {kind.__name__})`" in str(refused.value)
+    assert "test_driver_contract.py" in str(refused.value)
+
+
+def test_a_function_that_another_base_brings_is_refused_too_and_an_attribute_of_that_name_is_not() -> None:
+    class Logbook:
+        def report(self):
+            return {}
+
+    with pytest.raises(DeclarationError, match=r"write `class Card\(Logbook, Least, Reports\)`"):
+
+        class Card(Logbook, Least):
+            pass
+
+    class Shown(Least):
+        report = "every hour"
+
+    assert report_of(Shown()) == {}
+
+
+def test_a_class_that_is_named_without_its_function_cannot_be_made() -> None:
+    class Card(Least, HasWatchdog):
+        pass
+
+    with pytest.raises(TypeError, match="watchdog"):
+        Card()
+
+
+class Full(Least, Looks, KnowsScale, HasShortForm, Reports):
+    def look(self) -> bool | None:
+        return None
+
+    def physical_scale(self, channel):
+        return None
+
+    @classmethod
+    def table(cls, text):
+        return {"host": text}
+
+    def report(self):
+        return {"parts": 3}
+
+
+@pytest.mark.parametrize("driver", [Least, Full, Scripted])
+def test_a_wrapper_is_what_the_driver_behind_it_is_and_nothing_else(driver: type[Driver]) -> None:
+    wrapper = Wrapper(Wrapper(driver()))
+    assert [kind for kind in OPTIONAL if isinstance(wrapper, kind)] == [
+        kind for kind in OPTIONAL if issubclass(driver, kind)
+    ]
+    assert isinstance(bare(wrapper), driver)
+
+
+def test_what_a_wrapper_does_not_do_itself_is_the_drivers_own() -> None:
+    class Busy(Wrapper):
+        def look(self) -> bool | None:
+            return False
+
+    wrapper = Busy(Full())
+    wrapper.timeout = 0.25
+    assert wrapper.driver.timeout == 0.25
+    assert (look_for(wrapper), report_of(wrapper)) == (False, {"parts": 3})
+    assert look_for(Busy(Least())) is True
+
+
+def test_the_contract_fits_one_screen() -> None:
+    code = [line for line in inspect.getsource(Driver).splitlines() if line.strip()]
+    assert len(code) <= 90

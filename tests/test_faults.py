@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 import umo
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, Thermocouple, connect
-from umo.drivers import Channel, Direction, Driver, DriverError, WiringError
+from umo.drivers import Channel, Direction, Driver, DriverError, Looks, Reports, WiringError
 from umo.drivers.faults.wrapper import FaultyDriver
+from umo.drivers.wrapping import Wrapper
 from umo.errors import AcknowledgeRequired, DeclarationError, StopError
 from umo.process.job import Job
 from umo.states import OnOff, OpenClosed
@@ -460,8 +461,8 @@ def test_a_place_that_was_not_filled_is_not_read_where_its_mark_lies_within_the_
 
 
 def test_everything_of_a_driver_is_handed_on():
-    public = {name for name in vars(Driver) if not name.startswith("_")} - {"table"}  # of the class, for a wiring
-    assert public <= vars(FaultyDriver).keys()
+    public = {name for name in vars(Driver) if not name.startswith("_")}
+    assert public <= vars(FaultyDriver).keys() | vars(Wrapper).keys()
 
 
 def test_the_delays_of_several_objects_pass_at_the_same_time(monkeypatch):
@@ -517,7 +518,7 @@ def test_the_driver_of_a_connection_is_the_circuits_own_and_other_drivers_are_no
 
 
 def test_the_timeout_watchdog_and_report_are_those_of_the_driver():
-    class Watched(Scripted):
+    class Watched(Scripted, Reports):
         def report(self):
             return {"answer": 42}
 
@@ -721,7 +722,7 @@ def test_a_fault_that_makes_calls_of_the_driver_fail_keeps_its_device_from_being
 
 
 def test_looking_is_the_drivers_own_without_a_fault_in_effect() -> None:
-    class Asked(Scripted):
+    class Asked(Scripted, Looks):
         def look(self) -> bool | None:
             return None
 

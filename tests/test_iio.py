@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from umo import Compound, DigitalActuator, DigitalSensor, check
 from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, WiringError
-from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
 from umo.drivers.iio import sysfs as kernels_files
 from umo.drivers.iio.scan import BUFFER_LENGTH, ScanLayout, ScanType
+from umo.drivers.optional import PhysicalScale
 
 FILES = {
     "name": "adc",

@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 from typer.testing import Result
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
+from umo.drivers import Reports
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.modbus import Modbus
 from umo.errors import ChannelError, DriverError, WiringError
@@ -47,7 +48,7 @@ CHANNELS = {
 }
 
 
-class Plant(Driver):
+class Plant(Driver, Reports):
     """A press: the angle goes on by 1000 counts in a period while the clutch is closed."""
 
     def __init__(self, *, oil: int = 400, fault: str = "") -> None:

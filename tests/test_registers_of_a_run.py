@@ -11,6 +11,7 @@ from typer.testing import Result
 
 from helpers.machines import Bench, bench, wired
 from umo import connect, published
+from umo.drivers import Inspects
 from umo.drivers.contract import Channel
 from umo.testing import Scripted, periods
 
@@ -21,7 +22,7 @@ HINT = (
 )
 
 
-class Telling(Scripted):
+class Telling(Scripted, Inspects):
     """A circuit whose driver says what it holds; not in a run, as that would take its time."""
 
     def inspect(self, channel: Channel) -> str:

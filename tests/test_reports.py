@@ -14,6 +14,7 @@ from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalSensor, connect
 from umo.cli.run_folder import RunSummary
 from umo.cycle.trace import Statistics
+from umo.drivers import Reports
 from umo.errors import DeviceTimeout
 from umo.process.outcome import Outcome, plain_reports
 from umo.states import OnOff
@@ -59,7 +60,7 @@ REPORTS: dict[str, Callable[[], Any]] = {
 
 @pytest.mark.parametrize("name", first(5, sorted(REPORTS)))
 def test_a_report_of_any_kind_fails_neither_the_run_nor_its_summary_and_table(name: str, tmp_path: Path) -> None:
-    class Reporting(Scripted):
+    class Reporting(Scripted, Reports):
         def report(self) -> Any:
             return REPORTS[name]()
 

@@ -22,7 +22,7 @@ from helpers.runs import Run, assert_safe
 from helpers.waiting import until
 from umo import Compound, DigitalActuator, Quality, connect, run
 from umo.cycle.stopping import request_stop
-from umo.drivers.contract import WaitEnded
+from umo.drivers.optional import WaitEnded
 from umo.objects.stop_order import stop_sequence
 from umo.process import reset
 from umo.process.reset import Resetter

@@ -14,7 +14,7 @@ import pytest
 
 from helpers.machines import Board, bench, on, wired
 from umo import connect, run
-from umo.drivers import Channel
+from umo.drivers import Channel, EndsWait
 from umo.drivers.timerfd import TimerFd
 from umo.errors import Interrupted
 from umo.states import OnOff
@@ -109,7 +109,7 @@ def test_a_second_signal_does_not_interrupt_the_resetting():
 
 
 def test_a_timer_that_fails_to_stop_waiting_fails_no_call_of_a_driver():
-    class Failing(VirtualTimer):
+    class Failing(VirtualTimer, EndsWait):
         def stop_waiting(self):
             raise OSError("no such wait")
 

@@ -14,7 +14,7 @@ from helpers.machines import bench, wired
 from helpers.tiers import first
 from umo import connect
 from umo.drivers import Channel, Direction, DriverError
-from umo.drivers.contract import WaitEnded
+from umo.drivers.optional import WaitEnded
 from umo.drivers.timerfd import Ticker, TimerFd, WhileWaiting
 from umo.testing import Scripted
 

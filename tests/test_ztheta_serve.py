@@ -25,6 +25,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from umo.drivers import Reports
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.modbus import Modbus
 from umo.errors import DriverError, WiringError
@@ -47,7 +48,7 @@ COILS = ["step", "direction", "z_index", "theta_index", "counterweight", "vacuum
 RESET = {f"dio:{name}": int(name == "direction") for name in COILS} | {"dac:z": 0}
 
 
-class FakePlant(Driver):
+class FakePlant(Driver, Reports):
     """The levels of the station's channels; time only counts."""
 
     def __init__(self) -> None:

@@ -33,11 +33,13 @@ from umo.alarms import AlarmState
 from umo.cycle.connect import connect
 from umo.cycle.run import drive
 from umo.cycle.stopping import StopFlag
-from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.contract import Channel, Direction
 from umo.drivers.faults.effects import Effect
 from umo.drivers.faults.fault_syntax import KINDS_OF_DRIVERS, InjectedFault
 from umo.drivers.faults.wrapper import FaultyDriver
 from umo.drivers.off_cycle import OffCycle
+from umo.drivers.optional import Reports
+from umo.drivers.wrapping import Wrapper, of_driver
 from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
 from umo.operation import ProcedureState
@@ -302,19 +304,17 @@ SLOW_PERIOD, SLOW_MAX_AGE = 0.5, 1.5
 """Period and maximum age of the driver off the cycle, s."""
 
 
-class SlowDevice(Driver[Any]):
+class SlowDevice(Wrapper):
     """Some channels of a plant, whose own driver opens and closes it."""
 
-    def __init__(self, plant: Driver[Any]) -> None:
-        self.plant = plant
-
-    def channel(self, text: str) -> Channel:
-        return self.plant.channel(text)  # type: ignore[no-any-return]
-
-    def __getattribute__(self, name: str) -> Any:
-        if name in ("initialize", "finalize", "reset", "read", "write", "read_many", "write_many", "look"):
-            return getattr(self.plant, name)
-        return super().__getattribute__(name)
+    withheld = (Reports,)
+    initialize = of_driver("initialize")
+    finalize = of_driver("finalize")
+    reset = of_driver("reset")
+    read = of_driver("read")
+    write = of_driver("write")
+    read_many = of_driver("read_many")
+    write_many = of_driver("write_many")
 
 
 def with_slow_device(wired: Wired, pattern: str) -> Wired:

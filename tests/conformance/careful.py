@@ -11,7 +11,8 @@ from time import monotonic
 from typing import Any
 
 from conformance.device import ARM, CHECK, FAILED, HEADER, ITEM, PLACES, READ, WRITE, frame, size
-from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.optional import HasWatchdog, Inspects, KnowsScale, Looks, PhysicalScale, Reports
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError
 
 HASTE = 0.025
@@ -26,7 +27,7 @@ class Place(Channel):
     number: int = 0
 
 
-class Careful(Driver[Place]):
+class Careful(Driver[Place], Looks, HasWatchdog, KnowsScale, Inspects, Reports):
     """Channels out:N, io:N and in:N."""
 
     def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:

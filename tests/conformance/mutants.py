@@ -14,6 +14,7 @@ from conformance.careful import Careful
 SOURCE = Path(careful.__file__).read_text("utf-8")
 TABLES = [Path(__file__).with_name(name).read_text("utf-8") for name in ("mutants.txt", "further.txt")]
 HEADING = re.compile(r"^## (.+) -> ([a-z ]+)(?:, (\d+) cycles)?$", re.MULTILINE)
+ADDED = {"ages": "KnowsAges", "stop_waiting": "EndsWait"}
 QUICK = 40
 """Cycles where the mistake does not add up."""
 
@@ -33,6 +34,9 @@ class Mutant:
         if replaced and old not in SOURCE:
             raise LookupError(f"{self.words}: careful.py has no text {old!r}")
         text = SOURCE.replace(old, new) if replaced else f"{SOURCE}\n{self.change}\n"
+        for name, kind in ADDED.items():  # what the careful driver does not have
+            if f"def {name}(" in self.change:
+                text = text.replace("class Careful(", f"from umo.drivers import {kind}\n\nclass Careful({kind}, ", 1)
         module = ModuleType("conformance.mutant")
         sys.modules[module.__name__] = module  # dataclasses look there
         exec(compile(text, careful.__file__, "exec"), module.__dict__)

@@ -14,6 +14,7 @@ from typing import Any
 from conformance.careful import HASTE, Careful, Place
 from conformance.device import READ, frame
 from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.optional import KnowsAges
 from umo.errors import ChannelError, DeviceTimeout, DriverError
 
 LEVELS = {"wide": 0, "switch": 0}
@@ -262,7 +263,7 @@ class EventsOnly(OutputsOnly):
             super().write_raws(pulsed, [0] * len(pulsed))
 
 
-class Told(Careful):
+class Told(Careful, KnowsAges):
     """The device is asked at most every 20 ms: the readings in between are older, which `ages` says."""
 
     def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:

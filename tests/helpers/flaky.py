@@ -6,11 +6,12 @@ from contextlib import suppress
 from random import Random
 from typing import Any
 
+from umo.drivers import Looks
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.testing import Scripted, periods
 
 
-class Flaky(Scripted):
+class Flaky(Scripted, Looks):
     """A circuit whose readings are random, and whose calls fail at random."""
 
     def __init__(self, seed: int, share: float = 0.1) -> None:

@@ -15,7 +15,7 @@ from umo.control.axis_state import AxisState
 from umo.control.inputs import HOMING
 from umo.control.profile import Setpoint
 from umo.cycle.laid_out import wired_numbers
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.generate.compiled_machine import FLAGS, compiler
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of

@@ -16,7 +16,7 @@ from typing import Any
 
 import umo
 from umo.cycle.sequences import next_period
-from umo.drivers import Channel, Direction, Driver
+from umo.drivers import Channel, Direction, Driver, Reports
 
 CALLS, STRUCK, LEVELS, PRIORITY = 0, 1, 2, 10
 OUTPUTS = ("motor", "valve")
@@ -390,14 +390,14 @@ class HalfDead(Box):
         super().initialize(channel, default)
 
 
-class Reporting(Box):
+class Reporting(Box, Reports):
     """Its report tells the level of the motor."""
 
     def report(self) -> dict[str, Any]:
         return {"motor": self._called()[LEVELS]}
 
 
-class Mute(Box):
+class Mute(Box, Reports):
     """Its report fails."""
 
     def report(self) -> dict[str, Any]:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
-from umo.drivers.contract import PhysicalScale
 from umo.drivers.iio import Iio
+from umo.drivers.optional import PhysicalScale
 from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError
 from umo.testing.conformance import Input, Output, Subject
 

@@ -26,7 +26,7 @@ from helpers.split_parts import (
     program_of,
 )
 from umo.cycle.laid_out import wired_numbers
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.stations.furnace.objects import machine
 from umo.testing.conformance.certificate import Finding, Judgement
 from umo.testing.link_rules import RULES, LinkTrial, findings

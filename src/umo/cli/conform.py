@@ -15,8 +15,8 @@ from rich.table import Table
 
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers import Direction, Driver
-from umo.drivers.faults.wrapper import bare
 from umo.drivers.streams import Host, Serial
+from umo.drivers.wrapping import bare
 from umo.errors import DriverError, PathError, StopError, text_of
 from umo.exit_status import ExitStatus
 from umo.objects import Compound, described

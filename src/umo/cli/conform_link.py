@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from umo.cycle.laid_out import wired_numbers
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError
 from umo.objects import Compound, walk
 from umo.split.controller_driver import Controller

@@ -11,7 +11,8 @@ from typing import Any
 from rich.text import Text
 from rich.tree import Tree
 
-from umo.drivers import Driver, registry
+from umo.drivers import Driver, HasWatchdog, registry
+from umo.drivers.optional import OPTIONAL, names_of
 from umo.errors import ChannelError, WiringError, text_of
 from umo.signature import parameters_of, signature_of
 from umo.system.packages import package_of
@@ -24,8 +25,13 @@ from .station_options import options_of_driver, values_of
 
 _MODULES = re.compile(r"\b[a-z_]\w*\.(?=[\w.])")
 """The modules before the name of a type."""
-FUNCTIONS = [name for name, value in vars(Driver).items() if inspect.isfunction(value)]
-"""Functions of a driver, in the order of the contract."""
+FUNCTIONS = {
+    name: function
+    for kind in (Driver, *OPTIONAL)
+    for name in names_of(kind)
+    if callable(function := getattr(kind, name))
+}
+"""Functions of a driver in the order of the contract, then those that it may have beside it."""
 COMMON_OPTIONS = {
     "timeout": ("duration = 10 periods, at most 1 s", "of one call of the driver"),
     "watchdog": ("duration", "of the circuit: its outputs go to safe levels after this time without a request"),
@@ -66,7 +72,7 @@ def show_driver(name: str, arguments: Sequence[str]) -> None:
     for key, (kind, text) in _of_all(cls).items():
         options.add(label((f"{key}: {kind}", "cyan"), (text, "")))
     tree.add(Text(f"channels: {_forms(cls, given) or 'known with its options: give them after the name'}"))
-    own = [each for each in FUNCTIONS if getattr(cls, each) is not getattr(Driver, each)]
+    own = [name for name, default in FUNCTIONS.items() if getattr(cls, name, default) is not default]
     tree.add(Text(f"functions of its own: {', '.join(own)}"))
     out.print(tree)
     for paragraph in others:
@@ -94,7 +100,7 @@ def _first_sentence(cls: type) -> str:
 
 
 def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:
-    has_watchdog = cls.watchdog is not Driver.watchdog
+    has_watchdog = issubclass(cls, HasWatchdog)
     return {key: value for key, value in COMMON_OPTIONS.items() if key != "watchdog" or has_watchdog}
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle.connect import connect
+from umo.drivers.optional import inspection_of
 from umo.errors import BadInput, DeclarationError, FramesError, OptionError, PathError, RangeError, text_of
 from umo.frames import Reader
 from umo.objects import Actuator, Atomic, Compound, DigitalSensor
@@ -71,7 +72,7 @@ def _inspected(wire: Wire) -> str:
     if isinstance(wire.item, Actuator):
         return ""
     try:
-        return wire.driver.inspect(wire.channel)
+        return inspection_of(wire.driver, wire.channel)
     except OSError as error:
         return text_of(error)
 

@@ -1,7 +1,7 @@
 """Drivers that are away: their devices do not answer, and no call waits for them while the machine runs.
 
 A call that timed out puts a stand-in in the place of its driver: every call fails at once. Before each period the
-devices are looked for (`Driver.look`, which never waits), at growing intervals. One that answers is initialised again
+devices are looked for (`Looks.look`, which never waits), at growing intervals. One that answers is initialised again
 if it was away for long, and tried: the first call that succeeds ends the absence. Another failure of a whole transfer
 lets the driver be looked for before the next period; until then it is called as ever. (docs/decisions/0030)
 """
@@ -18,7 +18,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.events import Event, EventLimit, Events, limited
 from umo.cycle.stand_ins import Away, NotCalled, Tried
 from umo.drivers.contract import Driver
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.optional import answers_for_device, look_for
 from umo.errors import DriverError, Failure, text_of
 from umo.presentation.durations import duration
 from umo.text import some
@@ -64,7 +64,7 @@ class Absence:
         self.name, self.driver = name, driver
         self.since = since
         """Time in s on the cycle's clock since which it is not known to answer."""
-        self.answers_for_device = type(bare(driver)).look is not Driver.look
+        self.answers_for_device = answers_for_device(driver)
         """Whether its `look` knows that the device answers; else that it may be tried."""
         self.began = since
         self.cause = ""
@@ -254,9 +254,8 @@ class Absences:
 
 
 def _answer(driver: Driver[Any]) -> bool | None:
-    """What its look says, as one of the three that it may be."""
-    found = driver.look()
-    return None if found is None else bool(found)
+    """What its look says. The call begins in this file: `insisting.CALLERS`."""
+    return look_for(driver)
 
 
 def _away_event(absence: Absence, now: float, left_out: int) -> Event:

@@ -19,9 +19,9 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.machine_view import connect_compounds
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
-from umo.drivers.faults.wrapper import bare
 from umo.drivers.simulated import Simulated
 from umo.drivers.timerfd import WhileWaiting
+from umo.drivers.wrapping import bare
 from umo.errors import text_of
 from umo.objects import Atomic, Compound
 from umo.objects.atomic import Calibration

@@ -24,7 +24,8 @@ from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag, end_forked
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.optional import EndsWait
+from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, Sensor, atoms, walk
 from umo.objects.compound import check_machine
@@ -80,7 +81,7 @@ class connect(Generic[C]):
         self.reached = True
         """Whether every initialised actuator is at its default, as far as is known."""
         self.reports: dict[str, Mapping[str, Any]] = {}
-        """Reports of the drivers on their circuits or plants (Driver.report), by driver; empty before the end."""
+        """Reports of the drivers on their circuits or plants (`Reports.report`), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
         """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.kept: Mapping[str, Any] = {}
@@ -175,9 +176,10 @@ class connect(Generic[C]):
             self._controllers = {path: bare(self.wired.drivers[name]) for path, name in self.wired.controllers.items()}
             for path, driver in self._controllers.items():
                 driver.take_part(nodes[path], self.wired)
-            if self.wired.timer_wire is not None:
+            timer = None if self.wired.timer_wire is None else self.wired.timer_wire.driver
+            if isinstance(timer, EndsWait):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
-                self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
+                self.stop.end_wait = partial(attempt, timer.stop_waiting)
             self.machine = machine_of(self.root, self.wired, self.stop)
             self.machine.random = Random(self.seed)
             if self._controllers:

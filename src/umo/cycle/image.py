@@ -21,7 +21,8 @@ from umo.cycle.deliveries import ImageOutputs
 from umo.cycle.readings import ImageInputs
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.cycle.writes import ImageWrites
-from umo.drivers.contract import Direction, WaitEnded
+from umo.drivers.contract import Direction
+from umo.drivers.optional import WaitEnded
 from umo.errors import DriverError, Failure
 from umo.objects import Actuator, Quality, link
 from umo.objects.linearization import Linearizations

@@ -26,7 +26,7 @@ from umo.cycle.not_awaited import expects_errors
 from umo.cycle.rate_groups import PartGroup, RateGroups
 from umo.cycle.sequences import Sequences
 from umo.drivers.contract import Direction
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.errors import DriverError, Failure
 from umo.text import count_of
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE

@@ -20,6 +20,7 @@ from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.cycle.stand_ins import NotCalled
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.drivers.off_cycle import OffCycle
+from umo.drivers.optional import arm_watchdog, report_of
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames, text_of
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, some
@@ -127,10 +128,10 @@ class Transfer:
         self._whole(name, "closed", self.drivers[name].close)
 
     def watchdog(self, name: str, seconds: float) -> None:
-        self._whole(name, "armed with its watchdog", lambda: self.drivers[name].watchdog(seconds))
+        self._whole(name, "armed with its watchdog", lambda: arm_watchdog(self.drivers[name], seconds))
 
     def report(self, name: str) -> dict[str, Any]:
-        return self._whole(name, "asked for its report", lambda: dict(self.drivers[name].report()))
+        return self._whole(name, "asked for its report", lambda: report_of(self.drivers[name]))
 
     def _whole(self, name: str, what: str, call: Callable[[], T]) -> T:
         self.on_call()

@@ -1,7 +1,19 @@
 """Drivers: one module per interface circuit, behind one contract. What a driver needs of umo is here; the checks of its
 options are in `umo.drivers.option_checks`."""
 
-from umo.drivers.contract import UNREAD, Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.drivers.contract import UNREAD, Channel, Direction, Driver, IntArray
+from umo.drivers.optional import (
+    EndsWait,
+    HasShortForm,
+    HasWatchdog,
+    Inspects,
+    KnowsAges,
+    KnowsScale,
+    Looks,
+    PhysicalScale,
+    Reports,
+    WaitEnded,
+)
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 __all__ = [
@@ -13,7 +25,16 @@ __all__ = [
     "Direction",
     "Driver",
     "DriverError",
+    "EndsWait",
+    "HasShortForm",
+    "HasWatchdog",
+    "Inspects",
     "IntArray",
+    "KnowsAges",
+    "KnowsScale",
+    "Looks",
     "PhysicalScale",
+    "Reports",
+    "WaitEnded",
     "WiringError",
 ]

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
 from functools import cache
 from operator import index
-from typing import Any, ClassVar, Generic, NamedTuple
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 import numpy.typing as npt
 from typing_extensions import TypeVar
 
+from umo.drivers.optional import check_named
 from umo.errors import ChannelsFailed, DriverError, text_of
 from umo.user_code import check_overrides
 
@@ -107,24 +108,7 @@ def _own_fields(cls: Any) -> list[str]:
     return [field.name for field in fields(cls)[len(fields(Channel)) :]]
 
 
-class PhysicalScale(NamedTuple):
-    """Scale of a channel, as the circuit itself knows it: raw * resolution + zero_offset."""
-
-    resolution: float
-    zero_offset: float
-    units: str
-    """The unit as pint knows it: "mV", "degC"."""
-
-
 C = TypeVar("C", bound=Channel, default=Channel)
-
-
-class NoWatchdog(DriverError, NotImplementedError):
-    """The circuit has no watchdog of its own, or none that its options name."""
-
-
-class WaitEnded(Exception):
-    """Raised by the reading of a timer whose wait for its tick was ended (`Driver.stop_waiting`)."""
 
 
 class Driver(ABC, Generic[C]):
@@ -152,9 +136,11 @@ class Driver(ABC, Generic[C]):
     """True if time passes in it by reading its timer channel only, as in a plant: it must be the machine's timer."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """DeclarationError for an `async def` in the place of one of these functions."""
+        """DeclarationError for an `async def` in the place of one of these functions, and for one of `optional.py`
+        whose class is not named."""
         super().__init_subclass__(**keywords)
         check_overrides(cls)
+        check_named(cls)
 
     # The paper's five segments -------------------------------------------------------------------
 
@@ -188,11 +174,6 @@ class Driver(ABC, Generic[C]):
         """The hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for every
         spelling of one device: one process holds a device at a time. Empty: a simulation. Called before `open`."""
         return ()
-
-    def physical_scale(self, channel: C) -> PhysicalScale | None:
-        """The scale that the circuit itself gives for a channel; None: unknown, or the device is not there. The wiring
-        is checked against it where the object has units of the same dimension. May be called before `open`."""
-        return None
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
@@ -229,47 +210,3 @@ class Driver(ABC, Generic[C]):
 
     def close(self) -> None:
         """Close the circuit. The last call; also made if `open` failed."""
-
-    @classmethod
-    def table(cls, text: str) -> Mapping[str, Any] | None:
-        """The options that `driver = "TYPE:TEXT"` in a line of `[wire]` stands for, as a table `[drivers.NAME]` has
-        them. Default: None: there is no such form."""
-        return None
-
-    def ages(self, channels: Sequence[C]) -> Sequence[float] | None:
-        """The age in s of each value that the last `read_many` of these channels has given, where the circuit is told
-        values instead of being asked for them. It counts for a driver off the cycle. Default: None: they are as old as
-        the transfer."""
-        return None
-
-    def look(self) -> bool | None:
-        """Whether the device answers again, found out without waiting. True: it does. None: not known yet, asked again
-        in the next period; for longer than `timeout`, or 0.5 s if that is longer, it counts as False. False, or an
-        OSError: not now.
-
-        Called while the driver is away: a call has timed out, or one of the whole driver has failed. Other calls may
-        come in between. A driver that can only wait for its device leaves it as it is: the default is True, "try it",
-        and each try may cost its timeout. Where it is overridden, True is the device's own answer."""
-        return True
-
-    def stop_waiting(self) -> None:
-        """A stop was requested: a timer ends its wait for a tick, or the next one if it does not wait now, with
-        WaitEnded, at once. Called in a signal handler or in another thread; raises nothing. Default: nothing, as a call
-        ends within its timeout."""
-
-    def watchdog(self, seconds: float) -> None:
-        """Arm the watchdog of the circuit: after this time without a request it sets its outputs to safe levels."""
-        raise NoWatchdog(f"{type(self).__name__} has no watchdog of its own")
-
-    def check_watchdog(self, seconds: float) -> None:
-        """WiringError or DriverError if `watchdog` cannot take this time. Nothing is sent; called before `open`."""
-
-    def inspect(self, channel: C) -> str:
-        """What the circuit holds for an input channel, read now, in one line, for whoever brings the circuit up: `umo
-        get` shows it. It helps to find a wrong option, such as the order of bytes. Default: empty, nothing is shown."""
-        return ""
-
-    def report(self) -> Mapping[str, Any]:
-        """Results of the circuit or plant so far, as plain data by name. Called at the end of a run before `close`, and
-        by `umo plant --report` ten times a second."""
-        return {}

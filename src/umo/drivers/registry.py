@@ -12,6 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
+from umo.drivers.optional import short_form_of
 from umo.errors import WiringError, text_of
 from umo.system.packages import registered
 from umo.text import did_you_mean
@@ -60,7 +61,7 @@ def table_of(name: str) -> Mapping[str, Any]:
     kind, _, text = name.partition(":")
     if text and kind in known():
         with suppress(WiringError):  # it is told as for any other
-            table = find(kind).table(text)
+            table = short_form_of(find(kind), text)
             if table is not None:
                 return {"type": kind, **table}
     return {"type": name}

@@ -10,7 +10,8 @@ import time
 from collections.abc import Callable
 from typing import NoReturn
 
-from umo.drivers.contract import Channel, Direction, Driver, WaitEnded
+from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.optional import EndsWait, WaitEnded
 from umo.errors import DriverError
 from umo.presentation.durations import duration
 
@@ -193,7 +194,7 @@ class Ticker:
         raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {duration(self.period)})")
 
 
-class TimerFd(Driver):
+class TimerFd(Driver, EndsWait):
     """One channel, the tick; `read` blocks until the next sampling period and returns the ticks missed."""
 
     realtime = True

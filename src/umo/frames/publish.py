@@ -17,7 +17,8 @@ from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phase_times import PhaseTimes
 from umo.cycle.stage import Stage
-from umo.drivers.contract import Direction, Driver
+from umo.drivers.contract import Direction
+from umo.drivers.optional import Inspects
 from umo.errors import FramesError, text_of
 from umo.frames.frame_server import FrameServer, new_path
 from umo.frames.layout import Layout, describe_signals
@@ -110,11 +111,8 @@ def published(
 def _object(item: Atomic, wire: Wire) -> dict[str, Any]:
     """The description of an object. `inspected`: whether the driver of a number tells what the circuit holds for it,
     which it does only where it is asked: not in a period."""
-    driver = wire.driver
-    while isinstance(inner := getattr(driver, "driver", None), Driver):  # off the cycle, or with injected faults
-        driver = inner
     is_number = item.direction is Direction.INPUT and not item._has_states
-    tells = is_number and type(driver).inspect is not Driver.inspect
+    tells = is_number and isinstance(wire.driver, Inspects)
     return {**described(item).plain, **({"inspected": True} if tells else {})}
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from umo.drivers.contract import Direction
-from umo.drivers.faults.wrapper import bare
 from umo.drivers.modbus import Host, Modbus, ModbusChannel
+from umo.drivers.wrapping import bare
 from umo.errors import WiringError
 from umo.objects import Actuator
 from umo.wiring import Wire, Wired

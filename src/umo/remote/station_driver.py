@@ -17,7 +17,8 @@ from math import isfinite
 from time import monotonic, monotonic_ns
 from typing import Any, NamedTuple
 
-from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
+from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.optional import HasShortForm, KnowsAges, KnowsScale, Looks, PhysicalScale
 from umo.errors import ChannelError, ChannelsFailed, DriverError, FramesError, text_of
 from umo.frames import Reader
 from umo.objects import Quality
@@ -43,7 +44,7 @@ class Published(Channel):
     scale: float | None = None
 
 
-class StationDriver(Driver[Published]):
+class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortForm):
     """`station`: the other station as `umo watch` takes it: its name, its folder or the pid of its run."""
 
     forms = ("PATH (of an object with two states)", "PATH:SCALE (of a number; SCALE: the value of one bit)")

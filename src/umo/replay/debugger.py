@@ -17,7 +17,7 @@ from types import CodeType, FrameType
 from typing import Any
 
 from umo.cycle.frame import Frame
-from umo.drivers.contract import WaitEnded
+from umo.drivers.optional import WaitEnded
 from umo.errors import OptionError, text_of
 from umo.exit_status import ExitStatus
 from umo.replay.debugger_prompt import ReplayPdb, stand_in

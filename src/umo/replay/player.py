@@ -11,7 +11,8 @@ from math import nan
 from typing import Any
 
 from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
-from umo.drivers.contract import IntArray, WaitEnded
+from umo.drivers.contract import IntArray
+from umo.drivers.optional import WaitEnded
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.replay.tape import JournalEntry, Periods, TapedPeriod
 

@@ -20,7 +20,7 @@ from umo.cycle.frame import Frame, Observer
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phase_times import PhaseTimes
-from umo.drivers.contract import WaitEnded
+from umo.drivers.optional import WaitEnded
 from umo.errors import DriverError, text_of
 from umo.replay.comparison import Comparison
 from umo.replay.hands import TapeInbox, TapeLevels

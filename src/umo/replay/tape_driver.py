@@ -12,15 +12,18 @@ from umo.cycle.columns import Block
 from umo.cycle.journal import Kind
 from umo.cycle.transfer import BlockTransfer, Transfer
 from umo.drivers.contract import Channel, Driver, IntArray
-from umo.drivers.faults.wrapper import Injection, bare
+from umo.drivers.faults.wrapper import Injection
 from umo.drivers.off_cycle import OffCycle
+from umo.drivers.optional import Looks, answers_for_device
+from umo.drivers.wrapping import bare
 from umo.replay.player import Player
 from umo.replay.tape_off_cycle import TapeOffCycle
 from umo.wiring.wired import Wired
 
 
-class TapeDriver(Driver[Any]):
-    """Answers the calls for one driver as they were answered in the recording."""
+class TapeDriver(Driver[Any], Looks):
+    """Answers the calls for one driver as they were answered in the recording. It looks in any case, as a driver with
+    injected faults does."""
 
     def __init__(self, driver: Driver[Any], player: Player, slots: Mapping[int, int]) -> None:
         """`slots`: the recorded slot of each channel, by its id. They may still be filled in."""
@@ -29,8 +32,6 @@ class TapeDriver(Driver[Any]):
         self._blocks: dict[int, tuple[IntArray, list[str]]] = {}
         self.mine: set[int] = set()
         """The recorded slots of its objects."""
-        if type(driver).look is Driver.look:  # it may have been asked all the same, with an injected fault
-            self.look = self._look  # type: ignore[method-assign]
 
     def channel(self, text: str) -> Channel:
         channel: Channel = self._driver.channel(text)
@@ -62,10 +63,11 @@ class TapeDriver(Driver[Any]):
         else:
             self._player.write_group(slots.tolist(), texts)
 
-    def watchdog(self, seconds: float) -> None:
-        """There is no circuit."""
+    @property
+    def answers_for_device(self) -> bool:
+        return answers_for_device(self._driver)
 
-    def _look(self) -> bool | None:
+    def look(self) -> bool | None:
         return self._player.looked(self.mine)
 
     def _block(self, channels: Sequence[Channel]) -> tuple[IntArray, list[str]]:
@@ -76,13 +78,6 @@ class TapeDriver(Driver[Any]):
             if self._player.whole is channels:  # it lives as long as the machine
                 self._blocks[id(channels)] = found
         return found
-
-
-class SeekingTapeDriver(TapeDriver):
-    """In the place of a driver that knows whether its device answers."""
-
-    def look(self) -> bool | None:
-        return self._look()
 
 
 class TapeTimer(TapeDriver):
@@ -98,10 +93,6 @@ class TapeTimer(TapeDriver):
             skipped, self._player.skipped = self._player.skipped, 0
             return skipped
         return self._player.tick().missed
-
-
-class SeekingTapeTimer(TapeTimer, SeekingTapeDriver):
-    """The same for a timer whose driver knows whether its device answers."""
 
 
 class TapeInjection(Injection):
@@ -153,11 +144,7 @@ def _tape_of(
 ) -> TapeDriver | TapeOffCycle:
     if isinstance(driver, OffCycle):
         return TapeOffCycle(driver, player, slots)
-    own = bare(driver)
-    kinds: tuple[type[TapeDriver], type[TapeDriver]] = TapeDriver, TapeTimer
-    if type(own).look is not Driver.look:
-        kinds = SeekingTapeDriver, SeekingTapeTimer
-    return kinds[is_timer](own, player, slots)
+    return (TapeTimer if is_timer else TapeDriver)(bare(driver), player, slots)
 
 
 def watch_blocks(transfer: Transfer, player: Player) -> None:

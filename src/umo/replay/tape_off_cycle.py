@@ -16,12 +16,13 @@ from umo.cycle.journal import ErrorKind, Kind
 from umo.drivers.contract import Channel, IntArray
 from umo.drivers.off_cycle import NEVER, DeviceServer, OffCycle
 from umo.drivers.off_cycle.shared_memory import Row
+from umo.drivers.optional import Looks, answers_for_device
 from umo.errors import ChannelsFailed
 from umo.objects.scaling import FloatArray
 from umo.replay.player import CAUSE, Player
 
 
-class TapeOffCycle(OffCycle):
+class TapeOffCycle(OffCycle, Looks):
     """Answers for one driver off the cycle as it was in the recording. Stamps are numbers in order here; the times that
     they stand for are those of the recording, to the bit."""
 
@@ -45,6 +46,10 @@ class TapeOffCycle(OffCycle):
         self._times = np.full(len(channels), np.nan)
         """The time of each value in s on the cycle's clock, by place."""
         self._stamp = 0
+
+    @property
+    def answers_for_device(self) -> bool:
+        return answers_for_device(self.driver)
 
     # While nothing is controlled -----------------------------------------------------------------------
 

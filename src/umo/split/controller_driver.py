@@ -12,6 +12,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.machine_view import GroupView
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
+from umo.drivers.optional import Looks
 from umo.drivers.streams import Host, Serial, place_of
 from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.generate.controller_generator import target_of
@@ -30,7 +31,7 @@ _DEFAULT = Host("127.0.0.1", 5327), Serial("", 115200, "none")
 TARGETS = {"double": "cortex-m", "float": "avr"}
 
 
-class Controller(Driver[Channel]):
+class Controller(Driver[Channel], Looks):
     """A controller with generated code (`umo generate --controller`), which runs a part of the machine.
 
         [drivers.drive]

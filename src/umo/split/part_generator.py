@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle.laid_out import wired_numbers
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError
 from umo.generate.controller_folder import BOARDS, files_of
 from umo.generate.translation import ControllerTarget

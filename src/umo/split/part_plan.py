@@ -17,7 +17,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.machine_view import connect_compounds
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Driver
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.generate.code_world import translate
 from umo.generate.controller_folder import NotTranslated, check, faults_of
 from umo.generate.controller_model import ControllerModel, NotGenerated, model_of

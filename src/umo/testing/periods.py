@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Compound, Sensor, children
 from umo.states import TwoState

@@ -8,6 +8,7 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.optional import HasWatchdog
 from umo.errors import ChannelError, ChannelsFailed
 
 Reading = Any
@@ -26,7 +27,7 @@ class Call:
     """Written levels; the default of initialize and reset (None for a sensor); the watchdog's seconds."""
 
 
-class Scripted(Driver):
+class Scripted(Driver, HasWatchdog):
     """A driver for tests.
 
         box = Scripted({"encoder": [0, 10, 20], "switch": lambda: 1, "scale": OSError("unplugged")})

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from umo.drivers.contract import Driver
-from umo.drivers.faults.wrapper import bare
 from umo.drivers.off_cycle import OffCycle
+from umo.drivers.wrapping import bare
 from umo.objects import Atomic, Compound, atoms, walk
 from umo.text import did_you_mean, some
 from umo.wiring.source import CONTROLLER, WiringSource

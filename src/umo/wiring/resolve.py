@@ -19,6 +19,7 @@ from umo.drivers import registry
 from umo.drivers.contract import INT64, MAX_DEFAULT_TIMEOUT, Channel, Direction, Driver
 from umo.drivers.faults.fault_syntax import InjectedFault
 from umo.drivers.faults.wrapper import Injection
+from umo.drivers.optional import HasWatchdog, PhysicalScale, scale_of
 from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
 from umo.objects import (
@@ -168,17 +169,10 @@ class _Resolver:
             shortest = own or period or 0.1  # the machine's: no fast part waits for the device of a slow one
             driver.timeout = timeout or min(10 * shortest, MAX_DEFAULT_TIMEOUT)
             watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
-            if watchdog is not None and type(driver).watchdog is Driver.watchdog:
-                self.source.mistake(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
-            elif watchdog is not None and watchdog <= driver.period:
-                text = f"{duration(watchdog)} is not longer than the period, {duration(driver.period)}"
-                self.source.mistake(f"drivers.{name}.watchdog", text)
+            if watchdog is not None and (why := _why_not_watched(driver, watchdog, table["type"])):
+                self.source.mistake(f"drivers.{name}.watchdog", why)
             elif watchdog is not None:
                 watchdogs[name] = watchdog
-                try:
-                    driver.check_watchdog(watchdog)
-                except Exception as error:  # of the driver's code
-                    self.source.mistake(f"drivers.{name}.watchdog", text_of(error))
         return watchdogs
 
     def _shortest_period(self, name: str, period: float | None) -> float | None:
@@ -431,11 +425,14 @@ class _Resolver:
     def _check_scale(self, key: str, item: Digital, wire: Wire) -> None:
         """Against the scale that the circuit itself gives, if it gives one."""
         try:
-            given = wire.driver.physical_scale(wire.channel)
+            given = scale_of(wire.driver, wire.channel)
         except Exception as error:  # of the driver's code
             self.source.mistake(f"{key}.channel", f"its scale cannot be read: {text_of(error)}")
             return
         if given is None:
+            return
+        if not isinstance(given, PhysicalScale):
+            self.source.mistake(f"{key}.channel", f"its scale is {given!r}, not a PhysicalScale")
             return
         try:
             check_unit(given.units)
@@ -586,3 +583,16 @@ def _all_simulated(items: Mapping[str, Atomic]) -> dict[str, Any]:
     if "timer" in wire:
         wire["timer"]["period"] = DEFAULT_PERIOD
     return {"wire": wire}
+
+
+def _why_not_watched(driver: Driver[Any], seconds: float, kind: str) -> str:
+    """Why the watchdog of a driver cannot be armed with this time; "" if it can."""
+    if not isinstance(driver, HasWatchdog):
+        return f"{kind} has no watchdog of its own"
+    if seconds <= driver.period:
+        return f"{duration(seconds)} is not longer than the period, {duration(driver.period)}"
+    try:
+        driver.check_watchdog(seconds)
+    except Exception as error:  # of the driver's code
+        return text_of(error)
+    return ""

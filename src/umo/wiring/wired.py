@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
-from umo.drivers.contract import Channel, Driver, PhysicalScale
+from umo.drivers.contract import Channel, Driver
 from umo.drivers.faults.wrapper import Injection
+from umo.drivers.optional import PhysicalScale
 from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects import Actuator, Compound
 from umo.objects.atomic import INVERTED, Atomic, Calibration

@@ -8,14 +8,15 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
-from operator import attrgetter, index
+from operator import index
 from typing import Any, Protocol
 
 import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.faults.effects import MARK, Effect
-from umo.drivers.off_cycle import OffCycle
+from umo.drivers.optional import Looks, answers_for_device, arm_watchdog, look_for
+from umo.drivers.wrapping import Wrapper, of_driver
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
@@ -66,16 +67,12 @@ def _said(what: str, effect: Effect, now: float) -> str:
     return f"injected fault {what} at {number_text(now)} s: {effect.text}{where}"
 
 
-def _of_driver(name: str) -> Any:
-    """The attribute of this name that the driver itself has."""
-    return property(attrgetter(f"driver.{name}"), lambda wrapper, value: setattr(wrapper.driver, name, value))
-
-
-class FaultyDriver(Driver[Any]):
-    """A driver with faults on some of its channels. Everything else is the driver's own."""
+class FaultyDriver(Wrapper, Looks):
+    """A driver with faults on some of its channels. Everything else is the driver's own. It looks in any case: a fault
+    may keep the device from being found."""
 
     def __init__(self, driver: Driver[Any], effects: Sequence[Effect], injection: Injection) -> None:
-        self.driver = driver
+        super().__init__(driver)
         self.levels: dict[str, int] = {}
         """The raw integers that were last written to the circuit, by channel."""
         self.effects, self._injection = effects, injection
@@ -83,23 +80,8 @@ class FaultyDriver(Driver[Any]):
         self._now = -1.0
         injection.drivers.append(self)
 
-    # What is the driver's own --------------------------------------------------------------------------
-
-    timeout = _of_driver("timeout")
-    period = _of_driver("period")
-    realtime = _of_driver("realtime")
-    simulates_time = _of_driver("simulates_time")
-    only_off_cycle = _of_driver("only_off_cycle")
-    forms = _of_driver("forms")
-    channel = _of_driver("channel")
-    devices = _of_driver("devices")
-    physical_scale = _of_driver("physical_scale")
-    check_watchdog = _of_driver("check_watchdog")
-    finalize = _of_driver("finalize")
-    close = _of_driver("close")
-    stop_waiting = _of_driver("stop_waiting")
-    inspect = _of_driver("inspect")
-    report = _of_driver("report")
+    finalize = of_driver("finalize")
+    close = of_driver("close")
 
     # Which faults are in effect ------------------------------------------------------------------------
 
@@ -179,8 +161,9 @@ class FaultyDriver(Driver[Any]):
         self._begin([each for each in self.active() if each.channel is None])
         self.driver.open()
 
-    def ages(self, channels: Sequence[Channel]) -> Sequence[float] | None:
-        return self.driver.ages(channels)
+    @property
+    def answers_for_device(self) -> bool:
+        return answers_for_device(self.driver)
 
     def look(self) -> bool | None:
         """A fault that makes calls of the driver fail keeps its device from being found."""
@@ -188,11 +171,11 @@ class FaultyDriver(Driver[Any]):
         if any(effect.takes >= self.timeout for effect in acting):
             return False
         whole = [effect for effect in acting if effect.channel is None]
-        return False if any(effect.mistake or effect.lost() for effect in whole) else self.driver.look()
+        return False if any(effect.mistake or effect.lost() for effect in whole) else look_for(self.driver)
 
     def watchdog(self, seconds: float) -> None:
         self._begin([each for each in self.active() if each.channel is None])
-        self.driver.watchdog(seconds)
+        arm_watchdog(self.driver, seconds)
 
     def read(self, channel: Channel) -> int:
         effects = self._concerning((channel,), False)
@@ -262,13 +245,6 @@ class FaultyDriver(Driver[Any]):
         ends = {_text(effect) for effect in effects if effect.short}
         stop = next((i for i, channel in enumerate(channels) if channel.text in ends), len(channels))
         return [i for i in range(stop) if channels[i].text not in lost]
-
-
-def bare(driver: Driver[Any]) -> Driver[Any]:
-    """The driver itself, without injected faults, wherever it is called."""
-    while isinstance(driver, FaultyDriver | OffCycle):
-        driver = driver.driver
-    return driver
 
 
 @contextmanager

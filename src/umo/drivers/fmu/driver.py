@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.drivers._block_driver import BlockDriver, Plans, in_turn
-from umo.drivers.contract import Direction, IntArray, PhysicalScale
+from umo.drivers.contract import Direction, IntArray
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.drivers.option_checks import within
+from umo.drivers.optional import KnowsScale, PhysicalScale, Reports
 from umo.errors import ChannelsFailed, DriverError
 from umo.presentation.durations import duration
 
@@ -26,7 +27,7 @@ _FEW_FLOATS = 8
 _MAX_REPORTED = 40
 
 
-class Fmu(BlockDriver[FmuChannel]):
+class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
     """A model as a plant: a co-simulation unit of FMI 2.0 or 3.0, run by FMPy.
 
     Channels: `NAME` for a variable that is an integer, a boolean or an enumeration, `NAME:SCALE` for a float: the

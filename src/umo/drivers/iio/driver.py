@@ -14,9 +14,10 @@ from time import monotonic
 
 from umo.drivers._block_driver import BlockDriver, in_turn
 from umo.drivers._device_file import explained, text_in
-from umo.drivers.contract import Channel, Direction, IntArray, PhysicalScale
+from umo.drivers.contract import Channel, Direction, IntArray
 from umo.drivers.iio import sysfs
 from umo.drivers.iio.scan import Scan, element, trigger_named
+from umo.drivers.optional import KnowsScale, PhysicalScale
 from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError
 from umo.presentation.durations import duration
 
@@ -60,7 +61,7 @@ class IioChannel(Channel):
         return raw
 
 
-class Iio(BlockDriver[IioChannel]):
+class Iio(BlockDriver[IioChannel], KnowsScale):
     """One device of Linux Industrial I/O.
 
     Channels have the kernel's names without `_raw`: `in_voltage0`, `in_voltage1-voltage2`, `in_accel_x` (inputs),

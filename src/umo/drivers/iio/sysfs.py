@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from umo.drivers._device_file import numbered, one_named, text_in
-from umo.drivers.contract import PhysicalScale
+from umo.drivers.optional import PhysicalScale
 
 SYSFS = Path("/sys/bus/iio/devices")
 DEV = Path("/dev")

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers._library import library
-from umo.drivers.contract import Direction, IntArray, NoWatchdog
+from umo.drivers.contract import Direction, IntArray
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
 from umo.drivers.modbus.plan import RegisterContents, Request, Requests, WriteCache, plan_reads, plan_writes
 from umo.drivers.option_checks import duration, one_of, within
+from umo.drivers.optional import HasWatchdog, Inspects, Looks, NoWatchdog
 from umo.drivers.streams import Host, Place, Serial, place_of
 from umo.drivers.streams.line import Parity
 from umo.errors import ChannelsFailed, DriverError, WiringError
@@ -30,7 +31,7 @@ _MAX_REGISTERS, _MAX_READ_BACK = 123, 121
 _DEFAULT = Host("127.0.0.1", 502, "modbus tcp"), Serial("", 19200, "even")
 
 
-class Modbus(BlockDriver[ModbusChannel]):
+class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
     """One unit of a Modbus device, on TCP or on a serial line (RTU). Several units: one driver for each.
 
     Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs). TYPE is

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from umo.drivers.contract import UNREAD, Channel, Driver, IntArray, NoWatchdog
+from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
+from umo.drivers.optional import NoWatchdog, ages_of, arm_watchdog, inspection_of, look_for, report_of
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, forget_frames, text_of
 
 LONG_ABSENCE = 0.5
@@ -92,15 +93,15 @@ class DeviceServer:
     def _do_watchdog(self, request: Mapping[str, Any]) -> None:
         self._watchdog = request["seconds"]
         self.on_call()
-        self.driver.watchdog(request["seconds"])
+        arm_watchdog(self.driver, request["seconds"])
 
     def _do_report(self, request: Mapping[str, Any]) -> dict[str, Any]:
         self.on_call()
-        return dict(self.driver.report())
+        return report_of(self.driver)
 
     def _do_inspect(self, request: Mapping[str, Any]) -> str:
         self.on_call()
-        return self.driver.inspect(self._channel(request["channel"]))
+        return inspection_of(self.driver, self._channel(request["channel"]))
 
     def _do_initialize(self, request: Mapping[str, Any]) -> None:
         channel, default = self._channel(request["channel"]), request["raw"]
@@ -149,8 +150,7 @@ class DeviceServer:
 
     def _do_look(self, request: Mapping[str, Any]) -> bool | None:
         self.on_call()
-        found = self.driver.look()
-        return None if found is None else bool(found)
+        return look_for(self.driver)
 
     def _do_begin(self, request: Mapping[str, Any]) -> None:
         """From now on at its own period, beginning with a transfer now."""
@@ -215,7 +215,7 @@ class DeviceServer:
             self.driver.read_many(channels, out)
         except ChannelsFailed as error:
             causes = error.causes
-        ages = self.driver.ages(channels) or [0.0] * len(channels)
+        ages = ages_of(self.driver, channels) or [0.0] * len(channels)
         for number, channel, raw, age in zip(self._inputs, channels, out.tolist(), ages, strict=True):
             cause = causes.get(channel.text, "the driver returned no value" if raw == UNREAD else "")
             self._judge(rows, number, raw, began - round(age * 1e9), cause)
@@ -325,7 +325,7 @@ class DeviceServer:
             self._do_open({})
         else:
             self.on_call()
-            if (found := self.driver.look()) is not True:
+            if (found := look_for(self.driver)) is not True:
                 self._renewed = False
                 if found is None:
                     self._interval = MIN_INTERVAL  # it is not known yet
@@ -348,7 +348,7 @@ class DeviceServer:
         self._cells[Cell.INITIALIZED] = self._cells[Cell.GENERATION]
         if self._watchdog is not None:
             self.on_call()
-            self.driver.watchdog(self._watchdog)
+            arm_watchdog(self.driver, self._watchdog)
 
     # The place of a worker that died, and the end ------------------------------------------------------------------
 

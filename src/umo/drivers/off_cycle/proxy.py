@@ -8,28 +8,24 @@ and the machine is being reset.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from operator import attrgetter
+from collections.abc import Callable, Mapping, Sequence
 from time import sleep
 from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from umo.drivers.contract import Channel, Driver, IntArray, PhysicalScale
+from umo.drivers.contract import Channel, Driver, IntArray
 from umo.drivers.off_cycle.device_server import DeviceServer, error_of
 from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
+from umo.drivers.optional import KnowsAges
+from umo.drivers.wrapping import Wrapper
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 
 LOOK_INTERVAL = 0.0005
 """Time in s between two looks for an answer."""
 MARGIN = 1.0
 """Time in s, in addition to twice the timeout, for which the worker may give no sign of life during a request."""
-
-
-def _of_driver(name: str) -> Any:
-    """The attribute of this name that the driver itself has."""
-    return property(attrgetter(f"driver.{name}"), lambda proxy, value: setattr(proxy.driver, name, value))
 
 
 def generation_of(rows: IntArray) -> int:
@@ -49,18 +45,19 @@ class Worker:
         raise NotImplementedError
 
 
-class OffCycle(Driver[Any]):
+class OffCycle(Wrapper):
     """A driver off the cycle, of a machine whose channels for it are known.
 
     `own_period`: time in s from one of its transfers to the next; `max_age`: age in s from which a value is STALE.
     `defaults`: the raw integer of each channel that the machine uses, None for an input, by the channel's text.
     """
 
+    withheld = (KnowsAges,)  # each value has its stamp
     shared = True
     """Whether a worker process has the same exchange."""
 
     def __init__(self, driver: Driver[Any], own_period: float, max_age: float) -> None:
-        self.driver = driver
+        super().__init__(driver)
         self.own_period, self.max_age = own_period, max_age
         self.exchange = Exchange(())
         self.server = DeviceServer(driver, self.exchange, own_period)
@@ -86,27 +83,6 @@ class OffCycle(Driver[Any]):
         place = self.exchange.place
         self.server.assign([place[each.text] for each in inputs], [place[each.text] for each in outputs])
         self._wanted = self.exchange.wanted.read()[1]
-
-    # What is the driver's own --------------------------------------------------------------------------
-
-    timeout = _of_driver("timeout")
-    period = _of_driver("period")
-    realtime = _of_driver("realtime")
-    simulates_time = _of_driver("simulates_time")
-    forms = _of_driver("forms")
-
-    def channel(self, text: str) -> Channel:
-        channel: Channel = self.driver.channel(text)
-        return channel
-
-    def devices(self) -> Iterable[str]:
-        return self.driver.devices()
-
-    def physical_scale(self, channel: Channel) -> PhysicalScale | None:
-        return self.driver.physical_scale(channel)
-
-    def check_watchdog(self, seconds: float) -> None:
-        self.driver.check_watchdog(seconds)
 
     # Requests ------------------------------------------------------------------------------------------
 

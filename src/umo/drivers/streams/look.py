@@ -1,4 +1,4 @@
-"""Looking for a device that has stopped answering, without waiting for it (`Driver.look`)."""
+"""Looking for a device that has stopped answering, without waiting for it (`Looks.look`)."""
 
 from __future__ import annotations
 

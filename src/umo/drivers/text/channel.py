@@ -10,8 +10,9 @@ from typing import Any, NamedTuple, TypeVar
 
 from typing_extensions import TypedDict
 
-from umo.drivers.contract import Channel, Direction, PhysicalScale
+from umo.drivers.contract import Channel, Direction
 from umo.drivers.option_checks import checked_table, within
+from umo.drivers.optional import PhysicalScale
 from umo.drivers.text.pattern import NoValue, Pattern, RawOf, UnexpectedAnswer, shown
 from umo.drivers.text.template import Template, numbered
 from umo.errors import ChannelError, DriverError, WiringError

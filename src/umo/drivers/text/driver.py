@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, TypeVar, get_args
 
 from umo.drivers._block_driver import BlockDriver, Plans, in_turn
-from umo.drivers.contract import IntArray, NoWatchdog, PhysicalScale
+from umo.drivers.contract import IntArray
 from umo.drivers.option_checks import one_of, within
+from umo.drivers.optional import HasWatchdog, KnowsScale, Looks, NoWatchdog, PhysicalScale
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
 from umo.drivers.text.channel import (
@@ -36,7 +37,7 @@ _DEFAULT = Host("", 5025), Serial("", 9600, "none")
 Step = TypeVar("Step", QueryLine, RequestLine)
 
 
-class Text(BlockDriver[TextChannel]):
+class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
     """A device with a line protocol, which the wiring declares: SCPI instruments, controllers, an Arduino sketch.
 
     Channels: the names in `channels`; `zone{n}` is zone0, zone1, ..., with `{n}` in the texts of its table too.

@@ -25,7 +25,7 @@ from math import ceil, exp
 from random import Random
 from typing import Any
 
-from umo.drivers import Channel, ChannelError, Direction, Driver
+from umo.drivers import Channel, ChannelError, Direction, Driver, Reports
 
 from .batch_recipes import BatchRecipe, in_words
 from .vessel import MATERIALS, POWER, VALVE_LAG, Vessel, let_out
@@ -47,7 +47,7 @@ SCALE_LAG = 0.3
 MAX_STEP = 0.1
 
 
-class Plant(Driver):
+class Plant(Driver, Reports):
     """The batch plant, simulated. Opened again, it is as full and as warm as it was.
 
     Options:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Literal
 
-from umo.drivers import Channel, ChannelError, Direction, Driver, DriverError, WiringError
+from umo.drivers import Channel, ChannelError, Direction, Driver, DriverError, Reports, WiringError
 
 START, EXIT, DIVERTER, END = -100.0, 300.0, 450.0, 460.0
 REACH = 20.0  # the diverter rejects a part whose middle is so near to its own, mm
@@ -48,7 +48,7 @@ class Workpiece:
         return self.front - self.length
 
 
-class Plant(Driver):
+class Plant(Driver, Reports):
     """The conveyor, simulated. A third of the parts are out of tolerance, none so near to a limit that measuring could
     err.
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.optional import Reports
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.objects import Thermocouple
 from umo.text import did_you_mean
@@ -45,7 +46,7 @@ class FurnaceChannel(Channel):
     zone: int = 0
 
 
-class Plant(Driver[FurnaceChannel]):
+class Plant(Driver[FurnaceChannel], Reports):
     """The furnace, simulated. Opened again, it is as hot as it was.
 
     Options:

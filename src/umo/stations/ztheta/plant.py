@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import one_of
+from umo.drivers.optional import Reports
 from umo.errors import ChannelError, DriverError, WiringError
 
 from .courier import Report
@@ -73,7 +74,7 @@ DAC, PWM, STEP_LINE, DIRECTION, INPUTS, TICK = (
 )
 
 
-class Plant(Driver[PlantChannel]):
+class Plant(Driver[PlantChannel], Reports):
     """The station, simulated. The first `open` builds the machine; a later one finds it where it was left, with its
     circuits switched on afresh (counts at 0). After `close` it can still be advanced.
 

@@ -6,6 +6,7 @@ from itertools import combinations
 from typing import Any
 
 from umo.drivers.contract import Channel, Direction, Driver
+from umo.drivers.optional import HasWatchdog
 from umo.errors import ChannelError, text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
@@ -86,10 +87,10 @@ def before_open(context: RuleContext) -> str | None:
     devices = _devices(probe)
     if isinstance(probe.driver.forms, str):
         raise RuleBroken(f"forms is the text {probe.driver.forms!r}, not a list of texts")
-    if seconds := context.subject.watchdog:
-        context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, seconds)
-    for driver, which in ((other, "of another driver"), (probe, "when asked again")):
-        if (now := _devices(driver)) != devices:
+    if isinstance(driver := probe.driver, HasWatchdog) and (seconds := context.subject.watchdog):
+        context.failure(probe.call, "check_watchdog", driver.check_watchdog, seconds)
+    for each, which in ((other, "of another driver"), (probe, "when asked again")):
+        if (now := _devices(each)) != devices:
             raise RuleBroken(f"devices() returned {devices}, and {which} {now}")
     if not all(isinstance(each, str) for each in devices):
         raise RuleBroken(f"devices() returned {devices}, not texts")

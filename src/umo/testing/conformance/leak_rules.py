@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import cycle
 from time import monotonic, sleep
 
-from umo.drivers.contract import Driver
+from umo.drivers.optional import Looks
 from umo.presentation.digits import number_text
 from umo.testing.conformance.certificate import time_text
 from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
@@ -264,7 +264,7 @@ def _without_a_device(context: RuleContext, line: Tap) -> str:
             return "calls without the device do not fail at once"
         turns = cycle(calls)
         words = _grows(context, lambda: context.failure(next(turns)), "calls without the device")
-        if type(probe.driver).look is Driver.look:
+        if not isinstance(probe.driver, Looks):
             return words
         return f"{words}, {_grows(context, lambda: context.look(probe), 'looks for the device')}"
 

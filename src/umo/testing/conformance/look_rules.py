@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from time import monotonic, sleep
 
-from umo.drivers.contract import Driver
+from umo.drivers.optional import answers_for_device
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
@@ -48,11 +48,7 @@ def look(context: RuleContext) -> str | None:
             _finds_a_slow_one(context, probe)
     if not tried:
         raise NotTried("no transfer fails without an answer")
-    return None if _has_its_own(probe) else "the driver does not look: a transfer is tried, which may wait"
-
-
-def _has_its_own(probe: Probe) -> bool:
-    return type(probe.driver).look is not Driver.look
+    return None if answers_for_device(probe.driver) else "the driver does not look: a transfer is tried, which may wait"
 
 
 def _fails(context: RuleContext, probe: Probe) -> bool:
@@ -83,7 +79,7 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
 def _look_in_vain(context: RuleContext, probe: Probe) -> bool | None:
     """A look for a device that does not answer, which must not find it."""
     found = context.look(probe)
-    if found is True and _has_its_own(probe) and context.readable:
+    if found is True and answers_for_device(probe.driver) and context.readable:
         raise RuleBroken("look says that the device answers, and it does not")
     return found
 

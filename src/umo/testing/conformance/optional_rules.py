@@ -7,7 +7,7 @@ from math import isfinite, isnan
 from time import monotonic, sleep
 from typing import Any
 
-from umo.drivers.contract import Driver, PhysicalScale
+from umo.drivers.optional import HasWatchdog, Inspects, PhysicalScale, Reports, ages_of, inspection_of, scale_of
 from umo.errors import DeclarationError, text_of
 from umo.objects.units import check_unit, convert, line_between
 from umo.presentation.digits import number_text
@@ -76,7 +76,7 @@ def _same_at_each_level(context: RuleContext, probe: Probe, given: Mapping[str, 
 def _scale(probe: Probe, text: str) -> PhysicalScale | None:
     """RuleBroken for what is no scale."""
     try:
-        scale = probe.call(f"physical_scale of {text}", probe.driver.physical_scale, probe.channel(text))
+        scale = probe.call(f"physical_scale of {text}", scale_of, probe.driver, probe.channel(text))
     except OSError as error:
         raise RuleBroken(f"physical_scale of {text} raised {text_of(error)}: None says that it is unknown") from error
     if scale is None:
@@ -157,7 +157,7 @@ def _clock_is_set_back(probe: Probe, texts: tuple[str, ...]) -> None:
 
 def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
     """RuleBroken for what are no ages."""
-    given = probe.call("ages", probe.driver.ages, tuple(map(probe.channel, texts)))
+    given = probe.call("ages", ages_of, probe.driver, tuple(map(probe.channel, texts)))
     if given is None:
         return None
     found = list(given)
@@ -222,8 +222,7 @@ def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
     moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
     away."""
-    kind = type(context.new().driver)
-    if kind.report is Driver.report and kind.inspect is Driver.inspect:
+    if not isinstance(context.new().driver, Reports | Inspects):
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
         for number, output in enumerate(context.subject.outputs):
@@ -234,7 +233,7 @@ def report(context: RuleContext) -> str | None:
         with context.straight(goals, "report or inspect"):
             _check_report(probe)
             for text in context.readable:
-                said = probe.call(f"inspect of {text}", probe.driver.inspect, probe.channel(text))
+                said = probe.call(f"inspect of {text}", inspection_of, probe.driver, probe.channel(text))
                 if not isinstance(said, str) or "\n" in said:
                     raise RuleBroken(f"inspect of {text} returned {said!r}, not a line of text")
         for output, raw in goals.items():
@@ -249,7 +248,7 @@ def _inspects_aside(context: RuleContext, probe: Probe) -> None:
     for asked, text in zip(context.known, (*context.known[1:], *context.known[:1]), strict=True):
         before = probe.read(text)
         for many in (False, True):
-            probe.call(f"inspect of {asked}", probe.driver.inspect, probe.channel(asked))
+            probe.call(f"inspect of {asked}", inspection_of, probe.driver, probe.channel(asked))
             now = probe.read_many((text,))[0] if many else probe.read(text)
             if not context.alike(text, before, now):
                 why = f"{text} read {before}, and {now} right after inspect of {asked}"
@@ -268,8 +267,11 @@ def _reports_while_away(context: RuleContext, probe: Probe) -> None:
 
 
 def _check_report(probe: Probe) -> None:
+    driver = probe.driver
+    if not isinstance(driver, Reports):
+        return
     try:
-        found = probe.call("report", probe.driver.report)
+        found = probe.call("report", driver.report)
     except OSError as error:
         raise RuleBroken(f"report raised {text_of(error)}") from error
     if not isinstance(found, Mapping):
@@ -292,7 +294,7 @@ def watchdog(context: RuleContext) -> str | None:
     before, also if the driver has connected again since; each call of `watchdog` sets the time anew, and makes no
     requests come by themselves. `check_watchdog` refuses what the circuit cannot take."""
     seconds = context.subject.watchdog
-    if type(context.new().driver).watchdog is Driver.watchdog:
+    if not isinstance(context.new().driver, HasWatchdog):
         raise NotTried("the driver has no watchdog of its circuit")
     context.required_outputs  # noqa: B018  NotTried
     if not seconds:
@@ -322,11 +324,16 @@ def watchdog(context: RuleContext) -> str | None:
     return context.remark(*(() if longer else (f"it does not take {duration(long)}, so it was armed once",)))
 
 
+def _watched(probe: Probe) -> HasWatchdog:
+    assert isinstance(probe.driver, HasWatchdog)
+    return probe.driver
+
+
 def _arm(probe: Probe, seconds: float) -> OSError | None:
     """The error, if the watchdog does not take this time."""
     try:
-        probe.call("check_watchdog", probe.driver.check_watchdog, seconds)
-        probe.call(f"watchdog({seconds:g})", probe.driver.watchdog, seconds)
+        probe.call("check_watchdog", _watched(probe).check_watchdog, seconds)
+        probe.call(f"watchdog({seconds:g})", _watched(probe).watchdog, seconds)
     except OSError as error:
         return error
     return None
@@ -335,7 +342,7 @@ def _arm(probe: Probe, seconds: float) -> OSError | None:
 def _check_limits(context: RuleContext, probe: Probe) -> None:
     """A time that is taken can be armed: without a limit it would wrap in the circuit."""
     for seconds in NO_TIMES:
-        if context.failure(probe.call, "check_watchdog", probe.driver.check_watchdog, seconds) is not None:
+        if context.failure(probe.call, "check_watchdog", _watched(probe).check_watchdog, seconds) is not None:
             continue
         if (error := _arm(probe, seconds)) is not None:
             fails = f"{context.watch.doing} fails: {text_of(error)}"

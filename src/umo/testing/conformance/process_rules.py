@@ -14,7 +14,7 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import Any, TextIO
 
-from umo.drivers.contract import Driver
+from umo.drivers.optional import EndsWait
 from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
@@ -122,11 +122,12 @@ def interrupt(context: RuleContext) -> str | None:
 def _asked_to_stop(context: RuleContext) -> None:
     """A stop is requested while nothing is called. That of a timer ends its next wait."""
     probe = context.new()
-    if type(probe.driver).stop_waiting is Driver.stop_waiting or probe.driver.realtime or probe.driver.simulates_time:
+    driver = probe.driver
+    if not isinstance(driver, EndsWait) or driver.realtime or driver.simulates_time:
         return
     with context.leaving(probe):
         context.bring_up(probe)
-        if (error := context.failure(probe.call, "stop_waiting", probe.driver.stop_waiting)) is not None:
+        if (error := context.failure(probe.call, "stop_waiting", driver.stop_waiting)) is not None:
             why = "it is called in a signal handler, and must raise nothing"
             raise RuleBroken(f"stop_waiting failed: {text_of(error)}; {why}") from error
         context.must_work(probe, "stop_waiting was called")

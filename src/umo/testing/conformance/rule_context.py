@@ -9,7 +9,8 @@ from math import inf
 from time import monotonic
 from typing import Any, TypeVar
 
-from umo.drivers.contract import Direction, Driver
+from umo.drivers.contract import Direction
+from umo.drivers.optional import HasWatchdog, Inspects, KnowsScale, Looks, Reports, ages_of
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
@@ -125,16 +126,16 @@ class RuleContext(OutputObserver):
     def enquiries(self, probe: Probe) -> list[DriverCall]:
         """A call of each kind that the driver has of its own beside transfers, and that may ask the device. The
         watchdog is not armed by it."""
-        driver, kind = probe.driver, type(probe.driver)
-        found: dict[str, tuple[Any, ...]] = {"report": ()}
-        for text in self.readable[:1]:
-            found["inspect"] = (probe.channel(text),)
-        for text in self.channels[:1]:
-            found["physical_scale"] = (probe.channel(text),)
-        if self.subject.watchdog:
-            found["watchdog"] = (0.0,)
-        own = (name for name in found if getattr(kind, name) is not getattr(Driver, name))
-        return [partial(probe.call, name, getattr(driver, name), *found[name]) for name in own]
+        driver, found = probe.driver, list[DriverCall]()
+        if isinstance(driver, Reports):
+            found.append(partial(probe.call, "report", driver.report))
+        if isinstance(driver, Inspects) and self.readable:
+            found.append(partial(probe.call, "inspect", driver.inspect, probe.channel(self.readable[0])))
+        if isinstance(driver, KnowsScale) and self.channels:
+            found.append(partial(probe.call, "physical_scale", driver.physical_scale, probe.channel(self.channels[0])))
+        if isinstance(driver, HasWatchdog) and self.subject.watchdog:
+            found.append(partial(probe.call, "watchdog", driver.watchdog, 0.0))
+        return found
 
     def use(self, probe: Probe) -> None:
         """A call of each kind, which has to succeed."""
@@ -175,7 +176,7 @@ class RuleContext(OutputObserver):
         if not self.readable:
             return False
         probe.read_many(self.readable)
-        return probe.call("ages", probe.driver.ages, tuple(map(probe.channel, self.readable))) is not None
+        return probe.call("ages", ages_of, probe.driver, tuple(map(probe.channel, self.readable))) is not None
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
         """A call that may fail once: only then the driver may find out what the calls before have left behind."""
@@ -184,9 +185,11 @@ class RuleContext(OutputObserver):
         return call(*arguments)
 
     def look(self, probe: Probe) -> bool | None:
-        """The outcome of a look; False for an OSError, RuleBroken for what a look must not return or raise."""
+        """The outcome of a look, True if the driver has none; False for an OSError, RuleBroken for what a look must not
+        return or raise."""
+        driver = probe.driver
         try:
-            found = probe.call("look", probe.driver.look)
+            found = probe.call("look", driver.look if isinstance(driver, Looks) else lambda: True)
         except WrongKind as error:
             raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
         except OSError:

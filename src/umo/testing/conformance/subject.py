@@ -106,7 +106,7 @@ class Subject:
     sole_writer: bool = False
     """The driver says that nobody else may write while it is open: it keeps a copy of what its outputs share."""
     watchdog: float = 0.0
-    """Time in s with which the device's own watchdog is armed (`Driver.watchdog`); 0: it is left alone."""
+    """Time in s with which the device's own watchdog is armed (`HasWatchdog.watchdog`); 0: it is left alone."""
     period: float = 0.001
     """Period in s (`Driver.period`)."""
     agree: Callable[[str, int, str, int], bool] | None = None

@@ -31,6 +31,7 @@ from umo.drivers import (
     Driver,
     DriverError,
     IntArray,
+    Looks,
 )
 from umo.drivers.streams import Host, Look, Lost, Stream, TimedOut
 
@@ -52,7 +53,7 @@ Item = tuple[int, int, int]
 """Place, status and value."""
 
 
-class MyCard(Driver):
+class MyCard(Driver, Looks):
     """What the device is, in one line.
 
     Options:

@@ -1,0 +1,53 @@
+"""What stands in front of a driver and is taken for it: injected faults, the proxy of a driver off the cycle."""
+
+from __future__ import annotations
+
+from abc import ABCMeta
+from operator import attrgetter
+from typing import Any, ClassVar, Self
+
+from umo.drivers.contract import Driver
+from umo.drivers.optional import OPTIONAL, names_of
+
+
+def of_driver(name: str) -> Any:
+    """The attribute of this name that the driver itself has."""
+    return property(attrgetter(f"driver.{name}"), lambda wrapper, value: setattr(wrapper.driver, name, value))
+
+
+class Wrapper(Driver[Any]):
+    """A driver in front of another one. An object of it is of the classes of `optional.py` that the driver behind it is
+    of, and of no others but those that it names itself. What it does not do itself is that driver's own."""
+
+    withheld: ClassVar[tuple[type, ...]] = ()
+    """Those of the classes that it is not of in any case."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        """It has functions for what a driver behind it may have, without a name for each."""
+
+    def __new__(cls, driver: Driver[Any], *_: Any, **keywords: Any) -> Self:
+        had = (kind for kind in OPTIONAL if isinstance(driver, kind) and kind not in cls.withheld)
+        kinds = [kind for kind in had if not issubclass(cls, kind)]
+        passed = {name: of_driver(name) for kind in kinds for name in names_of(kind) if not hasattr(cls, name)}
+        made: Any = ABCMeta(cls.__name__, (cls, *kinds), {"__module__": cls.__module__, **passed})
+        found: Self = super().__new__(made)
+        return found
+
+    def __init__(self, driver: Driver[Any]) -> None:
+        self.driver = driver
+
+    timeout = of_driver("timeout")
+    period = of_driver("period")
+    realtime = of_driver("realtime")
+    simulates_time = of_driver("simulates_time")
+    only_off_cycle = of_driver("only_off_cycle")
+    forms = of_driver("forms")
+    channel = of_driver("channel")
+    devices = of_driver("devices")
+
+
+def bare(driver: Driver[Any]) -> Driver[Any]:
+    """The driver itself, wherever it is called, without injected faults."""
+    while isinstance(driver, Wrapper):
+        driver = driver.driver
+    return driver
