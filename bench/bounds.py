@@ -299,8 +299,8 @@ def _long_away(rig: Rig) -> None:
 
 
 def _look_now(rig: Rig) -> None:
-    for absence in rig.machine.image.transfer.absences._absent.values():
-        absence.due = 0.0
+    for away in rig.machine.image.transfer.away._away.values():
+        away.absence.due = 0.0
 
 
 def _found(rig: Rig) -> None:

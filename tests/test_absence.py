@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, connect
-from umo.cycle.absence import LONG_ABSENCE
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
 from umo.drivers import ChannelsFailed, DeviceTimeout, DriverError, Looks
+from umo.drivers.absence import LONG_ABSENCE
 from umo.states import OnOff
 from umo.testing import Scripted, periods
 
@@ -601,7 +601,7 @@ def test_a_single_call_that_tries_a_driver_counts_as_a_try() -> None:
         m.pump.write(OnOff.ON)
         run(m, 0.06)
         since, told = len(box.calls), list[str]()
-        connection.image.transfer.absences.tried = lambda name, ns: told.append(name)
+        connection.image.transfer.away.tried = lambda name, ns: told.append(name)
         run(m, 0.2)
         assert told == ["box"] * 2 * calls(box, since).count("write")  # a look, then the call itself
         box.back()

@@ -13,8 +13,8 @@ from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle import not_awaited
-from umo.cycle.absence import Absences, in_order
 from umo.cycle.attempts import Attempts
+from umo.cycle.drivers_away import DriversAway, in_order
 from umo.cycle.image import Image, ToDefault
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
@@ -258,7 +258,7 @@ class connect(Generic[C]):
         image, machine = self.image, self.machine
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
         slots = in_order([*machine.stop_order, *sensors], [wire.driver for wire in image.wires])
-        image.transfer.absences = Absences(
+        image.transfer.away = DriversAway(
             image.transfer,
             image.clock,
             machine.events,

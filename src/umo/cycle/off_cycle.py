@@ -21,9 +21,9 @@ from umo.cycle.events import Event, EventLimit, limited
 from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
 from umo.cycle.transfer import cause_of_failure
+from umo.drivers.absence import LONG_ABSENCE
 from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import NEVER, OffCycle
-from umo.drivers.off_cycle.device_server import LONG_ABSENCE
 from umo.drivers.off_cycle.proxy import generation_of
 from umo.drivers.off_cycle.shared_memory import Cell, Row
 from umo.errors import Failure

@@ -59,8 +59,7 @@ class PhaseTimes:
         """The number and the kind of the transfer of each block, by its first slot."""
         image.transfer.watched = self._watched
         image.transfer.bind(image.inputs, image.outputs)
-        if image.transfer.absences is not None:
-            image.transfer.absences.tried = self._tried
+        image.transfer.away.tried = self._tried
         if image.timer >= 0:
             image.transfer.tick = self._timed(image.transfer.tick)
 
@@ -70,8 +69,7 @@ class PhaseTimes:
             part.took = lambda ns: None
         self._image.transfer.watched = lambda block, transfer: transfer
         self._image.transfer.bind(self._image.inputs, self._image.outputs)
-        if self._image.transfer.absences is not None:
-            self._image.transfer.absences.tried = lambda name, ns: None
+        self._image.transfer.away.tried = lambda name, ns: None
 
     def _tried(self, name: str, ns: int) -> None:
         self.ns[self._tries[name]] += ns

@@ -1,4 +1,4 @@
-"""What stands in the place of a driver that is away, or that was found and is tried (`absence.py`)."""
+"""What stands in the place of a driver that is away, or that was found and is tried (`drivers_away.py`)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,31 @@ from umo.errors import ChannelsFailed, DeviceTimeout, text_of
 
 class NotCalled(DeviceTimeout):
     """The driver is away: the call was not made."""
+
+
+class NobodyAway:
+    """No driver is away, or that is not asked: every call is made, and waits. `DriversAway` stands here while a machine
+    runs."""
+
+    tried: Callable[[str, int], object] = staticmethod(lambda name, ns: None)
+    """Function that is told the ns that a driver has taken as it was looked for or tried, by its name."""
+
+    def is_away(self, driver: Driver[Any]) -> bool:
+        """Whether calls of this driver are refused."""
+        return False
+
+    def is_unknown(self, driver: Driver[Any]) -> bool:
+        """Whether calls of this driver are refused, and it is not known yet whether its device answers."""
+        return False
+
+    def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:
+        """A call has failed by this error: one of the whole driver, or one that timed out."""
+
+    def end(self) -> None:
+        """Every driver is called again, whether it answers or not: the machine stops."""
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """No device is looked for any more: in place of that `instead` is called."""
 
 
 class Away:

@@ -14,10 +14,9 @@ from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
-from umo.cycle.absence import Absences
 from umo.cycle.columns import Block
 from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
-from umo.cycle.stand_ins import NotCalled
+from umo.cycle.stand_ins import NobodyAway, NotCalled
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.drivers.off_cycle import OffCycle
 from umo.drivers.optional import arm_watchdog, report_of
@@ -106,8 +105,7 @@ class Transfer:
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
         """Whether a write to hardware failed, which the device may still carry out."""
-        self.absences: Absences | None = None
-        """The drivers that are away, while the machine runs; None: every call is made, and waits."""
+        self.away = NobodyAway()
         self.watched: Callable[[Block, BlockTransfer], BlockTransfer] = lambda block, call: call
         """Function that puts a watch around a block's transfer."""
 
@@ -178,26 +176,23 @@ class Transfer:
 
     def end_absences(self) -> None:
         """Every call is made again, and waits: the machine stops."""
-        if self.absences is not None:
-            self.absences.end()
-        self.absences = None
+        self.away.end()
+        self.away = NobodyAway()
 
     def name_if_away(self, driver: Driver[Any]) -> str:
         """The driver with its device, if it is away; else ""."""
-        away = self.absences is not None and self.absences.is_away(driver)
-        return self._names[id(driver)] if away else ""
+        return self._names[id(driver)] if self.away.is_away(driver) else ""
 
     def is_unknown(self, slot: int) -> bool:
         """Whether the calls of its driver are refused, and it is not known yet whether the device answers."""
-        return self.absences is not None and self.absences.is_unknown(self.wires[slot].driver)
+        return self.away.is_unknown(self.wires[slot].driver)
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
         self.on_call = self.tick = instead
         self.wires = self._callees = _Refused(instead)
         self._slots_of = {}
-        if self.absences is not None:
-            self.absences.refuse(instead)
+        self.away.refuse(instead)
         for block in self._blocks:
             block.transfer = instead
 
@@ -336,8 +331,8 @@ class Transfer:
             self._late[id(driver)] = self.now()
         if write and id(driver) in self._real:
             self.unsure = True
-        if self.absences is not None and (timed_out or whole):
-            self.absences.failed(driver, error, timed_out, write)
+        if timed_out or whole:
+            self.away.failed(driver, error, timed_out, write)
 
     def _failed(
         self,

@@ -13,15 +13,20 @@ from typing import Any
 
 import numpy as np
 
+from umo.drivers.absence import OFF_CYCLE, Absence, AbsenceState, AbsenceStep
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
-from umo.drivers.optional import NoWatchdog, ages_of, arm_watchdog, inspection_of, look_for, report_of
+from umo.drivers.optional import (
+    NoWatchdog,
+    ages_of,
+    answers_for_device,
+    arm_watchdog,
+    inspection_of,
+    look_for,
+    report_of,
+)
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, forget_frames, text_of
 
-LONG_ABSENCE = 0.5
-"""Time in s of an absence after which a device is initialised again: it may have been switched off."""
-MIN_INTERVAL, MAX_INTERVAL = 0.05, 1.0
-"""Time in s from one look for a device that is away to the next: it doubles each time."""
 FAILURES = (Exception, SystemExit)
 """What a call of a driver may raise."""
 
@@ -39,8 +44,6 @@ class DeviceServer:
         """Function that tells, after a reading that took its time, whether the machine still runs: else nothing is
         written that was wanted before."""
         self.opened = False
-        self._renewed = False
-        """Whether the device was initialised again, and has refused a transfer since, but not been away."""
         self._period = round(period * 1e9)
         self._cells = exchange.cells
         self._channels = exchange.channels
@@ -55,7 +58,7 @@ class DeviceServer:
         self._due = 0
         self._held_until = 0
         """Time in ns on its clock up to which the outputs are kept at their defaults."""
-        self._interval = MIN_INTERVAL
+        self._absence = Absence(OFF_CYCLE, answers_for_device(driver))
 
     def assign(self, inputs: Sequence[int], outputs: Sequence[int]) -> None:
         """The channels, by number, that each transfer reads and writes; all others are moved by orders alone."""
@@ -154,7 +157,7 @@ class DeviceServer:
 
     def _do_begin(self, request: Mapping[str, Any]) -> None:
         """From now on at its own period, beginning with a transfer now."""
-        self._cells[Cell.AWAY_SINCE] = NEVER
+        self._back()
         if not self._cells[Cell.GENERATION]:
             self._cells[Cell.GENERATION] = self._cells[Cell.INITIALIZED] = 1
         began = self.ns()
@@ -177,11 +180,13 @@ class DeviceServer:
 
     def work(self) -> None:
         """What is due now: orders, the transfer of a period."""
-        if self._cells[Cell.AWAY_SINCE] == NEVER and not self._is_held:
+        if self._absence.state is AbsenceState.THERE and not self._is_held:
             self._follow_orders()
         if self.ns() >= self._due:
             self._transfer()
             self._due = max(self._due + self._period, self.ns())
+            if self._absence.is_away:
+                self._due = max(self._due, round(self._absence.due * 1e9))
 
     def seconds_left(self) -> float:
         """The time in s to the next transfer."""
@@ -190,19 +195,17 @@ class DeviceServer:
     def _transfer(self) -> None:
         began, rows = self.ns(), self.exchange.arrivals.read()[1]
         try:
-            if self._cells[Cell.AWAY_SINCE] != NEVER and not self._found(rows):
+            if self._absence.state is not AbsenceState.THERE and not self._found(rows):
                 return
             self._read(rows, began)
             if self._groups[0]:  # it answers: a refused write is no absence, after which it would be initialised
-                self._cells[Cell.AWAY_SINCE] = NEVER
+                self._back()
             if self.in_charge():
                 self._write(rows)
         except FAILURES as error:
             self._failed(began, error)
         else:
-            self._cells[Cell.AWAY_SINCE] = NEVER
-            self._interval = MIN_INTERVAL
-            self._renewed = False
+            self._back()
         self._post(rows)
 
     def _read(self, rows: IntArray, began: int) -> None:
@@ -308,47 +311,67 @@ class DeviceServer:
 
     def _failed(self, began: int, error: BaseException) -> None:
         """A call of the whole driver has failed, or one timed out: nothing is written until the device is found."""
-        self.exchange.set_cause(-1, text_of(error))
-        self._renewed = self._renewed and not isinstance(error, OSError)
-        forget_frames(error)
         if self._cells[Cell.AWAY_SINCE] == NEVER:
             self._cells[Cell.AWAY_SINCE] = began
-        self._wait_longer()
+        self._absence.failed(self._now, error, isinstance(error, TimeoutError), began=began * 1e-9)
+        self._set_cause(error)
 
-    def _wait_longer(self) -> None:
-        self._due = self.ns() + max(0, round(self._interval * 1e9) - self._period)
-        self._interval = min(2 * self._interval, MAX_INTERVAL)
+    def _set_cause(self, error: BaseException) -> None:
+        self.exchange.set_cause(-1, text_of(error))
+        forget_frames(error)
+
+    def _back(self) -> None:
+        self._cells[Cell.AWAY_SINCE] = NEVER
+        if self._absence.state is not AbsenceState.THERE:
+            self._absence = Absence(OFF_CYCLE, answers_for_device(self.driver))
+
+    @property
+    def _now(self) -> float:
+        return self.ns() * 1e-9
 
     def _found(self, rows: IntArray) -> bool:
         """Whether the device answers again. One that was away for long is initialised first."""
-        if not self.opened:
+        if not self._absence.is_due(self._now):
+            return False
+        found = self._look()
+        step = self._absence.looked(self._now, found, self.driver.timeout)
+        if step is AbsenceStep.INITIALIZE:
+            step = self._absence.initialized(self._now, self._initialize_again(rows))
+        return step is AbsenceStep.TRY
+
+    def _look(self) -> bool | None:
+        """What a look says; a driver that is not open yet is opened in place of that."""
+        try:
+            if self.opened:
+                self.on_call()
+                return look_for(self.driver)
             self._do_open({})
-        else:
-            self.on_call()
-            if (found := look_for(self.driver)) is not True:
-                self._renewed = False
-                if found is None:
-                    self._interval = MIN_INTERVAL  # it is not known yet
-                self._wait_longer()
-                return False
-        if self.ns() - self._cells[Cell.AWAY_SINCE] >= LONG_ABSENCE * 1e9 and not self._renewed:
-            self._initialize_again(rows)
-            self._renewed = True
+        except FAILURES as error:
+            self._set_cause(error)
+            return False
         return True
 
-    def _initialize_again(self, rows: IntArray) -> None:
+    def _initialize_again(self, rows: IntArray) -> bool:
+        """Whether that has succeeded. What is posted from now on is of another generation."""
         self._cells[Cell.GENERATION] += 1
-        for channel, default in tuple(self._initialized.values()):
-            began = self.ns()
-            self.on_call()
-            self.driver.initialize(channel, default)
-            number = self.exchange.place.get(channel.text)
-            if default is not None and number is not None:
-                rows[Row.RAW, number], rows[Row.STAMP, number] = default, began
-        self._cells[Cell.INITIALIZED] = self._cells[Cell.GENERATION]
-        if self._watchdog is not None:
-            self.on_call()
-            arm_watchdog(self.driver, self._watchdog)
+        try:
+            for channel, default in tuple(self._initialized.values()):
+                began = self.ns()
+                self.on_call()
+                self.driver.initialize(channel, default)
+                self._absence.accepted()
+                number = self.exchange.place.get(channel.text)
+                if default is not None and number is not None:
+                    rows[Row.RAW, number], rows[Row.STAMP, number] = default, began
+            self._cells[Cell.INITIALIZED] = self._cells[Cell.GENERATION]
+            if self._watchdog is not None:
+                self.on_call()
+                arm_watchdog(self.driver, self._watchdog)
+        except FAILURES as error:
+            self._set_cause(error)
+            self._post(rows)
+            return False
+        return True
 
     # The place of a worker that died, and the end ------------------------------------------------------------------
 
@@ -359,17 +382,11 @@ class DeviceServer:
         self._held_until = self.ns() + round(hold * 1e9)
         self._initialized = {text: (self._channel(text), raw) for text, raw in defaults.items()}
         self._watchdog = watchdog
-        began = self.ns()
-        self._cells[Cell.AWAY_SINCE] = began - round(LONG_ABSENCE * 1e9)
-        self._due = began
-        try:
-            self._do_open({})
-            rows = self.exchange.arrivals.read()[1]
-            self._initialize_again(rows)
-        except FAILURES as error:
-            self._failed(began, error)
-        else:
-            self._cells[Cell.AWAY_SINCE] = NEVER
+        self._cells[Cell.AWAY_SINCE] = self._due = self.ns()
+        self._absence.assume(self._now)
+        rows = self.exchange.arrivals.read()[1]
+        if self._found(rows):
+            self._back()
             self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
