@@ -312,7 +312,7 @@ class SlowRig(Rig):
 
     def __init__(self, count: int) -> None:
         super().__init__(count)
-        remotes = (self.machine.image.transfer.drivers[name] for name in SLOW)
+        remotes = (self.machine.image.segments.drivers[name] for name in SLOW)
         self._servers = [remote.server for remote in remotes]
         self._work = [server.work for server in self._servers]
         for server in self._servers:
@@ -335,7 +335,7 @@ class SlowRig(Rig):
     def until_old(self, name: str, ages: int) -> None:
         """The device is away: periods until the next one finds its values older than so many maximum ages."""
         self.drivers[name].away = True
-        remote = self.machine.image.transfer.drivers[name]
+        remote = self.machine.image.segments.drivers[name]
         image: Any = self.machine.image
         slot = next(slot for slot, wire in enumerate(image.wires) if wire.driver is remote)
         while self.m.now + PERIOD - image.times[slot] <= ages * remote.max_age:

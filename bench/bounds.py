@@ -299,7 +299,7 @@ def _long_away(rig: Rig) -> None:
 
 
 def _look_now(rig: Rig) -> None:
-    for away in rig.machine.image.transfer.away._away.values():
+    for away in rig.machine.image.transfer.callees.away._away.values():
         away.absence.due = 0.0
 
 

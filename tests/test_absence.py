@@ -601,7 +601,7 @@ def test_a_single_call_that_tries_a_driver_counts_as_a_try() -> None:
         m.pump.write(OnOff.ON)
         run(m, 0.06)
         since, told = len(box.calls), list[str]()
-        connection.image.transfer.away.tried = lambda name, ns: told.append(name)
+        connection.image.transfer.callees.away.tried = lambda name, ns: told.append(name)
         run(m, 0.2)
         assert told == ["box"] * 2 * calls(box, since).count("write")  # a look, then the call itself
         box.back()

@@ -22,7 +22,7 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing
 from helpers.tiers import first
 from umo import connect
-from umo.cycle import transfer
+from umo.cycle import segments
 from umo.cycle.stage import Stage
 from umo.drivers import Channel
 from umo.errors import DeviceTimeout, DriverError
@@ -60,7 +60,7 @@ def cells(tmp_path: Path) -> Cells:
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a device may still have under way is over at once."""
-    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+    monkeypatch.setattr(segments, "SETTLE", 0.01)
 
 
 # What a control process says ----------------------------------------------------------------------------
@@ -600,7 +600,7 @@ def test_after_a_write_that_failed_everything_is_reset_a_second_time_later(tmp_p
         with pytest.raises(DriverError, match="no answer"):
             m.update()
     assert [call.channels[0] for call in box.segments("reset")] == ["motor", "valve"] * 2
-    assert sum(waited) == pytest.approx(transfer.settling(connection.wired))
+    assert sum(waited) == pytest.approx(segments.settling(connection.wired))
 
 
 def test_a_write_that_failed_on_a_simulated_circuit_costs_no_waiting() -> None:

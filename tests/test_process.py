@@ -18,7 +18,7 @@ from helpers import process_box
 from helpers.process_box import CALLS, Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
 from helpers.tiers import first, some
-from umo.cycle import transfer
+from umo.cycle import segments
 from umo.process import hang_detection, reset
 from umo.system import device_record
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a device may still have under way is over at once."""
-    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+    monkeypatch.setattr(segments, "SETTLE", 0.01)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import umo
 from helpers.machines import Board, bench, on, relay
 from umo import connect
-from umo.cycle import transfer
+from umo.cycle import segments, transfer
 from umo.cycle.attempts import Attempts
 from umo.drivers import Channel, Direction, Driver
 from umo.drivers.off_cycle import DeviceServer, Exchange
@@ -134,6 +134,7 @@ def time() -> Iterator[Time]:
     with pytest.MonkeyPatch.context() as patch:
         for module in (reset, transfer, worker):
             patch.setattr(module, "monotonic", time)
+        for module in (reset, segments, worker):
             patch.setattr(module, "sleep", time.sleep)
         patch.setattr(Resetter, "_begin", lambda resetter, numbers: False)
         yield time
@@ -172,7 +173,7 @@ def test_a_device_that_answers_again_in_the_middle_of_the_last_attempt_is_reset_
 def test_a_dead_device_ends_the_attempts(time: Time) -> None:
     device = Device(time, [Outage(-1.0, 1e9, "silent", breaks=False)], began=time.now)
     assert len(resetter_of(device, each=3).reset(RESET_FOR)) == 3
-    assert time.now - device.began < RESET_FOR + 2 * transfer.UNCONTROLLED_TIMEOUT + 1.0
+    assert time.now - device.began < RESET_FOR + 2 * segments.UNCONTROLLED_TIMEOUT + 1.0
 
 
 def test_the_attempts_of_a_reset_in_this_process_have_an_end(time: Time, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,7 +184,7 @@ def test_the_attempts_of_a_reset_in_this_process_have_an_end(time: Time, monkeyp
     monkeypatch.setattr(device, "open", lambda: opened.append(time.now))
     monkeypatch.setattr(device, "close", lambda: closed.append(time.now))
     left = resetter_of(device, each=100).reset(RESET_FOR)
-    assert time.now - device.began < 2 * RESET_FOR + 2 * transfer.UNCONTROLLED_TIMEOUT + 1.0
+    assert time.now - device.began < 2 * RESET_FOR + 2 * segments.UNCONTROLLED_TIMEOUT + 1.0
     assert set(left.values()) == {f"d0 (device {id(device)}): no answer", "not tried: no time was left"}
     assert len(closed) == len(opened) > 2
 

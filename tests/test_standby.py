@@ -17,7 +17,7 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
 from helpers.tiers import first, some
 from helpers.waiting import until
-from umo.cycle import transfer
+from umo.cycle import segments
 from umo.process import guardian, run_end, standby
 from umo.process.reset import Resetter
 from umo.process.run_state import RunState, Who
@@ -36,7 +36,7 @@ def cells(tmp_path: Path) -> Cells:
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a device may still have under way is over at once."""
-    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+    monkeypatch.setattr(segments, "SETTLE", 0.01)
 
 
 def running(folder: Path, application: str = "forever", **options: Any) -> Run:

@@ -236,7 +236,7 @@ def test_a_disconnecting_that_is_interrupted_records_the_actuators_that_were_not
 
     with pytest.raises(KeyboardInterrupt), connection as m:
         periods(m, 1)
-        connection.image.transfer.on_call = interrupt
+        connection.image.segments.on_call = interrupt
     (ended,) = standing(device)
     assert ended.unreached == ["valve"]
 

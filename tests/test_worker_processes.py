@@ -15,7 +15,7 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, until_dead
 from helpers.tiers import first
 from helpers.waiting import until
-from umo.cycle import transfer
+from umo.cycle import segments
 from umo.cycle.stage import Stage
 from umo.drivers.off_cycle.shared_memory import Cell
 from umo.process import workers as workers_module
@@ -37,7 +37,7 @@ def cells(tmp_path: Path) -> Cells:
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a device may still have under way is over at once."""
-    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+    monkeypatch.setattr(segments, "SETTLE", 0.01)
 
 
 def wiring(folder: Path, **options: Any) -> dict[str, Any]:

@@ -57,6 +57,9 @@ from umo.text import (
     str_of,
 )
 
+FAILURES = (Exception, SystemExit)
+"""Errors of a driver's call: a SystemExit would end the program as if all were well."""
+
 
 class UmoError(Exception):
     """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor.
@@ -349,6 +352,14 @@ def forget_frames(error: BaseException) -> None:
             _clear(trace)
             error.__traceback__ = None
             _forget_causes(error)
+
+
+def cause_of_failure(error: BaseException) -> str:
+    """The cause of a failed call, for an error that ends here: it is left without its frames, since a channel may stay
+    broken for a day."""
+    cause = text_of(error)
+    forget_frames(error)
+    return cause
 
 
 def _forget_causes(error: BaseException) -> None:

@@ -12,7 +12,7 @@ import pytest
 from helpers.generating import needs_a_compiler
 from helpers.runs import Run
 from helpers.split_parts import HOST_GONE, TIMEOUT_PERIODS, ZONE, RunningController
-from umo.cycle import transfer
+from umo.cycle import segments
 
 pytestmark = [
     needs_a_compiler,
@@ -23,7 +23,7 @@ pytestmark = [
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a device may still have under way is over at once."""
-    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+    monkeypatch.setattr(segments, "SETTLE", 0.01)
 
 
 def heating(controller: RunningController) -> Run:

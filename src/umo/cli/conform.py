@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.table import Table
 
-from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
+from umo.cycle.segments import UNCONTROLLED_TIMEOUT
 from umo.drivers import Direction, Driver
 from umo.drivers.streams import Host, Serial
 from umo.drivers.wrapping import bare

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from umo.cycle.transfer import settling
+from umo.cycle.segments import settling
 from umo.errors import OptionError
 from umo.exit_status import ExitStatus
 from umo.process.frame_watcher import BLACK_BOX_TIMEOUT

@@ -22,8 +22,8 @@ from umo.cycle.laid_out import machine_of
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
+from umo.cycle.segments import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.cycle.stopping import StopFlag, end_forked
-from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.optional import EndsWait
 from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
@@ -222,11 +222,11 @@ class connect(Generic[C]):
         return Moment.at(clock.now) if clock.number else None
 
     def _start(self) -> None:
-        transfer = self.image.transfer
-        transfer.on_call = self.on_step
+        segments = self.image.segments
+        segments.on_call = self.on_step
         for name in self.wired.drivers:
             self._opened.append(name)
-            transfer.open(name)
+            segments.open(name)
         with self._patient():
             for slot in [self.image.slot_of[id(item)] for item in atoms(self.root)]:
                 self._initialized.append(slot)
@@ -234,7 +234,7 @@ class connect(Generic[C]):
                 if failure is not None:
                     raise DriverError("could not be initialised", [failure])
             for name, limit in self.wired.watchdogs.items():
-                transfer.watchdog(name, limit)
+                segments.watchdog(name, limit)
         self._contain_absences()
         self._sample_first()
         self.machine.contain_failures(True)
@@ -258,8 +258,9 @@ class connect(Generic[C]):
         image, machine = self.image, self.machine
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
         slots = in_order([*machine.stop_order, *sensors], [wire.driver for wire in image.wires])
-        image.transfer.away = DriversAway(
+        image.transfer.callees.away = DriversAway(
             image.transfer,
+            image.segments,
             image.clock,
             machine.events,
             image.initialize_again,
@@ -301,7 +302,7 @@ class connect(Generic[C]):
                 found, late = self._reset()
             unreached = found
             self.reached = not unreached
-            self.image.transfer.end_writing()
+            self.image.transfer.callees.end_writing()
             showing = _error_of(self._show_last)  # what is shown comes after what is safe
             self._ask_reports()
             failures = late + self._finalize() + self._close()
@@ -348,7 +349,7 @@ class connect(Generic[C]):
         for driver in self._controllers.values():
             driver.end()
         unreached, _ = self._reset()
-        self.image.transfer.end_writing()
+        self.image.transfer.callees.end_writing()
         self._finalize()
         self._close()
         self._end_custody(unreached, None)
@@ -415,19 +416,19 @@ class connect(Generic[C]):
         return failures
 
     def _finalize(self) -> list[Failure]:
-        found = map(self.image.transfer.finalize, reversed(self._initialized))
+        found = map(self.image.segments.finalize, reversed(self._initialized))
         return [failure._replace(cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
 
     def _ask_reports(self) -> None:
         """The report of each driver. One that fails says why in its place: it is no failure of the run."""
         for name in self._opened if self.started else ():
             try:
-                self.reports[name] = self.image.transfer.report(name)
+                self.reports[name] = self.image.segments.report(name)
             except BaseException as error:  # whatever it is: the machine is left in any case
                 self.reports[name] = {"no report": text_of(error.__cause__ or error)}  # the driver is named already
 
     def _close(self) -> list[Failure]:
-        return self._of_each(reversed(self._opened), self.image.transfer.close, "not closed")
+        return self._of_each(reversed(self._opened), self.image.segments.close, "not closed")
 
     def _of_each(self, names: Iterable[str], call: Callable[[str], None], what: str) -> list[Failure]:
         """One call for each driver. An error, whatever it is, does not keep it from the others."""
@@ -436,7 +437,7 @@ class connect(Generic[C]):
             try:
                 call(name)
             except BaseException as error:
-                failures.append(self.image.transfer.failed_whole(name, what, error))
+                failures.append(self.image.segments.failed_whole(name, what, error))
         return failures
 
     def _stop_sequence(self) -> list[int]:

@@ -15,8 +15,7 @@ from typing import Any, ClassVar
 
 from umo.cycle.clock import Clock
 from umo.cycle.slots import Slots
-from umo.cycle.transfer import FAILURES, cause_of_failure
-from umo.errors import Failure
+from umo.errors import FAILURES, Failure, cause_of_failure
 from umo.objects import Quality
 from umo.wiring.wired import Wired
 
@@ -119,7 +118,9 @@ class WithPeriod:
     def is_sent_again(self, slot: int) -> bool:
         """Whether what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
         not known whether the device answers, it was not tried."""
-        return self._is_within(slot, self._image.times[slot]) or self._image.transfer.is_unknown(slot)
+        image = self._image
+        away, driver = image.transfer.callees.away, image.wires[slot].driver
+        return self._is_within(slot, image.times[slot]) or away.is_unknown(driver)
 
     def _is_within(self, slot: int, since: float) -> bool:
         """Whether no more than its `max_age` has passed since this time, in s."""

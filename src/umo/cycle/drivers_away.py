@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 
 from umo.cycle.clock import Clock
 from umo.cycle.events import Event, EventLimit, Events, limited
+from umo.cycle.segments import DriverSegments
 from umo.cycle.stand_ins import Away, NobodyAway, NotCalled, Tried
 from umo.cycle.transfer import Transfer
 from umo.drivers.absence import ON_CYCLE, Absence, AbsenceState, AbsenceStep
@@ -49,6 +50,7 @@ class DriversAway(NobodyAway):
     def __init__(
         self,
         transfer: Transfer,
+        segments: DriverSegments,
         clock: Clock,
         events: Events,
         initialize: Callable[[int], Failure | None],
@@ -58,10 +60,11 @@ class DriversAway(NobodyAway):
     ) -> None:
         """`slots` are those of each driver (by id) in the order in which they are initialised. `stays_at_default` is
         the path of an object that loses its value by this, else ""."""
-        self._transfer, self._clock, self._events = transfer, clock, events
+        self._transfer, self._segments = transfer, segments
+        self._clock, self._events = clock, events
         self._stays_at_default = stays_at_default
         self._initialize, self._slots, self._watchdogs = initialize, slots, watchdogs
-        self._names = {id(driver): name for name, driver in transfer.drivers.items()}
+        self._names = {id(driver): name for name, driver in segments.drivers.items()}
         self._away: dict[int, DriverAway] = {}
         self._limits: dict[str, EventLimit] = {}
         self._on_tick = clock.on_tick
@@ -127,7 +130,7 @@ class DriversAway(NobodyAway):
         elif step is AbsenceStep.TRY:
             tried, back = partial(self.tried, away.name), partial(self._back, away)
             callee = Tried(away.driver, back, tried, self._transfer.now)
-        self._transfer.exchange(away.driver, callee)
+        self._transfer.callees.exchange(away.driver, callee)
 
     def _initialize_again(self, away: DriverAway) -> AbsenceStep:
         """Initialise every object of the driver and arm its watchdog."""
@@ -147,7 +150,7 @@ class DriversAway(NobodyAway):
             away.absence.accepted()
         if away.name in self._watchdogs:
             try:
-                self._transfer.watchdog(away.name, self._watchdogs[away.name])
+                self._segments.watchdog(away.name, self._watchdogs[away.name])
             except DriverError as error:
                 return text_of(error.__cause__ or error)
         return ""

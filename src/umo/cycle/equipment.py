@@ -324,7 +324,7 @@ class Containment:
         """Which of its drivers are away, in words."""
         transfer = self._image.transfer
         drivers = dict.fromkeys(transfer.wires[slot].driver for slot in equipment.slots)
-        names = [name for driver in drivers if (name := transfer.name_if_away(driver))]
+        names = [transfer.words_of(driver) for driver in drivers if transfer.callees.away.is_away(driver)]
         return f"; away, and looked for, is: {', '.join(names)}" if names else ""
 
     def _is_unread(self, slot: int) -> bool:

@@ -19,11 +19,10 @@ from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
 from umo.cycle.deliveries import ImageOutputs
 from umo.cycle.readings import ImageInputs
-from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction
 from umo.drivers.optional import WaitEnded
-from umo.errors import DriverError, Failure
+from umo.errors import FAILURES, DriverError, Failure, cause_of_failure
 from umo.objects import Actuator, Quality, link
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
@@ -91,10 +90,11 @@ class Image(ImageInputs, ImageOutputs):
 
     def end(self) -> None:
         """The machine stops: no period follows."""
-        self.transfer.end_absences()
+        self.transfer.callees.end_absences()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
+        self.segments.on_call = instead
         self.transfer.refuse(instead)
 
     def disconnect(self) -> None:
@@ -311,7 +311,7 @@ class Image(ImageInputs, ImageOutputs):
     def initialize_again(self, slot: int) -> Failure | None:
         """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
         actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
-        if (failure := self.transfer.initialize(slot)) is None:
+        if (failure := self.segments.initialize(slot)) is None:
             self.was_initialized_again(slot)
         return failure
 
@@ -360,13 +360,13 @@ class Image(ImageInputs, ImageOutputs):
         return _MOVES[way](self, slots)
 
     def _reset(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
-        for slot, failure in self.transfer.bring_to_default(slots):
+        for slot, failure in self.segments.bring_to_default(slots):
             self._was_reset(slot, failure)
             yield slot, failure
 
     def _initialize(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
         for slot in slots:
-            failure = self.transfer.initialize(slot)
+            failure = self.segments.initialize(slot)
             self._was_reset(slot, failure)
             if (conditioner := self.conditioners.get(slot)) is not None:
                 conditioner.begin()

@@ -50,7 +50,8 @@ itself."""
 DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")
 """Files of umo's drivers."""
 CALLERS = tuple(
-    f"cycle/{name}.py" for name in ("drivers_away", "image", "off_cycle", "phase_times", "stand_ins", "transfer")
+    f"cycle/{name}.py"
+    for name in ("drivers_away", "image", "off_cycle", "phase_times", "segments", "stand_ins", "transfer")
 )
 """Files of umo from which drivers are called."""
 INSTALLED = ("numpy", "pint", "typer", "click", "rich", "pydantic", "_pytest", "pluggy", "coverage")

@@ -20,13 +20,12 @@ from umo.cycle.deliveries import AtOnce, WithPeriod
 from umo.cycle.events import Event, EventLimit, limited
 from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
-from umo.cycle.transfer import cause_of_failure
 from umo.drivers.absence import LONG_ABSENCE
 from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import NEVER, OffCycle
 from umo.drivers.off_cycle.proxy import generation_of
 from umo.drivers.off_cycle.shared_memory import Cell, Row
-from umo.errors import Failure
+from umo.errors import Failure, cause_of_failure
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray, IntArray
 from umo.presentation.durations import duration
@@ -131,7 +130,7 @@ class OffCycleDrivers:
     def begin(self) -> None:
         """From now on no call of these drivers waits."""
         for remote in self._remotes:
-            self._image.transfer.on_call()
+            self._image.segments.on_call()
             remote.driver.begin()
         self._now_ns = self._ns()
         self._exchange()

@@ -11,11 +11,11 @@ from functools import partial
 from time import monotonic_ns
 from typing import Any
 
+from umo.cycle.callees import BlockTransfer
 from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.journal import NEVER, Journal, Kind
 from umo.cycle.rate_groups import PartGroup
-from umo.cycle.transfer import BlockTransfer
 from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
@@ -57,9 +57,9 @@ class PhaseTimes:
         kinds = zip(places, (Kind.READ, Kind.WRITE), strict=True)
         self._places = {block.start: (number, kind) for blocks, kind in kinds for number, block in blocks}
         """The number and the kind of the transfer of each block, by its first slot."""
-        image.transfer.watched = self._watched
+        image.transfer.callees.watched = self._watched
         image.transfer.bind(image.inputs, image.outputs)
-        image.transfer.away.tried = self._tried
+        image.transfer.callees.away.tried = self._tried
         if image.timer >= 0:
             image.transfer.tick = self._timed(image.transfer.tick)
 
@@ -67,9 +67,9 @@ class PhaseTimes:
         """The drivers are called without being watched again."""
         for part in self._parts:
             part.took = lambda ns: None
-        self._image.transfer.watched = lambda block, transfer: transfer
+        self._image.transfer.callees.watched = lambda block, transfer: transfer
         self._image.transfer.bind(self._image.inputs, self._image.outputs)
-        self._image.transfer.away.tried = lambda name, ns: None
+        self._image.transfer.callees.away.tried = lambda name, ns: None
 
     def _tried(self, name: str, ns: int) -> None:
         self.ns[self._tries[name]] += ns

@@ -15,9 +15,9 @@ from umo.cycle.columns import Block
 from umo.cycle.conditioning import ConditionedInputs, conditioner_of
 from umo.cycle.conversion import convert_inputs
 from umo.cycle.slots import Slots
-from umo.cycle.transfer import Transfer, cause_of_failure
+from umo.cycle.transfer import Transfer
 from umo.drivers.contract import UNREAD, Direction
-from umo.errors import BadInput, DriverError, Failure, RangeError
+from umo.errors import BadInput, DriverError, Failure, RangeError, cause_of_failure
 from umo.objects import Digital, Quality, Sensor
 from umo.objects.scaling import to_value
 from umo.wiring.wired import Wired

@@ -16,6 +16,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.columns import Block, Columns, Scales
 from umo.cycle.conversion import convert_outputs
 from umo.cycle.events import Events
+from umo.cycle.segments import DriverSegments
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import OffCycle
@@ -52,6 +53,7 @@ class Slots:
         self.quality: Any = columns.quality.data
         self.restrictions: Any = columns.restrictions.data
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
+        self.segments = DriverSegments(self.transfer, wired)
         self.scales = scales = Scales(self.wires, self.transfer.defaults)
         self._defaults = scales.defaults.data
         self.base = [Quality.UNREFERENCED if item._incremental else Quality.GOOD for item in self.items]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from umo.cycle.segments import DriverSegments
 from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Direction
 from umo.errors import DriverError, Failure, text_of
@@ -61,6 +62,7 @@ class Simulation:
         if wired.injection is not None:
             wired.injection.clock = self
         self._transfer = Transfer(wired.wires, wired, self._timer)
+        self._segments = DriverSegments(self._transfer, wired)
         self._transfer.bind((), ())
         self._periods = 0
         self._opened: list[str] = []
@@ -75,10 +77,10 @@ class Simulation:
         try:
             for name in self._wired.drivers:
                 self._opened.append(name)
-                self._transfer.open(name)
+                self._segments.open(name)
             for slot in range(len(self._wired.wires)):
                 self._initialized.append(slot)
-                failure = self._transfer.initialize(slot)
+                failure = self._segments.initialize(slot)
                 if failure is not None:
                     raise DriverError("the plant could not be initialised", [failure])
         except BaseException:
@@ -94,14 +96,14 @@ class Simulation:
 
     def _close(self) -> list[Failure]:
         """Outputs to their defaults, then everything released; what failed."""
-        transfer, wires = self._transfer, self._wired.wires
+        segments, wires = self._segments, self._wired.wires
         outputs = [slot for slot in self._initialized if wires[slot].item.direction is Direction.OUTPUT]
-        found = [failure for _, failure in transfer.bring_to_default(outputs)]
-        found += map(transfer.finalize, reversed(self._initialized))
+        found = [failure for _, failure in segments.bring_to_default(outputs)]
+        found += map(segments.finalize, reversed(self._initialized))
         failures = [failure for failure in found if failure is not None]
         for name in reversed(self._opened):
             try:
-                transfer.close(name)
+                segments.close(name)
             except Exception as error:
                 failures.append(Failure(f"driver {name}", "-", text_of(error)))
         self._opened, self._initialized = [], []
@@ -130,7 +132,7 @@ class Simulation:
         found: dict[str, Any] = {}
         for name in self._opened:
             try:
-                found |= self._transfer.report(name)
+                found |= self._segments.report(name)
             except Exception as error:
                 found[f"no report of {name}"] = text_of(error.__cause__ or error)
         return found

@@ -19,7 +19,8 @@ from types import FrameType
 from typing import Literal
 
 from umo.cycle.attempts import Attempts
-from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, Transfer, settling, wait_for
+from umo.cycle.segments import UNCONTROLLED_TIMEOUT, DriverSegments, settling, wait_for
+from umo.cycle.transfer import Transfer
 from umo.drivers.off_cycle import OffCycle
 from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
@@ -75,7 +76,7 @@ class Resetter:
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
-        self._transfer = Transfer(self._wires, wired)
+        self._segments = DriverSegments(Transfer(self._wires, wired), wired)
         self._guard, self._give_up, self._fork_reserve, self._end = guard, give_up, fork, end
         self.in_reserve: Callable[[], bool] = lambda: False
         """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
@@ -368,7 +369,7 @@ class Resetter:
 
     def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object], until: float = inf) -> None:
         """Open, bring to the defaults, close. From `until` on no call begins but those that close."""
-        transfer = self._transfer
+        segments = self._segments
         for driver in self._wired.drivers.values():
             if isinstance(driver, OffCycle):
                 driver.call_here_if_alone()
@@ -378,7 +379,7 @@ class Resetter:
             self._state.beat()
             look()
 
-        transfer.on_call = call
+        segments.on_call = call
         opened: list[str] = []
         reached: list[int] = []
         try:
@@ -386,10 +387,10 @@ class Resetter:
             reached = self._reset_opened([n for n in numbers if self._driver_of(n) in opened], call, until)
         finally:
             for number in reversed(reached):
-                transfer.finalize(number)
+                segments.finalize(number)
             for name in reversed(opened):
                 with suppress(BaseException):
-                    transfer.close(name)
+                    segments.close(name)
 
     def _reset_opened(self, numbers: list[int], call: Callable[[], object], until: float) -> list[int]:
         """Initialise, reset once the old process is dead, and again when what was under way is done; those that were
@@ -417,12 +418,12 @@ class Resetter:
             _look_at_time(until)
             self._state.begin(mine[0])
             try:
-                self._transfer.open(name)
+                self._segments.open(name)
             except BaseException as error:
                 for number in mine:
                     self._state.note(number, Reached.NO, text_of(error))
                 with suppress(BaseException):
-                    self._transfer.close(name)
+                    self._segments.close(name)
                 continue
             opened.append(name)
 
@@ -441,7 +442,8 @@ class Resetter:
             _look_at_time(until)
             self._state.begin(number)
 
-        for number, failure in self._transfer.bring_to_default(numbers, segment, begin, patient=self._tries_all):
+        moved = self._segments.bring_to_default(numbers, segment, begin, patient=self._tries_all)
+        for number, failure in moved:
             if failure is not None:
                 self._state.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
                 continue

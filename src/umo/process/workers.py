@@ -13,8 +13,8 @@ from math import inf
 from time import monotonic, monotonic_ns
 from typing import Any
 
+from umo.cycle.segments import UNCONTROLLED_TIMEOUT
 from umo.cycle.stage import Stage
-from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers.off_cycle import OffCycle
 from umo.drivers.off_cycle.proxy import MARGIN, Worker
 from umo.drivers.off_cycle.shared_memory import Cell

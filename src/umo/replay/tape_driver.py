@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from umo.cycle.callees import BlockTransfer
 from umo.cycle.columns import Block
 from umo.cycle.journal import Kind
-from umo.cycle.transfer import BlockTransfer, Transfer
+from umo.cycle.transfer import Transfer
 from umo.drivers.contract import Channel, Driver, IntArray
 from umo.drivers.faults.wrapper import Injection
 from umo.drivers.off_cycle import OffCycle
@@ -149,7 +150,7 @@ def _tape_of(
 
 def watch_blocks(transfer: Transfer, player: Player) -> None:
     """Let the player know which transfer is the first of a block in a period: this one has no entries of its own."""
-    inner = transfer.watched
+    inner = transfer.callees.watched
 
     def watched(block: Block, call: BlockTransfer) -> BlockTransfer:
         within, start, seen = inner(block, call), block.start, player.seen
@@ -167,4 +168,4 @@ def watch_blocks(transfer: Transfer, player: Player) -> None:
 
         return transferred
 
-    transfer.watched = watched
+    transfer.callees.watched = watched

@@ -25,10 +25,7 @@ from umo.drivers.optional import (
     look_for,
     report_of,
 )
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, forget_frames, text_of
-
-FAILURES = (Exception, SystemExit)
-"""What a call of a driver may raise."""
+from umo.errors import FAILURES, ChannelsFailed, DeviceTimeout, DriverError, forget_frames, text_of
 
 
 class DeviceServer:

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from functools import cached_property
 from typing import Any
 
-from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
+from umo.cycle.segments import UNCONTROLLED_TIMEOUT
 from umo.drivers.contract import Direction, Driver
 from umo.testing.conformance.probe import Probe, Stopped, Watch
 from umo.testing.conformance.subject import Subject

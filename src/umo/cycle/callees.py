@@ -1,0 +1,78 @@
+"""Where calls of drivers go: to the driver, or to a stand-in while it is away (`drivers_away.py`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn
+
+from umo.cycle.columns import Block
+from umo.cycle.stand_ins import NobodyAway
+from umo.drivers.contract import Driver
+from umo.errors import DriverError
+from umo.objects.scaling import IntArray
+from umo.wiring.wired import Wire
+
+BlockTransfer = Callable[[Any, IntArray], None]
+
+
+def refuse_write(*_: object) -> NoReturn:
+    raise DriverError("the machine has been reset; nothing is written any more")
+
+
+class Callees:
+    """Of each object, and of each block: whom its calls go to."""
+
+    def __init__(self, wires: Sequence[Wire]) -> None:
+        self.of: Any = [wire.driver for wire in wires]
+        """By slot."""
+        self.slots: dict[int, list[int]] = {}
+        """The objects of each driver, by its id."""
+        for slot, wire in enumerate(wires):
+            self.slots.setdefault(id(wire.driver), []).append(slot)
+        self.away = NobodyAway()
+        self.written = True
+        """Whether writes are carried out."""
+        self.watched: Callable[[Block, BlockTransfer], BlockTransfer] = lambda block, call: call
+        """Function that puts a watch around a block's transfer."""
+        self._blocks: list[Block] = []
+        self._outputs: list[Block] = []
+
+    def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
+        """The blocks' `transfer` are the drivers' own, or those of who stands in their places."""
+        self._outputs = list(outputs)
+        self._blocks = [*inputs, *self._outputs]
+        for block in self._blocks:
+            self._bind(block)
+
+    def _bind(self, block: Block) -> None:
+        callee = self.of[block.start]
+        if block not in self._outputs:
+            block.transfer = self.watched(block, callee.read_many)
+        else:
+            block.transfer = self.watched(block, callee.write_many if self.written else refuse_write)
+
+    def exchange(self, driver: Driver[Any], callee: Any) -> None:
+        """Let calls of this driver go to `callee` from now on."""
+        for slot in self.slots.get(id(driver), ()):
+            self.of[slot] = callee
+        for block in self._blocks:
+            if block.driver is driver:
+                self._bind(block)
+
+    def end_writing(self) -> None:
+        """Let no write reach a driver any longer, but resets."""
+        self.written = False
+        for block in self._outputs:
+            block.transfer = refuse_write
+
+    def end_absences(self) -> None:
+        """Every call is made again, and waits: the machine stops."""
+        self.away.end()
+        self.away = NobodyAway()
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """Let no block's call, and no look, reach a driver any longer: in its place `instead` is called."""
+        self.slots = {}
+        self.away.refuse(instead)
+        for block in self._blocks:
+            block.transfer = instead

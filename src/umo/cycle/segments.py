@@ -1,0 +1,146 @@
+"""What is called of drivers outside of a period: they are opened and closed, their objects initialised, reset and
+finalised. Each call is preceded by a sign of life, as it may wait."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from math import inf
+from time import sleep
+from typing import Any, Literal, TypeVar
+
+from umo.cycle.journal import ErrorKind, Kind
+from umo.cycle.transfer import Transfer
+from umo.drivers.contract import Driver
+from umo.drivers.off_cycle import OffCycle
+from umo.drivers.optional import arm_watchdog, report_of
+from umo.errors import FAILURES, DriverError, Failure, cause_of_failure, text_of
+from umo.wiring.wired import Wired
+
+SETTLE = 0.25
+"""Minimum time in s for a device to carry out requests that are still pending."""
+MAX_SETTLE = 1.0
+"""Maximum of the same for a device with a long timeout."""
+UNCONTROLLED_TIMEOUT = 3.0
+"""Timeout in s of a driver's call while nothing is controlled: when connecting, and for the guardian's resets. A device
+that serves one connection at a time may need long to let go of the one before."""
+WAIT_SLICE = 0.05
+"""Time in s between two signs of life while waiting."""
+LATE_TIME = 0.5
+"""Time in s, plus twice its timeout, for which a driver that timed out is served last."""
+T = TypeVar("T")
+_JOURNAL_KINDS = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
+
+
+class DriverSegments:
+    """The paper's segments but for read and write, and the calls of whole drivers."""
+
+    def __init__(self, transfer: Transfer, wired: Wired) -> None:
+        self._transfer = transfer
+        self.drivers = wired.drivers
+        self.on_call: Callable[[], object] = lambda: None
+        """Function that is called before each of these calls: a sign of life."""
+        for driver in self.drivers.values():
+            if isinstance(driver, OffCycle):
+                driver.pause = self._wait_for_worker
+
+    def _wait_for_worker(self, seconds: float) -> None:
+        self.on_call()
+        sleep(seconds)
+
+    # Whole drivers -------------------------------------------------------------------------------------
+
+    def open(self, name: str) -> None:
+        self._whole(name, "opened", self.drivers[name].open)
+
+    def close(self, name: str) -> None:
+        self._whole(name, "closed", self.drivers[name].close)
+
+    def watchdog(self, name: str, seconds: float) -> None:
+        self._whole(name, "armed with its watchdog", lambda: arm_watchdog(self.drivers[name], seconds))
+
+    def report(self, name: str) -> dict[str, Any]:
+        return self._whole(name, "asked for its report", lambda: report_of(self.drivers[name]))
+
+    def _whole(self, name: str, what: str, call: Callable[[], T]) -> T:
+        self.on_call()
+        try:
+            return call()
+        except DriverError as error:
+            raise DriverError(f"driver {self._words(name)}: {error}", error.failures) from error
+        except FAILURES as error:
+            raise DriverError(f"driver {self._words(name)} could not be {what}: {text_of(error)}") from error
+
+    def _words(self, name: str) -> str:
+        return self._transfer.words_of(self.drivers[name])
+
+    def failed_whole(self, name: str, what: str, error: BaseException) -> Failure:
+        """A call for a whole driver has failed."""
+        cause = error.__cause__ or error  # the driver is named already
+        return Failure(f"driver {name}", "-", f"{what}: {text_of(cause)}", self._words(name))
+
+    # Single objects ------------------------------------------------------------------------------------
+
+    def initialize(self, slot: int) -> Failure | None:
+        return self._segment(slot, "initialize", self._transfer.defaults[slot])
+
+    def finalize(self, slot: int) -> Failure | None:
+        return self._segment(slot, "finalize")
+
+    def bring_to_default(
+        self,
+        slots: Iterable[int],
+        segment: Literal["initialize", "reset"] = "reset",
+        begin: Callable[[int], object] = lambda slot: None,
+        patient: bool = True,
+    ) -> Iterator[tuple[int, Failure | None]]:
+        """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not
+        answer in time are left to the end, so that it holds none of the others back; if not `patient`, they are left
+        out: whoever comes again opens one connection more, not one for each. `begin` is called with each slot."""
+        wires, defaults = self._transfer.wires, self._transfer.defaults
+        if not patient:
+            self._transfer.late.clear()
+        waiting: list[int] = []
+        for slot in slots:
+            if self._is_late(wires[slot].driver):
+                waiting.append(slot)
+            else:
+                begin(slot)
+                yield slot, self._segment(slot, segment, defaults[slot])
+        for slot in waiting if patient else ():
+            begin(slot)
+            yield slot, self._segment(slot, segment, defaults[slot])
+
+    def _is_late(self, driver: Driver[Any]) -> bool:
+        return self._transfer.now() - self._transfer.late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
+
+    def _segment(self, slot: int, segment: str, *default: int | None) -> Failure | None:
+        """One of the paper's segments; what failed."""
+        self.on_call()
+        transfer = self._transfer
+        wire = transfer.wires[slot]
+        began = transfer.now()
+        try:
+            getattr(transfer.callees.of[slot], segment)(wire.channel, *default)
+        except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
+            took = transfer.now() - began
+            transfer.mark(wire.driver, error, True, took)
+            kind = ErrorKind.TIMEOUT if took >= wire.driver.timeout else ErrorKind.of(error)
+            transfer.note(slot, Kind.FAILED_RESET, kind, default[0] if default else None)
+            return transfer.failure(slot, cause_of_failure(error))
+        transfer.late.pop(id(wire.driver), None)
+        if segment in _JOURNAL_KINDS:
+            transfer.moved(slot, transfer.raws[slot] if default[0] is None else default[0], _JOURNAL_KINDS[segment])
+        return None
+
+
+def settling(wired: Wired) -> float:
+    """The time in s that a device may take to carry out what was still under way when it began to answer again."""
+    return max([SETTLE, *(min(wired.drivers[name].timeout, MAX_SETTLE) for name in wired.hardware)])
+
+
+def wait_for(seconds: float, pause: Callable[[float], object], on_call: Callable[[], object]) -> None:
+    """Wait in slices, each with a sign of life."""
+    while seconds > 0:
+        on_call()
+        pause(min(WAIT_SLICE, seconds))
+        seconds -= WAIT_SLICE
