@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
-from umo.drivers import Channel, Direction, Driver, WiringError
+from umo.drivers import Channel, Direction, Driver, KnowsScale, WiringError
 from umo.errors import OptionError
 from umo.objects import atoms
 from umo.testing import Scripted, VirtualTimer
@@ -871,3 +871,13 @@ def test_real_time_is_what_the_timers_driver_says() -> None:
     machine = bench()
     real = wired(machine, Scripted(), entries={"timer": {"driver": "timerfd"}})
     assert resolve(machine, real).realtime
+
+
+@pytest.mark.parametrize("scale", [(0.5, "V"), 0.5])
+def test_a_scale_of_a_circuit_that_is_none_is_a_mistake_of_its_channel(scale: Any) -> None:
+    class Odd(Scripted, KnowsScale):
+        def physical_scale(self, channel: Channel) -> Any:
+            return scale
+
+    found = faults(bench(), wired(bench(), Odd()))
+    assert ('wire."motor".channel', f"its scale is {scale!r}, not a PhysicalScale") in found
