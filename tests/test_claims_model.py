@@ -39,8 +39,8 @@ from helpers.letters import Letters
 from helpers.machines import actuator, timer
 from helpers.tiers import first, some
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, TaskFailed, Vector, connect
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.command_stage import Command, CommandStage
 from umo.cycle.deliveries import AtOnce
@@ -199,9 +199,8 @@ class Rig:
         self.slot = self.valve._slot
         self.vector, self.resting = Vector([self.valve]), Resting(self.m.around, [])
         self.letters, self.number = Letters(), 0
-        machine.clients = self.clients = ClientControl(
-            machine, self.letters, self.letters, Mode.MANUAL, lambda: self.life
-        )
+        self.clients = ClientControl(self.letters, self.letters, Mode.MANUAL, lambda: self.life)
+        machine.attach(self.clients)
         self.ask("lease", seconds=60.0)
         self.m.beside.write(7.0)
         self.m.update()

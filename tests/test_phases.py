@@ -10,8 +10,10 @@ from typer.testing import Result
 
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
+from umo.cli.period_table import acting_in
 from umo.cycle.laid_out import laid_out
 from umo.cycle.machine_view import connect_compounds
+from umo.cycle.part_periods import PartPeriods
 from umo.cycle.period import PHASES
 from umo.states import OnOff
 from umo.testing import Scripted, periods
@@ -69,8 +71,8 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
         noted(machine.commands, "evaluate", "GUARD")
         noted(machine.sequences, "advance", "SEQUENCES")
         noted(machine.acting_laws, "act", "LAWS")
-        noted(period, "_settle", "SETTLE")
-        noted(period, "_send_urgent", "OWED")
+        noted(period, "settle", "SETTLE")
+        noted(machine.find(PartPeriods), "_send_urgent", "OWED")
         on_tick = machine.clock.on_tick
         machine.clock.on_tick = lambda: (seen.append("TICK"), on_tick())
         period.bind()
@@ -92,7 +94,7 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
 def test_who_is_bound_is_told_in_words() -> None:
     m = plant()
     with laid_out(m, resolve(m, None)) as machine:
-        bound = machine.phases.bound()
+        bound = acting_in(machine)
     assert list(bound) == [phase.name for phase in PHASES]
     assert bound["SAMPLE"] == ["1 sensor on Simulated"]
     assert bound["GUARD"] == ["1 interlock", "1 expiring command"]

@@ -21,8 +21,8 @@ from umo import (
     connect,
     published,
 )
+from umo.clients.client_commands import Mode
 from umo.control import next_period, state_of, until, wait
-from umo.cycle.client_commands import Mode
 from umo.cycle.phase_times import PhaseTimes
 from umo.errors import DeclarationError, DriverError
 from umo.frames import Reader

@@ -17,9 +17,9 @@ from helpers.operator import Operator
 from helpers.slide import DT, Slide, servo, stepper
 from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, action
+from umo.clients.client_commands import Mode
 from umo.control import Axis, wait
 from umo.control.axis_state import AxisState
-from umo.cycle.client_commands import Mode
 from umo.errors import TaskFailed
 from umo.objects import Actuator, atoms, find
 from umo.states import OnOff

@@ -58,7 +58,7 @@ def _who(machine: Any, slot: int, source: str) -> str:
     if source == "default":
         rank = machine.commands.claim(slot).rank
         return "default" if rank is Rank.PROGRAM else f"default: {WHO[rank]}"
-    turn = machine.turn
+    turn = machine.sequences.current
     if turn.task is not None:
         return str(turn.task.shown.name)
     if turn.law is not None:

@@ -6,7 +6,7 @@ fault do not act.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
 from types import MethodType
 
@@ -30,12 +30,14 @@ class ActingLaws:
 
     def __init__(self, root: Node, equipment: Containment, groups: RateGroups, turn: Turn) -> None:
         self._root, self._equipment, self._groups = root, equipment, groups
+        self.whole = groups.whole
+        """The group of the whole machine."""
         self._turn = turn
         """Who takes a step at this moment."""
         self._of: dict[int, list[MethodType]] = {}
         """The laws of each part that was asked for, by its id."""
         self._elsewhere: set[int] = set()
-        """Ids of what runs on controllers."""
+        """Ids of what capabilities carry out."""
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
         """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
         self.stale = False
@@ -77,9 +79,9 @@ class ActingLaws:
         self._of[id(self._root)] = list(laws)
         self.choose()
 
-    def leave_to_controllers(self, parts: Iterable[Node]) -> None:
-        """The laws of these parts are not called here: they run on controllers."""
-        self._elsewhere = {id(node) for part in parts for node in (part, *walk(part))}
+    def leave_out(self, part: Node) -> None:
+        """The laws of this part are not called any more: a capability carries them out."""
+        self._elsewhere.update(map(id, (part, *walk(part))))
         self._of.clear()
         self.choose()
 

@@ -18,7 +18,7 @@ from umo.cycle.drivers_away import DriversAway, in_order
 from umo.cycle.image import Image, ToDefault
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.laid_out import machine_of
+from umo.cycle.laid_out import machine_of, taken_parts
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
@@ -27,7 +27,7 @@ from umo.cycle.stopping import StopFlag, end_forked
 from umo.drivers.optional import EndsWait
 from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
-from umo.objects import Compound, Sensor, atoms, walk
+from umo.objects import Compound, Sensor, atoms
 from umo.objects.compound import check_machine
 from umo.objects.description import html_of
 from umo.system.device_record import DeviceClaim
@@ -86,8 +86,8 @@ class connect(Generic[C]):
         """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.kept: Mapping[str, Any] = {}
         """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
-        self.alarm_states: Mapping[str, int] = {}
-        """The states of the alarms at the end of the last run, by path; an alarm that is not named begins as normal."""
+        self.states: Mapping[str, Any] = {}
+        """What capabilities had at the end of the last run, by their names, such as the states of `alarms` by path."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
         self.laid_out: Callable[[ConnectedMachine], object] = lambda machine: None
@@ -106,8 +106,6 @@ class connect(Generic[C]):
         self._restore: list[Callable[[], object]] = []
         self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
-        self._controllers: dict[str, Any] = {}
-        """The drivers on which parts run (`umo.split.controller_driver`), by path of the part."""
         self._waiting: set[int] = set()
         """The slots that are still to be reset."""
         self.started = False
@@ -172,22 +170,15 @@ class connect(Generic[C]):
                 self.not_restored = restore(self.root, self.wired.parameters, self.kept, self._restore.append)
             else:
                 apply_parameters(self.root, self.wired.parameters, self._restore.append)
-            nodes = {node._path: node for node in walk(self.root)} if self.wired.controllers else {}
-            self._controllers = {path: bare(self.wired.drivers[name]) for path, name in self.wired.controllers.items()}
-            for path, driver in self._controllers.items():
-                driver.take_part(nodes[path], self.wired)
+            taken = taken_parts(self.root, self.wired)
             timer = None if self.wired.timer_wire is None else self.wired.timer_wire.driver
             if isinstance(timer, EndsWait):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, timer.stop_waiting)
-            self.machine = machine_of(self.root, self.wired, self.stop)
+            self.machine = machine_of(self.root, self.wired, self.stop, self.states)
             self.machine.random = Random(self.seed)
-            if self._controllers:
-                self.machine.acting_laws.leave_to_controllers(nodes[path] for path in self._controllers)
-                for path, driver in self._controllers.items():
-                    driver.meet(nodes[path], self.machine)
-            if self.machine.alarms is not None:
-                self.machine.alarms.restore(self.alarm_states)
+            for each in taken:
+                self.machine.attach(each)
             self.laid_out(self.machine)
         except BaseException:
             self._give_back()
@@ -257,7 +248,7 @@ class connect(Generic[C]):
         """From now on no call waits for a device that does not answer."""
         image, machine = self.image, self.machine
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
-        slots = in_order([*machine.stop_order, *sensors], [wire.driver for wire in image.wires])
+        slots = in_order([*machine.commands.order, *sensors], [wire.driver for wire in image.wires])
         image.transfer.callees.away = DriversAway(
             image.transfer,
             image.segments,
@@ -292,10 +283,8 @@ class connect(Generic[C]):
         self.stop.is_leaving = True
         self.machine.contain_failures(False)
         try:
-            stopping = _error_of(self.machine.cancel_sequences)
+            stopping = _error_of(self.machine.under_way.cancel)
             self.machine.end()
-            for driver in self._controllers.values():
-                driver.end()
             found, late = self._reset()
             if self.wired.injection is not None and self.wired.injection.end():
                 hindered = found  # this is told; the machine is not left there
@@ -346,8 +335,6 @@ class connect(Generic[C]):
         if not hasattr(self, "_device_claim"):  # it is not connected yet
             return []
         self.machine.end()
-        for driver in self._controllers.values():
-            driver.end()
         unreached, _ = self._reset()
         self.image.transfer.callees.end_writing()
         self._finalize()
@@ -443,7 +430,7 @@ class connect(Generic[C]):
     def _stop_sequence(self) -> list[int]:
         """The slots of the initialised actuators."""
         initialized = set(self._initialized)
-        return [slot for slot in self.machine.stop_order if slot in initialized]
+        return [slot for slot in self.machine.commands.order if slot in initialized]
 
 
 def _error_of(step: Callable[[], object]) -> BaseException | None:

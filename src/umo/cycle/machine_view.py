@@ -13,16 +13,14 @@ from random import Random
 from typing import Any, cast
 
 from umo.cycle.clock import Clock
-from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.piling_up import FEW
 from umo.cycle.sequences import Task
 from umo.cycle.stage import Stage
-from umo.drivers.contract import Direction
 from umo.errors import EquipmentFault
-from umo.objects import Compound, Node, described
-from umo.presentation.run_facts import driven_text, facts_of
+from umo.objects import Compound, Node
+from umo.presentation.run_facts import facts_of
 from umo.user_code import check_acts_at_once
 from umo.wiring.rates import WHOLE
 
@@ -54,7 +52,7 @@ class MachineView:
 
     @property
     def current_task(self) -> Task | None:
-        task: Task | None = self.whole.turn.task
+        task: Task | None = self.whole.sequences.current.task
         return None if task is None else task.started
 
     # A part --------------------------------------------------------------------------------------------
@@ -88,11 +86,10 @@ class MachineView:
         if machine.equipment.is_in_fault(part):
             Task(sequence).cancel()  # it never begins
             raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
-        by_client = None if machine.clients is None else machine.clients.at_work
-        sequences = machine.sequences if by_client is None else by_client
+        sequences = machine.at_work
         task = sequences.start(sequence, part)
         group = machine.groups.of(part)
-        if by_client is None and group is not machine.groups.whole:
+        if sequences is machine.sequences and group is not machine.groups.whole:
             task.clock = group.clock  # it takes its steps in the periods of its part
         task.started_in = machine.clock.number
         beside = sequences.of(part)
@@ -106,10 +103,9 @@ class MachineView:
         self.whole.events.add(Event(self.whole.clock.now, path, text))
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
-        frame, clients = self.whole.frame, self.whole.clients
-        frame.progress = frame.progress.then(text, done, total)
-        if clients is not None and clients.at_work is not None:
-            clients.progress(frame.progress.text)
+        machine = self.whole
+        machine.progress = machine.progress.then(text, done, total)
+        machine.at_work.progress = machine.progress.text
 
     def result(self, so_far: Any) -> None:
         if iscoroutine(so_far):
@@ -120,20 +116,14 @@ class MachineView:
 
     def facts(self) -> dict[str, str]:
         """The state of the machine in words."""
-        machine, clients = self.whole, self.whole.clients
+        machine = self.whole
         stage = Stage.RUNNING if self.running else Stage.STOPPING
-        mode, holder = (None, "") if clients is None else (clients.mode, clients.lease.holder)
         now, missed = machine.clock.now, machine.clock.missed_in_all
         faults = {each.path: each.reason() for each in machine.equipment.all if each.in_fault}
-        driven = self._driven(holder) if self.is_manual else ""
-        progress = machine.frame.progress
-        return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
-
-    def _driven(self, holder: str) -> str:
-        image, taken = self.whole.image, TAKEN_BY_CLIENT
-        slots = (slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
-        each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
-        return driven_text(each, holder)
+        found = facts_of(stage, progress=machine.progress, time=now, missed=missed, faults=faults)
+        for facts in machine.facts:
+            found |= facts()
+        return found
 
 
 class GroupView(MachineView):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from umo.cycle.capability import Capability
 from umo.cycle.columns import Block
 from umo.cycle.deliveries import AtOnce, WithPeriod
 from umo.cycle.events import Event, EventLimit, limited
@@ -78,8 +79,8 @@ class Remote:
         """Time in s at which a value was taken last."""
 
 
-class OffCycleDrivers:
-    """The drivers off the cycle of one machine (a capability, and `Elsewhere` of its sensors)."""
+class OffCycleDrivers(Capability):
+    """The drivers off the cycle of one machine, and `Elsewhere` of its sensors."""
 
     def __init__(self, image: Image, wired: Wired, drivers: Sequence[tuple[str, OffCycle]]) -> None:
         self._image, self._clock, self._columns = image, image.clock, image.columns

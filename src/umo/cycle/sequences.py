@@ -585,6 +585,8 @@ class Sequences:
         self._advancing = False
         self.paused = False
         """Whether they are not advanced: no time passes for them."""
+        self.progress = ""
+        """What was told of their progress last."""
         self.end_within: Callable[[Callable[[], Any]], Any] | None = None
         """Function that calls what ends them when they are cancelled; None: it is called directly."""
 

@@ -51,9 +51,9 @@ class Suspension:
         """What the application has left of the axes (`umo.control.axis.LeftMotion`)."""
         self._lost_motions: dict[MotionAxis, Any] = {}
         """What faults have ended of that."""
-        self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.stop_order}
+        self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.commands.order}
         """The actuators by slot, in stop order."""
-        self._order = np.array(machine.stop_order, np.intp)
+        self._order = np.array(machine.commands.order, np.intp)
         """Their slots."""
         self._defaults = machine.image.scales.defaults[self._order]
         self._holding = {slot for slot, item in self._actuators.items() if item._holds}

@@ -20,6 +20,7 @@ from weakref import proxy
 
 import numpy as np
 
+from umo.cycle.capability import Capability
 from umo.cycle.columns import Source
 from umo.cycle.conversion import extension
 from umo.cycle.events import Event
@@ -149,14 +150,18 @@ def _has_array(of: CType) -> bool:
     return isinstance(of, ArrayType) or any(map(_has_array, _inside(of)))
 
 
-class CompiledLaws:
+class CompiledLaws(Capability):
     """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python".
 
     They are translated again, as they are now: what the wiring sets or a restart restores has called `setup` again,
     which may have made other laws. The library is the same, unless the code is another."""
 
-    def __init__(self, prepared: PreparedLaws, machine: ConnectedMachine) -> None:
+    def __init__(self, prepared: PreparedLaws) -> None:
+        self._prepared = prepared
+
+    def attach(self, machine: ConnectedMachine) -> None:
         """DeclarationError with what is in the way."""
+        prepared = self._prepared
         self._machine, self._image = machine, machine.image
         found = translated_laws(machine.root, model_of(machine, prepared.wired))
         self._python, self._translation, self._known = found.laws, found.translation, found.translation.known
@@ -391,7 +396,7 @@ class CompiledLaws:
     def _columns_of(self) -> ColumnPointers:
         columns = self._image.columns
         here = proxy(self)  # what C calls is not collected in a circle
-        address = getattr(self._machine.turn, "address", None)  # where umo's extension is built
+        address = getattr(self._machine.sequences.current, "address", None)  # where umo's extension is built
         return ColumnPointers(
             c_void_p(columns.values.ctypes.data),
             c_void_p(columns.raws.ctypes.data),

@@ -189,7 +189,7 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
         objects=objects,
         inputs=sum(one.synchronous and not one.output for one in objects),
         outputs=outputs,
-        stop_order=[place[slot] for slot in machine.stop_order],
+        stop_order=[place[slot] for slot in machine.commands.order],
         timer=image.timer,
         interlocks=[
             ControllerInterlock(

@@ -1,0 +1,80 @@
+"""The periods of parts that have rates of their own: GROUPS and OWED, a capability."""
+
+from __future__ import annotations
+
+from functools import partial
+from time import monotonic_ns
+
+from umo.cycle.capability import Capability
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.period import then_guard
+from umo.cycle.rate_groups import PartGroup
+from umo.errors import DriverError, Failure
+
+
+class PartPeriods(Capability):
+    """Those of one machine. The period of the whole moves its own blocks only."""
+
+    def attach(self, machine: ConnectedMachine) -> None:
+        self._image, self._commands, self._sequences = machine.image, machine.commands, machine.sequences
+        self._groups, self._laws, self._period = machine.groups, machine.acting_laws, machine.phases
+        self._sampled = False
+        """Whether a period was sampled and not updated yet."""
+        self._period.read, self._period.carry_out = self._read, self._carry_out
+        self._period.send = partial(self._image.update, self._groups.whole.outputs)
+
+    def _read(self) -> bool:
+        """Where nobody calls `update`, those of parts are read all the same."""
+        blocks = self._image.inputs if self._sampled else self._groups.whole.inputs
+        self._sampled = True
+        return self._image.sample(blocks)
+
+    def _carry_out(self) -> bool:
+        """GROUPS and OWED. A part that does not accept its outputs does not stop the others; they are sent at once also
+        where those of the whole wait for the next tick."""
+        self._sampled = False
+        settling = bool(self._period.settling)
+        if not (settling or self._groups.any_due):
+            return self._send_urgent()
+        due = self._groups.take_due()
+        late = [part for part in self._groups.parts if part not in due] if settling else []
+        for part in late:
+            part.clock.measure()
+        if self._laws.stale:
+            self._laws.choose()
+        sample = partial(self._image.sample, [block for part in (*due, *late) for block in part.inputs])
+        if self._commands.by_slot:
+            then_guard(sample, self._commands.evaluate)
+        else:
+            sample()
+        accepted = True
+        failed: list[Failure] = []
+        for part in (*due, *late):
+            self._control(part, in_turn=part not in late)
+            try:
+                accepted &= self._image.update(part.outputs, 0.0)  # a slew rate counts from the last step
+            except DriverError as error:
+                failed += error.failures
+        if self._period.settling:
+            self._period.settle()
+        if failed:
+            raise DriverError("could not be written", failed)
+        return self._send_urgent() and accepted
+
+    def _control(self, part: PartGroup, in_turn: bool) -> None:
+        """Its sequences, in its own periods only, then its laws."""
+        began = monotonic_ns()
+        try:
+            if in_turn:
+                self._sequences.advance(part.clock, part.clock)
+            self._laws.act(part)
+        finally:
+            part.took(monotonic_ns() - began)
+
+    def _send_urgent(self) -> bool:
+        """What does not wait for its part's period: defaults, and what an application had before it was suspended."""
+        image = self._image
+        if not image.urgent:
+            return True
+        image.urgent = {slot for slot in image.urgent if image.values[slot] != image.pending[slot]}
+        return not image.urgent or image.update_some([slot for slot in self._commands.order if slot in image.urgent])
