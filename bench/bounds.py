@@ -318,7 +318,7 @@ def _expire(rig: Rig) -> None:
     for valve in rig.m.valves:
         valve.write(5.0)
     rig.step()
-    for command in rig.machine.commands.by_slot.values():
+    for command in rig.machine.claims.by_slot.values():
         if command.written is not None:
             command.written -= 2.0
 

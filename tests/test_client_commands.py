@@ -1023,9 +1023,9 @@ def test_guards_hold_for_any_interleaving_of_program_and_clients(steps: list[tup
             if rig.m.door.read() is PassFail.FAIL:
                 assert rig.m.lamp.read() is OnOff.OFF
                 assert rig.m.ram.read() == rig.m.ram.default
-            commands = rig.connection.machine.commands
+            claims = rig.connection.machine.claims
             for actuator_ in (rig.m.ram, rig.m.heater, rig.m.lamp):
-                state, client = rig.connection.image.restrictions[actuator_._slot], commands.client_of(actuator_._slot)
+                state, client = rig.connection.image.restrictions[actuator_._slot], claims.client_of(actuator_._slot)
                 assert (state == TAKEN_BY_CLIENT, state in (FREE, ASKED)) == (bool(client), actuator_.inhibited is None)
             now = rig.connection.machine.clock.number
             for path in ("heater", "lamp"):  # only clients write them

@@ -68,7 +68,7 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
             monkeypatch.setattr(owner, function, lambda *given: (seen.append(name), real(*given))[1])
 
         noted(image, "sample", "SAMPLE")
-        noted(machine.commands, "evaluate", "GUARD")
+        noted(period.guards, "evaluate", "GUARD")
         noted(machine.sequences, "advance", "SEQUENCES")
         noted(machine.acting_laws, "act", "LAWS")
         noted(period, "settle", "SETTLE")

@@ -158,7 +158,7 @@ class Watch:
                 or item is m.fan
                 or (item.path.startswith("x.") and m.x.enabled)
                 or item.path in m.by_actions
-                or bool(self._ann.machine.commands.client_of(item._slot))
+                or bool(self._ann.machine.claims.client_of(item._slot))
             )
             assert not away or charge, f"{item.path} is driven with nobody in charge"
 

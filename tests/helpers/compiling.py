@@ -45,7 +45,7 @@ class CompiledRun:
         self.m: Any = self.connection.__enter__()
         try:
             self.laws = self.connection.machine.attach(CompiledLaws(prepared))
-            inhibitions = len(self.connection.machine.commands.inhibitions)
+            inhibitions = len(self.connection.machine.claims.inhibitions)
             self.step((COMPARED + 1) * (len(self.laws._python) + inhibitions))
             assert self.laws.state == state, self.events
         except BaseException:

@@ -65,7 +65,7 @@ class AttachedAlarms(Capability):
         in_fault = {each.path: equipment[each.test.number] for each in declared if isinstance(each.test, InFault)}
         for each in declared:
             if isinstance(call := getattr(each.test, "call", None), Latched):
-                call.inhibitions = machine.commands.inhibitions
+                call.inhibitions = machine.claims.inhibitions
 
         def tell(path: str, text: str, who: str) -> None:
             if path in in_fault and (reason := in_fault[path].fault):

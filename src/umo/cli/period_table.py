@@ -61,10 +61,10 @@ def period_table(bound: dict[str, list[str]], title: str) -> Table:
 def acting_in(machine: ConnectedMachine) -> dict[str, list[str]]:
     """Who has something to do in each phase of a machine, in words, by its name."""
     period, whole, parts = machine.phases, machine.groups.whole, machine.groups.parts
-    items, commands = machine.image.items, machine.commands
+    items, claims = machine.image.items, machine.claims
     asked = sum(not item.synchronous for item in items if item.direction is Direction.OUTPUT)
-    expiring = sum(command.expires < inf for command in commands.by_slot.values())
-    interlocks = len(commands.inhibitions)
+    expiring = sum(command.expires < inf for command in claims.by_slot.values())
+    interlocks = len(claims.inhibitions)
     guards = [(interlocks, "interlock"), (expiring, "expiring command"), (asked, "asynchronous actuator")]
     return {
         "BEFORE TICK": [*map(_called, period.before_tick)],

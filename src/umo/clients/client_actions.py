@@ -161,14 +161,14 @@ class ClientActions:
 
     def end_unsigned(self, signed: Mapping[str, float], now: float) -> None:
         """End what is held without a sign of life. `signed`: the times of the last ones by path, until now."""
-        commands = self._machine.commands
+        claims = self._machine.claims
         lapsed: list[str] = []
         reset: dict[str, list[_Held]] = {}
         for path, held in self._held.items():
             if held.signed < signed[path] <= now:
                 held.signed = signed[path]
-            if held.slot >= 0 and not commands.client_of(held.slot):  # an interlock has reset it
-                reset.setdefault(commands.inhibited(held.slot) or "it was reset", []).append(held)
+            if held.slot >= 0 and not claims.client_of(held.slot):  # an interlock has reset it
+                reset.setdefault(claims.inhibited(held.slot) or "it was reset", []).append(held)
             elif now - held.signed > held.lasts:
                 lapsed.append(path)
         for why, each in reset.items():
@@ -283,7 +283,7 @@ class ClientActions:
     def _release_each(self, paths: Iterable[str], why: str) -> None:
         """The same of several, for one reason."""
         found = [held for path in paths if (held := self._held.pop(path, None)) is not None]
-        self._machine.commands.release_from_client([held.slot for held in found if held.slot >= 0])
+        self._machine.claims.release_from_client([held.slot for held in found if held.slot >= 0])
         for held in found:
             if held.slot < 0 and (failed := self._release_action(held, why)) is not None:
                 self.note(f"{held.command.path} could not be released: {failed}")

@@ -243,13 +243,13 @@ class ClientControl(Commanding):
         value: float = item._from_plain(command.value)
         lasts = min(DEAD_MAN_TIME, item.expires or DEAD_MAN_TIME)
         signed = self._last_sign(item.path, lasts)
-        slot, commands = item._slot, self._machine.commands
-        if not commands.take_for_client(slot, command.who):
-            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+        slot, claims = item._slot, self._machine.claims
+        if not claims.take_for_client(slot, command.who):
+            raise CommandRefused(f"{item.path} is inhibited: {claims.inhibited(slot)}")
         self._actions.hold(command, lasts, signed, item, slot=slot)
         try:
             if not self._machine.image.command(slot, value, Source.CLIENT):
-                raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+                raise CommandRefused(f"{item.path} is inhibited: {claims.inhibited(slot)}")
         except BaseException:  # a linearization, or a device, may raise anything
             self._actions.release(item.path, "")
             raise
@@ -285,11 +285,11 @@ class ClientControl(Commanding):
         """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while the
         condition of one still holds."""
         self.lease.check(command.key)
-        part, commands = self._object(command.path), self._machine.commands
+        part, claims = self._object(command.path), self._machine.claims
         slots = self._machine.parts.of(part).actuators
-        before = commands.inhibiting(slots, latched=True)
+        before = claims.inhibiting(slots, latched=True)
         part.acknowledge()
-        if left := commands.inhibiting(slots, latched=True):
+        if left := claims.inhibiting(slots, latched=True):
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {'; '.join(left)}")
         return CommandState.DONE, "" if before else plain("nothing was latched")
 
@@ -301,7 +301,7 @@ class ClientControl(Commanding):
         text = f"cleared: {some(cleared)}" if cleared else "nothing was in fault"
         parts = [self._object(path) for path in cleared or [command.path]]
         slots = frozenset().union(*(self._machine.parts.of(part).actuators for part in parts))
-        if left := self._machine.commands.inhibiting(slots):
+        if left := self._machine.claims.inhibiting(slots):
             text += f"; still inhibited: {'; '.join(left)}"
         return CommandState.DONE, plain(text)
 

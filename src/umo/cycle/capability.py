@@ -13,7 +13,8 @@ A capability has these calls, made in this order:
     machine.phases      a list for each phase: `before_tick`, `receiving`, `commanding`, `before_send`, `showing`; and
                         `before_laws`, which may replace the laws
     machine.image       `items`, `slot_of`; `columns`: values, pending, quality of all objects by slot
-    machine.commands    `watch(call)`: the function is told of each write; `claim(slot)`: who drives it
+    machine.commands    `watch(call)`: the function is told of each write
+    machine.claims      `claim(slot)`: who drives an actuator
     machine.clock       `now` and `dt`, s
     machine.directory   actions, numbers, axes, laws by their paths
     machine.events      `add(Event(time, path, text))`

@@ -248,7 +248,7 @@ class connect(Generic[C]):
         """From now on no call waits for a device that does not answer."""
         image, machine = self.image, self.machine
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
-        slots = in_order([*machine.commands.order, *sensors], [wire.driver for wire in image.wires])
+        slots = in_order([*machine.claims.order, *sensors], [wire.driver for wire in image.wires])
         image.transfer.callees.away = DriversAway(
             image.transfer,
             image.segments,
@@ -430,7 +430,7 @@ class connect(Generic[C]):
     def _stop_sequence(self) -> list[int]:
         """The slots of the initialised actuators."""
         initialized = set(self._initialized)
-        return [slot for slot in self.machine.commands.order if slot in initialized]
+        return [slot for slot in self.machine.claims.order if slot in initialized]
 
 
 def _error_of(step: Callable[[], object]) -> BaseException | None:

@@ -46,7 +46,14 @@ class ToDefault(Enum):
     """Nothing: its device has been initialised already."""
 
 
-class Gate(link.Commands, Protocol):
+class Taken(link.Claims, Protocol):
+    """The claims of the machine (`umo.cycle.claim_table`)."""
+
+    def end_client(self, slot: int) -> None:
+        """The actuator is at its default: a client that had taken it has it no longer."""
+
+
+class Gate(Protocol):
     """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
@@ -58,9 +65,6 @@ class Gate(link.Commands, Protocol):
     def rest(self, slot: int) -> None:
         """The actuator is being brought to its default: no write of it is in force any more."""
 
-    def end_client(self, slot: int) -> None:
-        """The actuator is at its default: a client that had taken it has it no longer."""
-
 
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
     raise DriverError(what, failures)
@@ -69,6 +73,7 @@ def raise_failures(what: str, failures: Sequence[Failure]) -> None:
 class Image(ImageInputs, ImageOutputs):
     """The slots of a connected machine, and what moves them."""
 
+    claims: Taken
     commands: Gate
     writes: ImageWrites | None
     """The way of what control code writes; None: it stores it by itself."""
@@ -80,9 +85,9 @@ class Image(ImageInputs, ImageOutputs):
     """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
     these objects contains their failure."""
 
-    def connect(self, commands: Gate, writes: ImageWrites | None) -> None:
+    def connect(self, claims: Taken, commands: Gate, writes: ImageWrites | None) -> None:
         """The objects find their values here from now on."""
-        self.commands, self.writes = commands, writes
+        self.claims, self.commands, self.writes = claims, commands, writes
         self.write = self.command if writes is None else writes.write
         self.gate = self.restrictions if writes is None else [True] * len(self.items)
         for slot, item in enumerate(self.items):
@@ -323,7 +328,7 @@ class Image(ImageInputs, ImageOutputs):
                 self._goes_on_from_default(slot)
             else:
                 self.settle([slot], ToDefault.IS_THERE)
-                self.commands.end_client(slot)
+                self.claims.end_client(slot)
             return
         if (conditioner := self.conditioners.get(slot)) is not None:
             conditioner.begin()

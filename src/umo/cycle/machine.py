@@ -9,11 +9,13 @@ from typing import Any, NoReturn, TypeVar
 
 from umo.cycle.acting_laws import ActingLaws
 from umo.cycle.capability import Capability
+from umo.cycle.claim_table import Claims
 from umo.cycle.clock import Clock
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.directory import Directory
 from umo.cycle.equipment import Containment, Equipment
 from umo.cycle.events import Events
+from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.part_slots import SlotsOfParts
 from umo.cycle.period import Period
@@ -58,8 +60,11 @@ class ConnectedMachine:
         """What the application has told of its result (`Cycle.result`): data, or a function that returns them."""
         self.directory = Directory(root)
         """What is looked up by its path."""
-        self.commands = CommandStage(root, image)
-        self.equipment = Containment(root, image, self.commands, lambda: self.is_manual, self._equipment_changed)
+        self.claims = Claims(root, image)
+        """Who drives each actuator."""
+        self.commands = CommandStage(self.claims, image)
+        guards = Guards(self.claims, image)
+        self.equipment = Containment(root, image, self.claims, guards, lambda: self.is_manual, self._equipment_changed)
         self.sequences = Sequences(self.equipment)
         self.at_work = self.sequences
         """The sequences that what is started at this moment joins: the application's, or those of an action."""
@@ -73,12 +78,12 @@ class ConnectedMachine:
         """The last 1,000 actions of guards and clients."""
         self.random = Random(0)
         """The random numbers of control code, which a replay repeats."""
-        self.parts = SlotsOfParts(image, self.commands.place)
+        self.parts = SlotsOfParts(image, self.claims.place)
         """The slots of each part."""
         self.groups = RateGroups(image, rates)
         """What acts at one rate."""
         self.acting_laws = ActingLaws(root, self.equipment, self.groups, self.sequences.current)
-        self.phases = Period(image, self.commands, self.sequences, self.acting_laws, outputs)
+        self.phases = Period(image, guards, self.sequences, self.acting_laws, outputs)
         """What is called in each period."""
         self.observers = self.phases.observers
         """Called after every period with its frame."""
@@ -86,7 +91,7 @@ class ConnectedMachine:
         for each in attached:
             self.attach(each)
         self.phases.bind()
-        image.connect(self.commands, TwoWriters(image, self.sequences.current).writes)
+        image.connect(self.claims, self.commands, TwoWriters(image, self.sequences.current).writes)
         self.compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
 
     def skip_ticks(self) -> None:

@@ -66,11 +66,11 @@ class MachineView:
     def reset(self, part: Node) -> None:
         slots = self.whole.parts.of(part).all
         for slot in slots:
-            self.whole.commands.end_client(slot)
+            self.whole.claims.end_client(slot)
         self.whole.image.reset_some(slots)
 
     def acknowledge(self, part: Node) -> bool:
-        return self.whole.commands.acknowledge(self.whole.parts.of(part).actuators)
+        return self.whole.claims.acknowledge(self.whole.parts.of(part).actuators)
 
     def fault_of(self, part: Node) -> EquipmentFault | None:
         return self.whole.equipment.fault_of(part)

@@ -16,7 +16,7 @@ class PartPeriods(Capability):
     """Those of one machine. The period of the whole moves its own blocks only."""
 
     def attach(self, machine: ConnectedMachine) -> None:
-        self._image, self._commands, self._sequences = machine.image, machine.commands, machine.sequences
+        self._image, self._claims, self._sequences = machine.image, machine.claims, machine.sequences
         self._groups, self._laws, self._period = machine.groups, machine.acting_laws, machine.phases
         self._sampled = False
         """Whether a period was sampled and not updated yet."""
@@ -43,8 +43,8 @@ class PartPeriods(Capability):
         if self._laws.stale:
             self._laws.choose()
         sample = partial(self._image.sample, [block for part in (*due, *late) for block in part.inputs])
-        if self._commands.by_slot:
-            then_guard(sample, self._commands.evaluate)
+        if self._claims.by_slot:
+            then_guard(sample, self._period.guards.evaluate)
         else:
             sample()
         accepted = True
@@ -77,4 +77,4 @@ class PartPeriods(Capability):
         if not image.urgent:
             return True
         image.urgent = {slot for slot in image.urgent if image.values[slot] != image.pending[slot]}
-        return not image.urgent or image.update_some([slot for slot in self._commands.order if slot in image.urgent])
+        return not image.urgent or image.update_some([slot for slot in self._claims.order if slot in image.urgent])

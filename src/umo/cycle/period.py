@@ -14,12 +14,11 @@ from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 from umo.cycle.acting_laws import ActingLaws
 from umo.cycle.clock import Clock, WallClock
-from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Events
+from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.sequences import Sequences
-from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
@@ -67,12 +66,12 @@ class Period:
     def __init__(
         self,
         image: Image,
-        commands: CommandStage,
+        guards: Guards,
         sequences: Sequences,
         laws: ActingLaws,
         outputs: str = AT_ONCE,
     ) -> None:
-        self._image, self._commands, self._sequences, self._laws = image, commands, sequences, laws
+        self._image, self.guards, self._sequences, self._laws = image, guards, sequences, laws
         self._clock: Clock = image.clock
         self._events: Events = image.events
         self.observers: list[Callable[[Any], object]] = []
@@ -119,7 +118,7 @@ class Period:
         self.sample_all = self._guarded(self._image.sample)
         sample = self._begun(self._guarded(self.read))
         if self.late:
-            waiting = LateOutputs(send, self._commands.expire)
+            waiting = LateOutputs(send, self.guards.expire)
             send, sample = waiting.note, partial(waiting.send_and_sample, sample)
         self._send = send if self.carry_out is None else partial(both, send, self.carry_out)
         self.sample = sample
@@ -140,10 +139,8 @@ class Period:
 
     def _guarded(self, sample: Callable[[], bool]) -> Callable[[], bool]:
         """RECEIVE and GUARD around a SAMPLE, as far as the machine has them."""
-        asynchronous = (item for item in self._image.items if not item.synchronous)
-        guarded = self._commands.by_slot or any(item.direction is Direction.OUTPUT for item in asynchronous)
         sample = preceded(self.receiving, sample)
-        return partial(then_guard, sample, self._commands.evaluate) if guarded else sample
+        return partial(then_guard, sample, self.guards.evaluate) if self.guards.any else sample
 
     def _begun(self, sample: Callable[[], bool]) -> Callable[[], bool]:
         """The `sample` of a machine without a timer: with it the period begins."""

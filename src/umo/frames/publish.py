@@ -78,7 +78,7 @@ def published(
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection) | ({"job": dict(job)} if job else {}),
             describe_signals(frame_of(machine).signals, machine.directory.kept),
-            tuple(machine.commands.reasons),
+            tuple(machine.claims.reasons),
             tuple(each.describe() for each in machine.directory.actions.values()),
             tuple(each.describe() | {"start": _start(each)} for each in machine.directory.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),

@@ -189,7 +189,7 @@ class CompiledLaws(Capability):
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
         """Comparisons of each law that are still to be made: one a period, in their order."""
-        inhibitions = machine.commands.inhibitions[: found.conditions]
+        inhibitions = machine.claims.inhibitions[: found.conditions]
         first, why = len(self._python), found.left_out
         self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)
         self._period = -1
@@ -475,7 +475,7 @@ class CompiledLaws(Capability):
         return min(max(value, item.minimum), item.maximum)  # type: ignore[no-any-return]
 
     def _is_admitted(self, slot: int, value: float) -> bool:
-        command = self._machine.commands.by_slot.get(slot)
+        command = self._machine.claims.by_slot.get(slot)
         return command is None or command.admits(value, Source.PROGRAM)
 
     def _read_now(self, slot: int, out: Any) -> int:
