@@ -11,6 +11,7 @@ from operator import attrgetter
 from types import MethodType
 
 from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.image import Image
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.rate_groups import RateGroup, RateGroups
 from umo.cycle.writes import Turn
@@ -28,9 +29,11 @@ def _idle(part: Node) -> None:
 class ActingLaws:
     """The laws of one machine, dealt out to its rate groups."""
 
-    def __init__(self, root: Node, equipment: Containment, groups: RateGroups, turn: Turn) -> None:
-        self._root, self._equipment, self._groups = root, equipment, groups
-        self.whole = groups.whole
+    def __init__(self, root: Node, image: Image, equipment: Containment, turn: Turn) -> None:
+        self._root, self._equipment = root, equipment
+        self.groups = RateGroups(image)
+        """What acts at one rate."""
+        self.whole = self.groups.whole
         """The group of the whole machine."""
         self._turn = turn
         """Who takes a step at this moment."""
@@ -58,16 +61,16 @@ class ActingLaws:
         """Deal out the laws, but those of equipment in fault. The lists are new ones: what was cleared does not act in
         the period that is under way."""
         self.stale, self._places = False, {}
-        for group in self._groups.all:
+        for group in self.groups.all:
             group.laws = []
         for law in self.of(self._root):
             if not any(map(_IS_IN_FAULT, self._around(law))):
-                self._groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
+                self.groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
 
     def let_idle(self, equipment: Equipment) -> None:
         """Its laws are not called any more, also if they are being called one after another at this moment."""
         if not self._places:
-            for group in self._groups.all:
+            for group in self.groups.all:
                 for number, law in enumerate(group.laws):
                     for each in self._around(law):
                         self._places.setdefault(id(each), []).append((group.laws, number))

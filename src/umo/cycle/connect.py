@@ -256,7 +256,7 @@ class connect(Generic[C]):
         if hindered:
             what = "not brought to their defaults until the injected faults ended"
             raise StopError(what, [*hindered, *failures]) from cause or stopping or showing
-        if cause is None and not _was_cut_short(self.machine):
+        if cause is None and not (self.stop.requested or self.machine.under_way.is_cut_short):
             not_awaited.tell_kept(self.root)
         failed = DriverError("failures at the end of the run", failures) if failures else None
         raised = cause
@@ -306,11 +306,6 @@ def _moment(machine: ConnectedMachine) -> Moment | None:
 def _call_limit(wired: Wired) -> float:
     """Time in s after which a call of a driver hangs."""
     return call_limit([wired.drivers[name].timeout for name in wired.hardware])
-
-
-def _was_cut_short(machine: ConnectedMachine) -> bool:
-    """Whether a stop or a fault has ended sequences, which may have been about to await others."""
-    return machine.stop.requested or any(each.in_fault for each in machine.equipment.all)
 
 
 def _error_of(step: Callable[[], object]) -> BaseException | None:

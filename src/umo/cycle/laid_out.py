@@ -36,7 +36,7 @@ def machine_of(
         wired.injection.clock, wired.injection.say = clock, image.events.log
     rated = [PartPeriods()] if any(rate.every > 1 for rate in wired.rates) else []
     attached = [*rated, *OffCycleDrivers.of(image, wired), Showing(wired.injection), *declared]
-    machine = ConnectedMachine(root, image, stop, wired.process.outputs, wired.rates, attached, states)
+    machine = ConnectedMachine(root, image, stop, wired.process.outputs, attached, states)
     connect_compounds(machine)
     return machine
 

@@ -20,14 +20,12 @@ from umo.cycle.image import Image
 from umo.cycle.part_slots import SlotsOfParts
 from umo.cycle.period import Period
 from umo.cycle.piling_up import PilingUp
-from umo.cycle.rate_groups import RateGroups
 from umo.cycle.sequences import Sequences
 from umo.cycle.stage import Progress
 from umo.cycle.stopping import StopFlag
 from umo.cycle.two_writers import TwoWriters
 from umo.cycle.under_way import UnderWay
 from umo.objects import Compound, walk
-from umo.wiring.rates import Rate
 from umo.wiring.wired import AT_ONCE
 
 K = TypeVar("K", bound=Capability)
@@ -42,7 +40,6 @@ class ConnectedMachine:
         image: Image,
         stop: StopFlag,
         outputs: str = AT_ONCE,
-        rates: Sequence[Rate] = (),
         attached: Sequence[Capability] = (),
         states: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
@@ -80,9 +77,9 @@ class ConnectedMachine:
         """The random numbers of control code, which a replay repeats."""
         self.parts = SlotsOfParts(image, self.claims.place)
         """The slots of each part."""
-        self.groups = RateGroups(image, rates)
+        self.acting_laws = ActingLaws(root, image, self.equipment, self.sequences.current)
+        self.groups = self.acting_laws.groups
         """What acts at one rate."""
-        self.acting_laws = ActingLaws(root, self.equipment, self.groups, self.sequences.current)
         self.phases = Period(image, guards, self.sequences, self.acting_laws, outputs)
         """What is called in each period."""
         self.observers = self.phases.observers

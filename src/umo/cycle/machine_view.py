@@ -19,10 +19,9 @@ from umo.cycle.piling_up import FEW
 from umo.cycle.sequences import Task
 from umo.cycle.stage import Stage
 from umo.errors import EquipmentFault
-from umo.objects import Compound, Node
+from umo.objects import Compound, Node, walk
 from umo.presentation.run_facts import facts_of
 from umo.user_code import check_acts_at_once
-from umo.wiring.rates import WHOLE
 
 
 class MachineView:
@@ -146,8 +145,15 @@ def connect_compounds(machine: ConnectedMachine) -> None:
     groups, period, whole = machine.groups, machine.phases, MachineView(machine)
     views = {group.number: GroupView(machine, group.clock) for group in groups.all if groups.parts}
     root, *parts = machine.compounds
-    root._connect(views.get(WHOLE, whole), period.sample, period.control, period.update)
+    root._connect(views.get(groups.whole.number, whole), period.sample, period.control, period.update)
     for part in parts:
         calls = partial(whole.sample, part), partial(machine.acting_laws.act_for, part), partial(whole.update, part)
         part._connect(views.get(groups.of(part).number, whole), *calls)
     machine.acting_laws.choose()
+
+
+def give_period(machine: ConnectedMachine, part: Compound, period: float) -> None:
+    """The laws of a part act elsewhere, with this period in s, which its compounds see."""
+    for each in (part, *walk(part)):
+        if isinstance(each, Compound):
+            vars(each)["_machine"] = GroupView(machine, machine.clock, period)

@@ -19,7 +19,7 @@ class UnderWay:
     """What is under way in one machine."""
 
     def __init__(self, equipment: Containment, sequences: Sequences) -> None:
-        self._sequences = sequences
+        self._equipment, self._sequences = equipment, sequences
         self.noting: list[Callable[[Sequence[Equipment]], None]] = []
         """What is told first which equipment has come into fault, while nothing of it has ended yet."""
         self.others: list[EndIn] = []
@@ -32,6 +32,11 @@ class UnderWay:
             nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
             moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]
             self._moving[id(each.compound)] = moving
+
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether a fault has ended sequences, which may have been about to await others."""
+        return any(each.in_fault for each in self._equipment.all)
 
     def note(self, faults: Sequence[Equipment]) -> None:
         """This equipment has come into fault."""

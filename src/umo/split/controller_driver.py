@@ -10,7 +10,7 @@ import numpy as np
 
 from umo.cycle.capability import Capability
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.machine_view import GroupView
+from umo.cycle.machine_view import give_period
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
 from umo.drivers.optional import Looks
@@ -19,13 +19,12 @@ from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.generate.controller_generator import target_of
 from umo.generate.known_values import KnownName
 from umo.generate.known_watch import KnownWatch
-from umo.objects import Compound, walk
+from umo.objects import Compound
 from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
 from umo.split.link_stop import stop_controller
 from umo.split.part_mirror import PartMirror
 from umo.split.part_plan import PartPlan, plan_of
-from umo.wiring.rates import RateMap
 from umo.wiring.wired import Wired
 
 _DEFAULT = Host("127.0.0.1", 5327), Serial("", 115200, "none")
@@ -104,7 +103,7 @@ class Controller(Driver[Channel], Looks, Capability):
 
     def cycle_for(self, part: Compound, wired: Wired) -> float:
         """The controller's own period in s: by default that at which the part runs."""
-        return self._cycle or (wired.period or 0.0) * RateMap(wired.rates).every(part)
+        return self._cycle or (wired.period or 0.0) * wired.rates.every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
         """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
@@ -122,9 +121,8 @@ class Controller(Driver[Channel], Looks, Capability):
         part = self._part
         assert self._plan is not None and part is not None
         machine.acting_laws.leave_out(part)
-        for each in (part, *walk(part)):
-            if self._cycle is not None and isinstance(each, Compound):
-                vars(each)["_machine"] = GroupView(machine, machine.clock, self._cycle)
+        if self._cycle is not None:
+            give_period(machine, part, self._cycle)
         self._machine, self._mirror = machine, PartMirror(self._plan, machine, part)
         self._watch = KnownWatch(self._plan.translation.known, self._note_changes)
         self._ends = self._rested = False
