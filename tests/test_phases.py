@@ -72,11 +72,12 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
         noted(machine.sequences, "advance", "SEQUENCES")
         noted(machine.acting_laws, "act", "LAWS")
         noted(period, "settle", "SETTLE")
-        noted(machine.find(PartPeriods), "_send_urgent", "OWED")
+        parts = machine.find(PartPeriods)
+        noted(parts, "_send_urgent", "OWED")
         on_tick = machine.clock.on_tick
         machine.clock.on_tick = lambda: (seen.append("TICK"), on_tick())
         period.bind()
-        connect_compounds(machine)
+        connect_compounds(machine, parts.view_of)
         for _ in range(6):
             period.settle_once(lambda: None)
             seen.clear()

@@ -262,7 +262,7 @@ class Image(ImageInputs, ImageOutputs):
     def go_on(self, slot: int, value: float) -> bool:
         """What work has left before it rested is written again, and sent in this period; whether it was taken."""
         taken = self.command(slot, value)
-        self.hasten(slot)
+        self.does_not_wait(slot)
         return taken
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
@@ -302,7 +302,7 @@ class Image(ImageInputs, ImageOutputs):
         if self.items[slot].direction is not Direction.OUTPUT or not self.deliveries[slot].is_sent_again(slot):
             return False
         self.owed.discard(slot)  # it is sent again as what is pending
-        self.hasten(slot)
+        self.does_not_wait(slot)
         self.set_quality(slot, Quality.STALE)
         return True
 
@@ -338,7 +338,7 @@ class Image(ImageInputs, ImageOutputs):
     def _goes_on_from_default(self, slot: int) -> None:
         """The device has its default, and what is pending stays so."""
         self._give_default(slot)
-        self.hasten(slot)
+        self.does_not_wait(slot)
         self.accepted(slot)
         self.deliveries[slot].goes_on(slot)
 

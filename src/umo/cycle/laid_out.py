@@ -34,10 +34,10 @@ def machine_of(
     image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)), **rows)
     if wired.injection is not None:
         wired.injection.clock, wired.injection.say = clock, image.events.log
-    rated = [PartPeriods()] if any(rate.every > 1 for rate in wired.rates) else []
-    attached = [*rated, *OffCycleDrivers.of(image, wired), Showing(wired.injection), *declared]
+    parts = PartPeriods() if any(rate.every > 1 for rate in wired.rates) else None
+    attached = [*filter(None, [parts]), *OffCycleDrivers.of(image, wired), Showing(wired.injection), *declared]
     machine = ConnectedMachine(root, image, stop, wired.process.outputs, attached, states)
-    connect_compounds(machine)
+    connect_compounds(machine, None if parts is None else parts.view_of)
     return machine
 
 

@@ -1,12 +1,12 @@
 """The machine, seen from its compounds (`umo.objects.link.Machine`): what `m.cycle` and the calls of a part ask for.
 
-In a machine with parts of another rate the compounds of each rate share a view, which has the clock of their rate. In
-any other machine there is one view; its clock is a plain attribute, as each `m.now` asks for it.
+All compounds share one view, whose clock is a plain attribute, as each `m.now` asks for it; in a machine with parts of
+another rate those of one rate (`part_periods.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from inspect import iscoroutine
 from random import Random
@@ -19,7 +19,7 @@ from umo.cycle.piling_up import FEW
 from umo.cycle.sequences import Task
 from umo.cycle.stage import Stage
 from umo.errors import EquipmentFault
-from umo.objects import Compound, Node, walk
+from umo.objects import Compound, Node
 from umo.presentation.run_facts import facts_of
 from umo.user_code import check_acts_at_once
 
@@ -32,6 +32,8 @@ class MachineView:
     def __init__(self, machine: ConnectedMachine) -> None:
         self.whole = machine
         self.clock, self.period = machine.clock, machine.clock.period
+        self.task_clock: Clock | None = None
+        """The clock by which sequences of its compounds take their steps; None: the machine's."""
 
     @property
     def running(self) -> bool:
@@ -87,9 +89,8 @@ class MachineView:
             raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
         sequences = machine.at_work
         task = sequences.start(sequence, part)
-        group = machine.groups.of(part)
-        if sequences is machine.sequences and group is not machine.groups.whole:
-            task.clock = group.clock  # it takes its steps in the periods of its part
+        if sequences is machine.sequences:
+            task.clock = self.task_clock
         task.started_in = machine.clock.number
         beside = sequences.of(part)
         if len(beside) >= FEW and (text := machine.piling_up.look(task, beside)):
@@ -125,35 +126,14 @@ class MachineView:
         return found
 
 
-class GroupView(MachineView):
-    """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
-    Default: the clock's."""
-
-    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
-        self.whole, self._clock = machine, clock
-        self.period = clock.period if period is None else period
-
-    @property
-    def clock(self) -> Clock:  # type: ignore[override]
-        """In a sequence, whoever's it is, the clock by which that takes its steps."""
-        task = self.current_task
-        return self._clock if task is None else task.clock or self.whole.clock
-
-
-def connect_compounds(machine: ConnectedMachine) -> None:
-    """The root has the calls of the period, each part those of its own."""
-    groups, period, whole = machine.groups, machine.phases, MachineView(machine)
-    views = {group.number: GroupView(machine, group.clock) for group in groups.all if groups.parts}
+def connect_compounds(machine: ConnectedMachine, view_of: Callable[[Node], MachineView] | None = None) -> None:
+    """The root has the calls of the period, each part those of its own. `view_of`: the view of each compound; default:
+    they share one."""
+    period, whole = machine.phases, MachineView(machine)
+    view_of = view_of or (lambda part: whole)
     root, *parts = machine.compounds
-    root._connect(views.get(groups.whole.number, whole), period.sample, period.control, period.update)
+    root._connect(view_of(root), period.sample, period.control, period.update)
     for part in parts:
         calls = partial(whole.sample, part), partial(machine.acting_laws.act_for, part), partial(whole.update, part)
-        part._connect(views.get(groups.of(part).number, whole), *calls)
+        part._connect(view_of(part), *calls)
     machine.acting_laws.choose()
-
-
-def give_period(machine: ConnectedMachine, part: Compound, period: float) -> None:
-    """The laws of a part act elsewhere, with this period in s, which its compounds see."""
-    for each in (part, *walk(part)):
-        if isinstance(each, Compound):
-            vars(each)["_machine"] = GroupView(machine, machine.clock, period)

@@ -1,4 +1,4 @@
-"""The periods of parts that have rates of their own: GROUPS and OWED, a capability."""
+"""The periods of parts that have rates of their own, a capability: GROUPS and OWED, and what their compounds see."""
 
 from __future__ import annotations
 
@@ -6,10 +6,36 @@ from functools import partial
 from time import monotonic_ns
 
 from umo.cycle.capability import Capability
+from umo.cycle.clock import Clock
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine_view import MachineView
 from umo.cycle.period import then_guard
 from umo.cycle.rate_groups import PartGroup
 from umo.errors import DriverError, Failure
+from umo.objects import Compound, Node, walk
+
+
+class GroupView(MachineView):
+    """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
+    Default: the clock's."""
+
+    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
+        self.whole, self._clock = machine, clock
+        self.period = clock.period if period is None else period
+        self.task_clock = None if clock is machine.clock else clock
+
+    @property
+    def clock(self) -> Clock:  # type: ignore[override]
+        """In a sequence, whoever's it is, the clock by which that takes its steps."""
+        task = self.current_task
+        return self._clock if task is None else task.clock or self.whole.clock
+
+
+def give_period(machine: ConnectedMachine, part: Compound, period: float) -> None:
+    """The laws of a part act elsewhere, with this period in s, which its compounds see."""
+    for each in (part, *walk(part)):
+        if isinstance(each, Compound):
+            vars(each)["_machine"] = GroupView(machine, machine.clock, period)
 
 
 class PartPeriods(Capability):
@@ -22,6 +48,17 @@ class PartPeriods(Capability):
         """Whether a period was sampled and not updated yet."""
         self._period.read, self._period.carry_out = self._read, self._carry_out
         self._period.send = partial(self._image.update, self._groups.whole.outputs)
+        image = self._image
+        self._sent = frozenset(slot for block in image.outputs for slot in range(block.start, block.stop))
+        """The actuators that are sent in periods."""
+        self._urgent: set[int] = set()
+        """Those whose pending value is sent in this period, also where their part is not due."""
+        image.does_not_wait = self._hasten
+        self._views = {group.number: GroupView(machine, group.clock) for group in self._groups.all}
+
+    def view_of(self, part: Node) -> MachineView:
+        """The machine, seen from a compound: those of one rate share a view."""
+        return self._views[self._groups.of(part).number]
 
     def _read(self) -> bool:
         """Where nobody calls `update`, those of parts are read all the same."""
@@ -73,8 +110,12 @@ class PartPeriods(Capability):
 
     def _send_urgent(self) -> bool:
         """What does not wait for its part's period: defaults, and what an application had before it was suspended."""
-        image = self._image
-        if not image.urgent:
+        image, urgent = self._image, self._urgent
+        if not urgent:
             return True
-        image.urgent = {slot for slot in image.urgent if image.values[slot] != image.pending[slot]}
-        return not image.urgent or image.update_some([slot for slot in self._claims.order if slot in image.urgent])
+        urgent &= {slot for slot in urgent if image.values[slot] != image.pending[slot]}
+        return not urgent or image.update_some([slot for slot in self._claims.order if slot in urgent])
+
+    def _hasten(self, slot: int) -> None:
+        if slot in self._sent:
+            self._urgent.add(slot)

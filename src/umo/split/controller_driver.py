@@ -10,7 +10,7 @@ import numpy as np
 
 from umo.cycle.capability import Capability
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.machine_view import give_period
+from umo.cycle.part_periods import give_period
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
 from umo.drivers.optional import Looks
