@@ -17,7 +17,7 @@ from umo.alarms import Alarm, Low
 from umo.clients.client_commands import ClientCommand, Mode
 from umo.clients.client_control import ClientControl
 from umo.control import Servo, next_period
-from umo.cycle.image import ToDefault
+from umo.cycle.to_defaults import ToDefault
 from umo.drivers import Looks
 from umo.drivers.simulated import Simulated
 from umo.frames import published

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
-from umo.cycle.image import Image, ToDefault
+from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
+from umo.cycle.to_defaults import ToDefault
 from umo.errors import Failure, Interlocked
 from umo.objects import Actuator, Compound, atoms
 from umo.objects.claims import TAKEN, Claim, Rank

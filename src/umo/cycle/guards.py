@@ -8,9 +8,10 @@ from math import inf
 
 from umo.cycle.claim_table import Claims
 from umo.cycle.events import Event, Paths, of_several
-from umo.cycle.image import Image, ToDefault
+from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.journal import Kind
+from umo.cycle.to_defaults import ToDefault
 from umo.drivers.contract import Direction
 from umo.objects import Atomic
 from umo.objects.claims import Rank

@@ -14,7 +14,7 @@ from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.machine_view import connect_compounds
-from umo.cycle.off_cycle import OffCycleDrivers
+from umo.cycle.off_cycle import off_cycle_drivers
 from umo.cycle.part_periods import PartPeriods
 from umo.cycle.showing import Showing
 from umo.cycle.stopping import StopFlag
@@ -35,7 +35,7 @@ def machine_of(
     if wired.injection is not None:
         wired.injection.clock, wired.injection.say = clock, image.events.log
     parts = PartPeriods() if any(rate.every > 1 for rate in wired.rates) else None
-    attached = [*filter(None, [parts]), *OffCycleDrivers.of(image, wired), Showing(wired.injection), *declared]
+    attached = [*filter(None, [parts]), *off_cycle_drivers(image, wired), Showing(wired.injection), *declared]
     machine = ConnectedMachine(root, image, stop, wired.process.outputs, attached, states)
     connect_compounds(machine, None if parts is None else parts.view_of)
     return machine

@@ -107,12 +107,6 @@ class OffCycleDrivers(Capability):
             if self._faults is not None:
                 remote.driver.fault_time = self._fault_time
 
-    @classmethod
-    def of(cls, image: Image, wired: Wired) -> list[OffCycleDrivers]:
-        """Those of a machine; none where it has no driver off the cycle."""
-        drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
-        return [cls(image, wired, drivers)] if drivers else []
-
     def _machine_ns(self) -> int:
         return round(self._clock.now * 1e9)
 
@@ -415,6 +409,12 @@ class Ordered(AtOnce):
             self._drivers.order(slot)
         else:
             super().accepted(slot)
+
+
+def off_cycle_drivers(image: Image, wired: Wired) -> list[OffCycleDrivers]:
+    """Those of a machine, as one capability; none where it has no driver off the cycle."""
+    drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
+    return [OffCycleDrivers(image, wired, drivers)] if drivers else []
 
 
 def _away(now: float, path: str, cause: str, left_out: int) -> Event:

@@ -8,9 +8,9 @@ from typing import Any
 
 from umo.cycle.attempts import Attempts
 from umo.cycle.drivers_away import DriversAway, in_order
-from umo.cycle.image import ToDefault
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.segments import UNCONTROLLED_TIMEOUT, settling
+from umo.cycle.to_defaults import ToDefault
 from umo.errors import DriverError, Failure, text_of
 from umo.objects import Sensor, atoms
 from umo.wiring.wired import Wired

@@ -32,8 +32,6 @@ class Slots:
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         """`equipment`: the number of the compounds that are declared equipment; `axes`, `alarms`: that of these."""
         self.clock = clock
-        self.rates = wired.rates
-        """The parts that have rates of their own."""
         self.events = Events()
         """What has happened in the machine: noted in a period, told when its outputs have been sent."""
         parts = _part_numbers(wired)

@@ -18,8 +18,8 @@ import numpy as np
 from umo.cycle.columns import ASKED, FREE
 from umo.cycle.directory import MotionAxis
 from umo.cycle.events import Event, Paths
-from umo.cycle.image import ToDefault
 from umo.cycle.sequences import Sequences, one_period
+from umo.cycle.to_defaults import ToDefault
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Atomic, Compound, Node, atoms, walk
 from umo.objects.paths import is_within

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from umo.cycle.image import ToDefault
+from umo.cycle.to_defaults import ToDefault
 from umo.objects import Actuator, Compound, atoms
 from umo.objects.paths import is_within
 
