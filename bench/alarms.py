@@ -16,6 +16,7 @@ import umo
 from bench.report import Doing, Target
 from umo import Compound, DigitalSensor
 from umo.alarms import Alarm, Bad, High, Low
+from umo.alarms.alarming import engine_of
 from umo.objects import atoms
 from umo.testing import VirtualTimer
 
@@ -84,7 +85,8 @@ def measure(rounds: int, doing: Doing) -> Iterator[Target]:
 
 def _chattering(rounds: int, doing: Doing) -> Target:
     connection, _ = _connected(Many, MANY)
-    alarms, image = connection.machine.alarms, connection.machine.image
+    alarms, image = engine_of(connection.machine), connection.machine.image
+    assert alarms is not None
     still: list[float] = []
     swinging: list[float] = []
     for number in range(rounds):

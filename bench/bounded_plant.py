@@ -14,10 +14,10 @@ from typing import Annotated, Any
 import umo
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
 from umo.alarms import Alarm, Low
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.control import Servo, next_period
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
-from umo.cycle.image import ToDefault
+from umo.cycle.to_defaults import ToDefault
 from umo.drivers import Looks
 from umo.drivers.simulated import Simulated
 from umo.frames import published
@@ -198,8 +198,8 @@ class Rig:
         self._stack.callback(own.close)
         self._stack.callback(readers.close)
         self._stack.enter_context(published(self.connection, "bounds", ends=own))
-        self.clients = ClientControl(self.machine, self.box, self.signs, Mode.AUTOMATIC, clock=lambda: self.signs.now)
-        self.machine.clients = self.clients
+        self.clients = ClientControl(self.box, self.signs, Mode.AUTOMATIC, clock=lambda: self.signs.now)
+        self.machine.attach(self.clients)
 
     def _tables(self) -> dict[str, Any]:
         """The drivers of the wiring."""

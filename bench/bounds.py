@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.bounded_plant import Rig, SlowRig, failing
-from umo.cycle.client_control import COMMANDS_PER_PERIOD
+from umo.clients.client_control import COMMANDS_PER_PERIOD
 
 TITLE = "What one cause costs the period that it meets"
 SIZES = 1_000, 10_000
@@ -318,7 +318,7 @@ def _expire(rig: Rig) -> None:
     for valve in rig.m.valves:
         valve.write(5.0)
     rig.step()
-    for command in rig.machine.commands.by_slot.values():
+    for command in rig.machine.claims.by_slot.values():
         if command.written is not None:
             command.written -= 2.0
 

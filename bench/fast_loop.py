@@ -107,7 +107,7 @@ def serve(file: str, name: str, period: str, compiled: str) -> None:
     prepared = prepare(machine, wired) if int(compiled) else None
     connection = connect(machine, wired)
     with suppress(EOFError, ConnectionError), connection as m:
-        laws = None if prepared is None else CompiledLaws(prepared, connection.machine)
+        laws = None if prepared is None else connection.machine.attach(CompiledLaws(prepared))
         ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
         realtime.prepare(80, None)
         there.send(realtime.granted())

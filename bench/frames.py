@@ -15,8 +15,9 @@ from bench.driver import Fill
 from bench.machine import machine, wiring
 from bench.mix import layout
 from umo import Compound, connect, published
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_control import ClientControl
 from umo.cycle.frame import Frame
+from umo.cycle.showing import frame_of
 from umo.frames import Reader, Ring
 from umo.frames.client_memory import HEAD, ClientMemory
 from umo.remote.queue import Receiver
@@ -59,7 +60,7 @@ def publishing(count: int, batches: int) -> Published:
 
         connection.machine.observers[:] = [stopwatch]
         in_period = [stopwatch.batch(m) for _ in range(batches)]
-        alone = [_batch(publish, connection.machine.frame) for _ in range(batches)]
+        alone = [_batch(publish, frame_of(connection.machine)) for _ in range(batches)]
         counting = min(_batch(lambda _: ring.usage.read(), None) for _ in range(batches))
     return Published(_least(alone), _least(in_period), counting)
 
@@ -100,7 +101,7 @@ def looking(batches: int) -> tuple[tuple[float, float], tuple[float, float]]:
         assert reader.ends is not None
         file = reader.ends.cells
         cells = ClientMemory(file, reader.layout)
-        clients = ClientControl(connection.machine, Receiver(cells), cells)
+        clients = connection.machine.attach(ClientControl(Receiver(cells), cells))
         looks, reads = [], []
         for _ in range(batches):
             looks.append(_batch(lambda _: clients.look(), None))
@@ -135,7 +136,7 @@ def torn(frames: int) -> Torn:
 def _write(connection: connect[Any], ring: Ring) -> None:
     """Never returns: each frame holds its own number everywhere."""
     try:
-        image, frame = connection.image, connection.machine.frame
+        image, frame = connection.image, frame_of(connection.machine)
         count, number = len(image.items), 0
         while True:
             number += 1

@@ -14,8 +14,9 @@ from helpers.machines import sensor, timer, wired
 from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect
 from umo.alarms import Alarm, AlarmState, High, Operation, Priority
+from umo.alarms.alarming import engine_of
 from umo.alarms.engine import AlarmRequest
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.cycle.events import ALARM, KEPT_EVENTS, CommandState
 from umo.frames.alarm_list import alarm_rows, alarms_text
 from umo.testing import Scripted
@@ -51,9 +52,10 @@ class Rig:
     @property
     def rows(self) -> list[Any]:
         machine = self.connection.machine
-        assert machine.alarms is not None
-        described = [each.describe() for each in machine.alarms.declared]
-        occurrences = zip(*machine.alarms.occurrences.tolist(), strict=True)
+        engine = engine_of(machine)
+        assert engine is not None
+        described = [each.describe() for each in engine.declared]
+        occurrences = zip(*engine.occurrences.tolist(), strict=True)
         return alarm_rows(described, machine.image.columns.alarms.tolist(), machine.events, occurrences)
 
     def states(self) -> dict[str, str]:
@@ -119,7 +121,7 @@ def test_many_are_reset_at_once_after_they_were_acknowledged() -> None:
         assert ann.do("acknowledge alarm").text.endswith('and 118 others"')
         assert ann.do("reset alarm").text.endswith('and 58 others"')
         ann.run(10)
-        assert not ann.machine.alarms.states.any()
+        assert not ann.machine.image.columns.alarms.any()
 
 
 ASKED = st.sampled_from([each for each in Operation if each > Operation.CANNOT_EVALUATE])
@@ -132,7 +134,7 @@ def test_what_can_be_done_is_known_before_what_was_asked_for_is_carried_out(
 ) -> None:
     box, machine = Scripted(), Plant(timer=timer(), tanks=[Tank(level=sensor(resolution=1.0)) for _ in range(3)])
     with connect(machine, wired(machine, box)) as m:
-        ann, engine = Operator(m), m._machine.whole.alarms
+        ann, engine = Operator(m), engine_of(m._machine.whole)
         box.set("tanks.0.level", 95)
         box.set("tanks.1.level", 85)
         ann.run(3)

@@ -11,6 +11,7 @@ import pytest
 from helpers.machines import actuator, relay, sensor, switch, timer, wired
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, AlarmState, Bad, High, In, Low, Operation, Priority, alarms_of
+from umo.alarms.alarming import engine_of
 from umo.alarms.conditions import FREE_PER_PERIOD
 from umo.alarms.engine import AlarmRequest
 from umo.alarms.telling import LEFT_OUT, MOST_IN_A_PERIOD, MOST_OF_ALL, MOST_OF_ONE
@@ -50,7 +51,7 @@ class Rig:
         wiring = wired(machine, self.box, entries={"level": {"driver": "gauge"}}, gauge=self.gauge)
         self.connection = connect(machine, wiring)
         self.m = self.connection.__enter__()
-        self.engine: Any = self.connection.machine.alarms
+        self.engine: Any = engine_of(self.connection.machine)
 
     def periods(self, count: int = 1, **raws: int) -> None:
         for channel, raw in raws.items():
@@ -261,7 +262,7 @@ def test_latched_interlocks_and_equipment_in_fault_have_alarms_where_a_class_has
     box, machine = Scripted(), line(Watched)
     connection = connect(machine, wired(machine, box))
     with connection as m:
-        alarms: Any = connection.machine.alarms
+        alarms: Any = engine_of(connection.machine)
         assert alarms.paths == ["cell.fault", "cell.interlock.0"]
         for level, states in ((0, [0, 0]), (61, [0, 1]), (50, [0, 1]), (91, [1, 1])):
             box.set("cell.level", level)
@@ -291,7 +292,7 @@ def test_the_alarm_of_an_interlock_that_cannot_be_evaluated_says_so_and_not_that
     machine = Watched(timer=timer(), cell=cell)
     connection = connect(machine, wired(machine, box))
     with connection as m:
-        alarms: Any = connection.machine.alarms
+        alarms: Any = engine_of(connection.machine)
         number = alarms.paths.index("cell.interlock.0")
         periods(m)
         assert alarms.state_of(number) is AlarmState.NORMAL
@@ -340,7 +341,7 @@ def test_a_machine_without_alarms_has_no_engine() -> None:
     machine = line(Line)
     connection = connect(machine, wired(machine, Scripted()))
     with connection:
-        assert connection.machine.alarms is None
+        assert engine_of(connection.machine) is None
 
 
 @pytest.mark.parametrize(

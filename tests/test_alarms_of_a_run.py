@@ -16,8 +16,8 @@ from helpers.machines import sensor, timer, wired
 from umo import Compound, DigitalSensor, connect, published
 from umo.alarms import Alarm, AlarmState, High, Low, Priority
 from umo.alarms.alarm_log import KEPT_SPANS, AlarmLog
+from umo.alarms.alarming import alarm_log
 from umo.cli.follow import RingFrame
-from umo.cycle.alarming import alarm_log
 from umo.cycle.trace import Trace
 from umo.frames import Reader
 from umo.testing import Scripted, periods

@@ -12,6 +12,7 @@ import umo
 from helpers.batch_plant import boxes
 from umo import BinaryActuator, DigitalActuator, DigitalSensor
 from umo.cycle.events import Event
+from umo.cycle.showing import frame_of
 from umo.frames import Reader
 from umo.latency import blackbox
 from umo.objects import path_of
@@ -72,7 +73,7 @@ class Shift:
             self._events, self._number, self._next = connection.machine.events, 0, 0
             connection.machine.observers.append(self._observe)
             self.result = umo.drive(m, main, batches=batches, recipe=["glue", "soap"])
-            self._observe(connection.machine.frame)
+            self._observe(frame_of(connection.machine))
             self.time = m.now
             blackbox.save(self._reader, kept, "the end of the shift")
             self.report = connection.driver("plant").report()

@@ -25,6 +25,7 @@ from umo import connect, published
 from umo.cli.app import app
 from umo.cli.why import why
 from umo.cycle.phase_times import PhaseTimes
+from umo.cycle.showing import frame_of
 from umo.errors import FramesError
 from umo.frames import Layout, Reader, Ring, Stage
 from umo.frames.layout import ENTRY, arrange
@@ -52,7 +53,7 @@ def test_a_box_reads_like_the_ring_wherever_its_frames_lay(tmp_path: Path, beyon
     with running() as (_, ring, connection):
         head = ring.slots + beyond
         for number in range(head):
-            write(ring, connection.machine.frame, number, number % 3)
+            write(ring, frame_of(connection.machine), number, number % 3)
         with box_of(ring, tmp_path / "x.box") as box:
             frames = box.read()
             assert frames["number"].tolist() == list(range(head - blackbox.KEPT_PERIODS, head))
@@ -78,7 +79,7 @@ def test_a_box_of_a_ring_that_has_ended_holds_its_oldest_frame() -> None:
     with running() as (_, ring, connection):
         reader = Reader(ring.path)
         for number in range(ring.slots + 10):
-            write(ring, connection.machine.frame, number, 0)
+            write(ring, frame_of(connection.machine), number, 0)
     with reader.again() as again:
         assert again.read()["number"].tolist() == list(range(10, ring.slots + 10))
     reader.close()
@@ -89,7 +90,7 @@ def test_a_box_holds_what_the_journal_still_had(tmp_path: Path) -> None:
     with running() as (_, ring, connection):
         kept = ring.journal_entries // each
         for number in range(kept + 4):
-            write(ring, connection.machine.frame, number, each)
+            write(ring, frame_of(connection.machine), number, each)
         with box_of(ring, tmp_path / "x.box") as box:
             frames = box.read()
             there = [box.journal(frame) is not None for frame in frames]
@@ -110,7 +111,7 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         for number in range(5):
-            write(ring, connection.machine.frame, number, 2)
+            write(ring, frame_of(connection.machine), number, 2)
         with Reader("x", readers) as reader:
             blackbox.save(reader, tmp_path / "x.box", "a test")
         with Reader(tmp_path / "x.box") as box:
@@ -337,7 +338,7 @@ def test_a_box_that_takes_for_ever_does_not_hold_up_the_end(monkeypatch: pytest.
 
 def test_the_cause_is_found_in_a_box_that_was_taken_over_the_rings_end(tmp_path: Path) -> None:
     with running() as (_, ring, connection):
-        frame = connection.machine.frame
+        frame = frame_of(connection.machine)
         for number in range(ring.slots + 100):
             frame.missed = 2 if number == ring.slots + 50 else 0
             write(ring, frame, number, 0)

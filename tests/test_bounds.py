@@ -16,8 +16,8 @@ from bench.bounded_plant import Rig
 from helpers.machines import actuator, timer, wired
 from helpers.operator import Operator
 from umo import Compound, DigitalActuator, action, connect
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import COMMANDS
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import COMMANDS
 from umo.cycle.events import LET_GO, CommandState, Event
 from umo.remote.commander import has_ended
 from umo.testing import Scripted

@@ -11,8 +11,11 @@ from helpers.machines import actuator, relay, sensor, timer, wired
 from helpers.operator import Operator
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.capabilities import AttachedPart, HourMeters, WriteTrace
+from umo.clients.client_commands import Mode
 from umo.control import next_period
-from umo.cycle.client_commands import Mode
+from umo.cycle.capability import Capability
+from umo.cycle.showing import frame_of
+from umo.errors import DeclarationError
 from umo.states import OnOff
 from umo.testing import Scripted, periods
 
@@ -82,7 +85,7 @@ def test_the_hours_are_shown_and_kept() -> None:
         assert not connection.not_restored
         assert m.meters.pump.hours == 12.5
         periods(m)
-        assert "meters.pump.hours" in {signal.path for signal in connection.machine.frame.signals}
+        assert "meters.pump.hours" in {signal.path for signal in frame_of(connection.machine).signals}
 
 
 def test_a_path_that_no_actuator_has_is_an_attribute_error(m: Any) -> None:
@@ -186,11 +189,64 @@ def test_laws_bring_the_capability_of_their_class_once_for_all_of_them() -> None
     assert calls == [["loops.0.law", "loops.1.law"], "attach"]
 
 
-def test_a_machine_without_capabilities_imports_none_of_them() -> None:
+class Counted(Capability):
+    """Counts its calls, and the stops."""
+
+    def __init__(self) -> None:
+        self.calls, self.stops = 0, 0
+
+    def attach(self, machine: Any) -> None:
+        machine.phases.commanding.append(self.count)
+        machine.under_way.before_cancel.append(self.stop)
+        machine.facts.append(lambda: {"counted": str(self.calls)})
+
+    def count(self) -> None:
+        self.calls += 1
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+def test_one_is_attached_while_the_machine_runs_and_found_by_its_class(box: Scripted) -> None:
+    machine = plant()
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        running = connection.machine
+        assert running.find(Counted) is None
+        counted = running.attach(Counted())
+        assert running.find(Counted) is counted
+        periods(m, 3)
+        assert (counted.calls, counted.stops) == (3, 0)
+        assert m._machine.facts()["counted"] == "3"
+    assert counted.stops == 1
+
+
+def test_one_that_cannot_be_attached_is_not_there(m: Any) -> None:
+    class Refusing(Capability):
+        def attach(self, machine: Any) -> None:
+            raise DeclarationError("not here")
+
+    with pytest.raises(DeclarationError):
+        m._machine.whole.attach(Refusing())
+    assert m._machine.whole.find(Refusing) is None
+
+
+def test_what_a_machine_does_not_have_is_not_imported() -> None:
+    """Capabilities, alarms, clients, controllers, frames."""
     import subprocess
     import sys
 
-    code = (
-        "import umo, sys; sys.exit(any(name.startswith(('umo.capabilities', 'umo.operation')) for name in sys.modules))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    code = """
+import sys, umo
+from umo import BinaryActuator, Compound, connect
+from umo.states import OnOff
+class Small(Compound):
+    pump: BinaryActuator[OnOff]
+with connect(Small(pump=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF))) as m:
+    m.sample(), m.control(), m.update()
+rooms = {name.split(".")[1] for name in sys.modules if name.startswith("umo.")}
+optional = {"capabilities", "alarms", "clients", "operation", "split", "generate", "frames", "recording"}
+sys.exit(" ".join(rooms & optional))
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.stderr.strip() == ""

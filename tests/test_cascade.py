@@ -11,8 +11,8 @@ import pytest
 
 from helpers.operator import Operator
 from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
+from umo.clients.client_commands import Mode
 from umo.control import Cascade, Servo
-from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState, Event
 from umo.errors import BadInput, DeclarationError
 from umo.states import OnOff

@@ -12,7 +12,7 @@ from typer.testing import Result
 from helpers.machines import relay, sensor, timer, wired
 from helpers.operator import Operator
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock, TaskFailed, connect, published
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.frames import Reader
 from umo.objects.claims import NEXT, WHO, Rank
 from umo.states import OnOff

@@ -39,12 +39,14 @@ from helpers.letters import Letters
 from helpers.machines import actuator, timer
 from helpers.tiers import first, some
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, TaskFailed, Vector, connect
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
+from umo.cycle.claim_table import Claims, Command
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
-from umo.cycle.command_stage import Command, CommandStage
+from umo.cycle.command_stage import CommandStage
 from umo.cycle.deliveries import AtOnce
 from umo.cycle.events import CommandState
+from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.machine_view import MachineView
@@ -194,14 +196,13 @@ class Rig:
     def __enter__(self) -> Rig:
         self.connection.__enter__()
         machine: Any = self.m._machine.whole
-        self.machine, self.image, self.commands = machine, machine.image, machine.commands
+        self.machine, self.image = machine, machine.image
         self.image.transfer.now = lambda: 0.0  # on a busy computer a call takes its time: it is no timeout
         self.slot = self.valve._slot
         self.vector, self.resting = Vector([self.valve]), Resting(self.m.around, [])
         self.letters, self.number = Letters(), 0
-        machine.clients = self.clients = ClientControl(
-            machine, self.letters, self.letters, Mode.MANUAL, lambda: self.life
-        )
+        self.clients = ClientControl(self.letters, self.letters, Mode.MANUAL, lambda: self.life)
+        machine.attach(self.clients)
         self.ask("lease", seconds=60.0)
         self.m.beside.write(7.0)
         self.m.update()
@@ -310,7 +311,7 @@ class Rig:
             return Rank.FAULT
         if reason.startswith("lock"):
             return Rank.INTERLOCK
-        return Rank.CLIENT if self.commands.client_of(self.slot) else Rank.PROGRAM
+        return Rank.CLIENT if self.machine.claims.client_of(self.slot) else Rank.PROGRAM
 
     def check_restriction(self, rank: Rank, reason: str) -> None:
         """The byte that C code, frames and pages read says the same."""
@@ -409,21 +410,21 @@ def test_the_machine_does_what_the_table_says_for_long(way: str, seed: int, monk
 FAULTS: dict[str, tuple[Any, str, str]] = {
     "a write in a fault is admitted": (Command.admits, "if fault.held:", "if False:"),
     "an interlock does not latch": (Inhibition.ask, "self.held and latch and self.interlock.latched", "False"),
-    "a client survives a fault": (CommandStage.hold, 'known[slot].client = ""', "pass"),
-    "a client survives an interlock": (CommandStage._interlocked, 'self.by_slot[slot].client = ""', "pass"),
+    "a client survives a fault": (Claims.hold, 'known[slot].client = ""', "pass"),
+    "a client survives an interlock": (Claims.interlocked, 'self.by_slot[slot].client = ""', "pass"),
     "the program writes what a client holds": (Command.admits, "if self.client and", "if False and"),
     "an expiry is not armed": (CommandStage.accept, "command.written = self._image.clock.now", "pass"),
     "what a client holds expires": (Command.has_expired, "and not self.client", ""),
     "what is let go stays where it is": (
-        CommandStage.release_from_client, "self._image.settle(slots, ToDefault.SEND)", "pass"
+        Claims.release_from_client, "self._image.settle(slots, ToDefault.SEND)", "pass"
     ),
     "work goes on with what a client holds": (
         CommandStage._goes_on, "return self._image.go_on(slot, value)", "self._image.pending[slot] = value; return True"
     ),
-    "a client survives a reset": (MachineView.reset, "self.whole.commands.end_client(slot)", "pass"),
-    "a client survives a device that was away": (Image.was_initialized_again, "self.commands.end_client(slot)", "pass"),
-    "what is not restored is not told": (CommandStage.go_on, "self.events.add(", "(lambda event, logged: None)("),
-    "resting takes from a client": (Resting.begin, "if not image.commands.client_of(slot)", ""),
+    "a client survives a reset": (MachineView.reset, "self.whole.claims.end_client(slot)", "pass"),
+    "a client survives a device that was away": (Image.was_initialized_again, "self.claims.end_client(slot)", "pass"),
+    "what is not restored is not told": (CommandStage.go_on, "image.events.add(", "(lambda event, logged: None)("),
+    "resting takes from a client": (Resting.begin, "if not image.claims.client_of(slot)", ""),
     "what holds is acknowledged": (Inhibition.acknowledge, "if not self.held:", "if True:"),
     "an owed default is forgotten": (AtOnce.refused, "owed.add if", "owed.discard if"),
     "a rate counts for an owed default": (Image._was_reset, "self.stepped[slot] = inf", "pass"),
@@ -431,17 +432,17 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "an interlock does not stop the program": (Command.admits, 'each.interlock.effect == "stop"', "False"),
     "a default is refused": (Command.admits, "if value == self.default:", "if False:"),
     "restrictions outlast a fault": (
-        CommandStage.free, "self._restrict([slot for fault in faults for slot in fault.slots])", "pass"
+        Claims.free, "self._restrict([slot for fault in faults for slot in fault.slots])", "pass"
     ),
-    "an interlock during a fault is not told": (CommandStage.free, "each.reason is not None:", "False:"),
+    "an interlock during a fault is not told": (Guards.free, "each.reason is not None:", "False:"),
     "what was written is lost with a device": (
         Image._goes_on_from_default, "self._give_default(slot)", "self._give_default(slot); self.set_default(slot)"
     ),
     "each attempt is the first one": (
         AtOnce.is_sent_again, "self._image.unconfirmed.setdefault", "(lambda slot, now: now)"
     ),
-    "it latches before the first period": (CommandStage._interlocked, "self._image.clock.number > 0", "True"),
-    "a late output does not expire": (CommandStage.expire, "self._expired(", "len("),
+    "it latches before the first period": (Guards._interlocked, "self._image.clock.number > 0", "True"),
+    "a late output does not expire": (Guards.expire, "self._expired(", "len("),
 }  # fmt: skip
 """What umo's code would do otherwise: a function, and what stands in it in the place of what."""
 OFTEN = ("a write in a fault is admitted", "a client survives a fault", "work goes on with what a client holds")

@@ -29,9 +29,9 @@ from umo import (
     action,
     connect,
 )
+from umo.clients.client_commands import DEAD_MAN_TIME, ClientCommand, Mode
+from umo.clients.client_control import COMMANDS_PER_PERIOD, ClientControl
 from umo.control import next_period, state_of, wait
-from umo.cycle.client_commands import DEAD_MAN_TIME, ClientCommand, Mode
-from umo.cycle.client_control import COMMANDS_PER_PERIOD, ClientControl
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.errors import DeclarationError
@@ -133,7 +133,7 @@ class Rig:
     def __enter__(self) -> Rig:
         self.connection.__enter__()
         machine = self.connection.machine
-        self.clients = machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: self.now)
+        self.clients = machine.attach(ClientControl(self.letters, self.letters, self.mode, lambda: self.now))
         return self
 
     @property
@@ -1023,9 +1023,9 @@ def test_guards_hold_for_any_interleaving_of_program_and_clients(steps: list[tup
             if rig.m.door.read() is PassFail.FAIL:
                 assert rig.m.lamp.read() is OnOff.OFF
                 assert rig.m.ram.read() == rig.m.ram.default
-            commands = rig.connection.machine.commands
+            claims = rig.connection.machine.claims
             for actuator_ in (rig.m.ram, rig.m.heater, rig.m.lamp):
-                state, client = rig.connection.image.restrictions[actuator_._slot], commands.client_of(actuator_._slot)
+                state, client = rig.connection.image.restrictions[actuator_._slot], claims.client_of(actuator_._slot)
                 assert (state == TAKEN_BY_CLIENT, state in (FREE, ASKED)) == (bool(client), actuator_.inhibited is None)
             now = rig.connection.machine.clock.number
             for path in ("heater", "lamp"):  # only clients write them
@@ -1067,7 +1067,7 @@ def test_an_axis_whose_motor_a_client_takes_goes_on_from_where_it_then_stands() 
 
     with connection:
         machine = connection.machine
-        machine.clients = ClientControl(machine, letters, letters, Mode.MANUAL, lambda: BOOT + machine.clock.now)
+        machine.attach(ClientControl(letters, letters, Mode.MANUAL, lambda: BOOT + machine.clock.now))
         send("lease")
         send("call", "home")
         for _ in range(100):

@@ -327,7 +327,7 @@ def test_frames_tell_a_condition_that_cannot_be_evaluated_from_one_that_is_true(
     box, m = Scripted(), press()
     connection = connect(m, wiring(box))
     with connection:
-        image, commands = connection.machine.image, connection.machine.commands
+        image, claims = connection.machine.image, connection.machine.claims
         for reading, text in (
             (OSError("cut"), "the condition 'the door is open' cannot be evaluated"),
             (1, "the door is open"),
@@ -335,7 +335,7 @@ def test_frames_tell_a_condition_that_cannot_be_evaluated_from_one_that_is_true(
             box.set("door", reading)
             with suppress(DriverError):
                 begin(m)
-            assert commands.reasons[image.restrictions[image.slot_of[id(m.ram)]] - 1] == text
+            assert claims.reasons[image.restrictions[image.slot_of[id(m.ram)]] - 1] == text
 
 
 @pytest.mark.parametrize("answer", [None, 0, 0.0, "", OnOff.OFF])

@@ -13,6 +13,7 @@ from helpers.operator import Operator
 from helpers.tiers import first
 from umo import TaskFailed, connect
 from umo.alarms import AlarmState
+from umo.alarms.alarming import engine_of
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused
 from umo.operation import PackMLState
@@ -217,7 +218,7 @@ def test_without_parts_the_sorter_suspends_itself_tells_it_and_goes_on_when_part
         run.until(S.SUSPENDED)
         assert (len(run.plant.accepted) + len(run.plant.rejected), run.m.sorter.waits) == (2, True)
         assert run.m.sorter.cause == "no part came on 500 mm of belt"
-        alarms = run.m._machine.whole.alarms
+        alarms = engine_of(run.m._machine.whole)
         assert alarms is not None
         number = alarms.paths.index("sorter.no parts")
         periods(run.m, 4_900)
@@ -247,7 +248,7 @@ def test_a_jam_is_an_alarm_until_it_is_cleared() -> None:
     with sorting(faults=["jam"], patience=100.0) as run:
         run.until(S.ABORTED)
         periods(run.m, 2)
-        alarms = run.m._machine.whole.alarms
+        alarms = engine_of(run.m._machine.whole)
         assert alarms is not None
         number = alarms.paths.index("sorter.jam")
         assert AlarmState(alarms.states[number]) is AlarmState.UNACKNOWLEDGED

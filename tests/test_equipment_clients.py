@@ -37,8 +37,8 @@ from umo import (
     action,
     connect,
 )
+from umo.clients.client_commands import ClientCommand, Mode
 from umo.control import ServoAxis, next_period, unless, wait
-from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.events import CommandState
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.errors import AxisError, DeclarationError, DriverError, EquipmentFault, Interlocked

@@ -16,8 +16,8 @@ import pytest
 from helpers.operator import Operator
 from helpers.tiers import first
 from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
+from umo.clients.client_commands import Mode
 from umo.control import PID, Cascade, Servo, VectorServo
-from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState, Event
 from umo.errors import BadInput
 from umo.states import OnOff

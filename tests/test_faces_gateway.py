@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from helpers.faced import Recorder, hosted
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, RangeError, StateError, TaskFailed, UmoError
 from umo.faces import gateway

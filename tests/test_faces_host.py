@@ -11,7 +11,7 @@ import pytest
 
 from helpers.faced import Recorder, hosted
 from umo import Quality
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed, UmoError
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import User
@@ -409,7 +409,7 @@ def test_stop_needs_no_lease() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(ANN, "stop")
         await until(lambda: rig.connection.stop.requested)
-        assert rig.connection.machine.clients.stopped_by == "ann (recorder)"
+        assert rig.clients.stopped_by == "ann (recorder)"
 
     commanded(step)
 
@@ -419,7 +419,7 @@ def test_the_lease_is_given_back_when_nothing_has_been_asked_for_a_while(monkeyp
 
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(ANN, "tune", "cell.gain", value=2.0)
-        clients = rig.connection.machine.clients
+        clients = rig.clients
         assert clients.lease.holder
         await until(lambda: not clients.lease.holder)
         await face.commands.ask(ANN, "tune", "cell.gain", value=3.0)

@@ -10,7 +10,7 @@ import pytest
 from helpers.machines import actuator, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, TaskFailed, connect
 from umo.control import next_period
-from umo.cycle.image import ToDefault
+from umo.cycle.to_defaults import ToDefault
 from umo.operation import PackML
 from umo.testing import Scripted
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import umo
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, Thermocouple, connect
+from umo.cycle.showing import frame_of
 from umo.drivers import Channel, Direction, Driver, DriverError, Looks, Reports, WiringError
 from umo.drivers.faults.wrapper import FaultyDriver
 from umo.drivers.wrapping import Wrapper
@@ -504,7 +505,7 @@ def test_without_faults_no_driver_is_wrapped():
     with connection as m:
         assert all(not isinstance(driver, FaultyDriver) for driver in connection.wired.drivers.values())
         assert connection.wired.injection is None
-        assert "injected_faults" not in [signal.path for signal in connection.machine.frame.signals]
+        assert "injected_faults" not in [signal.path for signal in frame_of(connection.machine).signals]
         periods(m)
 
 
@@ -554,7 +555,7 @@ def test_the_log_and_a_signal_say_when_a_fault_begins_and_ends(caplog):
     with caplog.at_level(logging.WARNING, "umo"), connection as m:
         connection.machine.observers.append(lambda frame: seen.append(frame.signal_values[-1]))
         periods(m, 5)
-        assert connection.machine.frame.signals[-1].path == "injected_faults"
+        assert frame_of(connection.machine).signals[-1].path == "injected_faults"
     assert seen == [0, 1, 1, 0, 0]
     assert [record.getMessage() for record in caplog.records] == [
         "injected fault begins at 0.002 s: height stuck at 0.002 s for 0.002 s (channel height)",

@@ -19,6 +19,7 @@ from helpers.publishing import running, without_times, write, writer
 from umo import DigitalSensor, connect, published
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phase_times import PhaseTimes
+from umo.cycle.showing import frame_of
 from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.frame_server import folder
@@ -183,10 +184,10 @@ def test_a_frame_says_where_in_its_journal_the_transfers_of_the_whole_machine_st
         journal.sampled = journal.count
         journal.add(0, Kind.WRITE, 0, 1)
         journal.updated = journal.count
-        ring(connection.machine.frame)
+        ring(frame_of(connection.machine))
         frame = reader.latest()
         assert (frame["sampled"], frame["updated"], frame["entries"]) == (1, 2, 2)
-        ring(connection.machine.frame)
+        ring(frame_of(connection.machine))
         frame = reader.latest()
         assert (frame["sampled"], frame["updated"], frame["entries"]) == (-1, -1, 0)
 
@@ -196,13 +197,13 @@ def test_what_found_no_room_in_the_journal_is_counted() -> None:
         capacity = ring.journal.capacity
         for number in range(capacity + 5):
             ring.journal.add(0, Kind.WRITE, number, number - 1)
-        ring(connection.machine.frame)
+        ring(frame_of(connection.machine))
         frame = reader.latest()
         assert (frame["entries"], frame["entries_lost"]) == (capacity, 5)
         entries = reader.journal(frame)
         assert entries is not None
         assert entries["raw"].tolist() == list(range(capacity))
-        ring(connection.machine.frame)
+        ring(frame_of(connection.machine))
         assert reader.latest()["entries_lost"] == 0
 
 
@@ -211,7 +212,7 @@ def test_the_journal_of_a_frame_is_whole_or_gone() -> None:
     each = 1000
     with running() as (_, ring, connection), Reader(ring.path) as reader:
         for number in range(3 * ring.journal_entries // each):
-            write(ring, connection.machine.frame, number, each)
+            write(ring, frame_of(connection.machine), number, each)
         frames = reader.read()
         journals = [reader.journal(frame) for frame in frames]
         there = [entries is not None for entries in journals]
@@ -245,7 +246,7 @@ def test_whoever_looks_while_a_frame_is_being_filled_finds_that_it_is_not_whole(
             look()
 
         ring._write = looking
-        ring(connection.machine.frame)
+        ring(frame_of(connection.machine))
         writes.clear()  # what it holds includes the file's memory
         assert seen == [7, 7]
         with Reader(ring.path) as reader:
@@ -289,7 +290,7 @@ def test_every_frame_is_read_once_and_in_order() -> None:
 
 def test_a_reader_that_was_lapped_counts_what_it_lost() -> None:
     with running() as (_, ring, connection), Reader(ring.path) as reader:
-        frame = connection.machine.frame
+        frame = frame_of(connection.machine)
         total = 2 * ring.slots + 100
         for number in range(total):
             frame.number = number
@@ -359,7 +360,7 @@ def test_a_frame_being_written_is_never_returned() -> None:
 def test_copies_over_the_end_of_the_ring_are_like_any_other() -> None:
     """numpy packs the fields of frames that it concatenates."""
     with running() as (_, ring, connection), Reader(ring.path) as reader:
-        frame = connection.machine.frame
+        frame = frame_of(connection.machine)
         for number in range(ring.slots + 10):
             write(ring, frame, number, 0)
             if number == ring.slots - 5:
@@ -395,11 +396,11 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
             assert len(reader.last(3)) == 3
             ring._bytes[ring._first + ring.slot_bytes + 40] ^= 1
             assert reader.last(3)["number"].tolist() == [1, 3]
-            write(ring, connection.machine.frame, 4, 2)
+            write(ring, frame_of(connection.machine), 4, 2)
             assert told(reader, reader.latest()) == [("encoder", Kind.WRITE, 4, -4)] * 2
             ring._bytes[ring._journal_at + 8] ^= 1
             assert reader.journal(reader.latest()) is None
-            write(ring, connection.machine.frame, 5, 0)
+            write(ring, frame_of(connection.machine), 5, 0)
             assert told(reader, reader.latest()) == []
         connection.machine.observers.remove(ring)
         ring.close()
@@ -447,10 +448,10 @@ def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame
         ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         with Reader("bench", readers) as reader:
-            write(ring, connection.machine.frame, 0, 0)
+            write(ring, frame_of(connection.machine), 0, 0)
             stale = bytes(ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes])
             for number in range(1, ring.slots + 1):
-                write(ring, connection.machine.frame, number, 0)
+                write(ring, frame_of(connection.machine), number, 0)
             assert reader.latest()["number"] == ring.slots
             ring._bytes[ring._first + 8 : ring._first + ring.slot_bytes] = stale
             assert reader.latest()["number"] == ring.slots - 1

@@ -16,6 +16,7 @@ from hypothesis import strategies as some
 from helpers.machines import timer
 from umo import Compound, DigitalSensor, Number, connect, published
 from umo.alarms import AlarmState
+from umo.alarms.alarming import engine_of
 from umo.cycle.frame import Frame
 from umo.cycle.restoring import MAX_EXACT
 from umo.errors import DeclarationError
@@ -266,10 +267,10 @@ def test_alarms_and_states_are_kept_with_the_numbers_of_the_same_frame() -> None
 def test_an_alarm_that_nobody_has_acknowledged_is_still_to_be_acknowledged_in_the_next_run() -> None:
     machine = find("batch").machine()
     connection = connect(machine, find("batch").wirings["simulated"])
-    connection.alarm_states = {"reactors.1.fault": int(AlarmState.UNACKNOWLEDGED), "reactors.9.fault": 1}
+    connection.states = {"alarms": {"reactors.1.fault": int(AlarmState.UNACKNOWLEDGED), "reactors.9.fault": 1}}
     with connection as m:
         periods(m, 3)
-        engine = connection.machine.alarms
+        engine = engine_of(connection.machine)
         assert engine is not None
         states = dict(zip(engine.paths, map(AlarmState, engine.states.tolist()), strict=True))
     assert {path for path, state in states.items() if state} == {"reactors.1.fault"}

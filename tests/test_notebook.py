@@ -25,8 +25,8 @@ from helpers.machines import bench, relay, sensor, switch, wired
 from helpers.patient import conveyor
 from helpers.waiting import until
 from umo import Compound, DigitalSensor, Number, Vector, connect, published
-from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import Mode
+from umo.clients.client_control import ClientControl
 from umo.errors import FramesError, PathError, RangeError
 from umo.frames import Reader
 from umo.frames.client_memory import ClientMemory
@@ -235,7 +235,7 @@ def test_mode_lease_and_tunable_numbers_are_shown() -> None:
         reader = Reader(ring.path)
         assert reader.ends is not None
         cells = ClientMemory(reader.ends.cells, reader.layout)
-        connection.machine.clients = clients = ClientControl(connection.machine, Receiver(cells), cells, Mode.MANUAL)
+        clients = connection.machine.attach(ClientControl(Receiver(cells), cells, Mode.MANUAL))
         clients.lease.acquire("anna & bert", "key", 60.0, 0.0)
         periods(m)
         with reader:

@@ -18,9 +18,10 @@ from helpers.machines import actuator, sensor, timer, wired
 from helpers.operator import Operator
 from helpers.tiers import first
 from umo import Compound, DigitalActuator, DigitalSensor, Number, connect, published
+from umo.clients.client_commands import Mode
 from umo.control import next_period, until, wait
-from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
+from umo.cycle.showing import frame_of
 from umo.errors import CommandRefused, DeclarationError, EquipmentFault, TaskFailed
 from umo.objects import action
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState, UnitMode
@@ -570,7 +571,7 @@ def test_actions_of_a_unit_are_described_in_the_order_of_their_declaration() -> 
 def test_the_state_is_a_signal_with_names() -> None:
     case = running()
     with case as (m, unit):
-        signals = {each.path: each for each in case.connection.machine.frame.signals}
+        signals = {each.path: each for each in frame_of(case.connection.machine).signals}
         assert signals["filler.unit.state"].states[int(S.EXECUTE)] == "execute"
         seen = []
         case.connection.machine.observers.append(
@@ -588,7 +589,7 @@ def test_a_subclass_adds_its_numbers_to_those_of_every_unit() -> None:
 
     case = running(Fast)
     with case:
-        shown = [each.path.rpartition(".")[2] for each in case.connection.machine.frame.signals]
+        shown = [each.path.rpartition(".")[2] for each in frame_of(case.connection.machine).signals]
         assert shown == ["state", "mode", "produced", "rejected", "speed"]
 
 

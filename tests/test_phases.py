@@ -10,8 +10,10 @@ from typer.testing import Result
 
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
+from umo.cli.period_table import acting_in
 from umo.cycle.laid_out import laid_out
 from umo.cycle.machine_view import connect_compounds
+from umo.cycle.part_periods import PartPeriods
 from umo.cycle.period import PHASES
 from umo.states import OnOff
 from umo.testing import Scripted, periods
@@ -66,15 +68,16 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
             monkeypatch.setattr(owner, function, lambda *given: (seen.append(name), real(*given))[1])
 
         noted(image, "sample", "SAMPLE")
-        noted(machine.commands, "evaluate", "GUARD")
+        noted(period.guards, "evaluate", "GUARD")
         noted(machine.sequences, "advance", "SEQUENCES")
         noted(machine.acting_laws, "act", "LAWS")
-        noted(period, "_settle", "SETTLE")
-        noted(period, "_send_urgent", "OWED")
+        noted(period, "settle", "SETTLE")
+        parts = machine.find(PartPeriods)
+        noted(parts, "_send_urgent", "OWED")
         on_tick = machine.clock.on_tick
         machine.clock.on_tick = lambda: (seen.append("TICK"), on_tick())
         period.bind()
-        connect_compounds(machine)
+        connect_compounds(machine, parts.view_of)
         for _ in range(6):
             period.settle_once(lambda: None)
             seen.clear()
@@ -92,7 +95,7 @@ def test_the_phases_come_in_the_order_of_the_table(monkeypatch: pytest.MonkeyPat
 def test_who_is_bound_is_told_in_words() -> None:
     m = plant()
     with laid_out(m, resolve(m, None)) as machine:
-        bound = machine.phases.bound()
+        bound = acting_in(machine)
     assert list(bound) == [phase.name for phase in PHASES]
     assert bound["SAMPLE"] == ["1 sensor on Simulated"]
     assert bound["GUARD"] == ["1 interlock", "1 expiring command"]

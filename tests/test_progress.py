@@ -10,6 +10,7 @@ from rich.console import Console
 
 from umo import Compound, DigitalSensor, connect
 from umo.cli.progress_line import RunProgressLine
+from umo.cycle.showing import frame_of
 from umo.cycle.stage import Progress
 from umo.errors import RangeError
 
@@ -28,11 +29,12 @@ def shown(times: list[float], *, terminal: bool) -> str:
     console = Console(file=file, force_terminal=terminal, width=80)
     with connection as m, RunProgressLine(console, lambda: now[0]) as line:
         m.cycle.progress("homing", done=1, total=2)
-        frame = connection.machine.frame
+        frame = frame_of(connection.machine)
         for number, time in enumerate(times):
             now[0] = frame.time = time
             if number == 3:
                 m.cycle.progress("picking\x1b[2J")
+            frame.progress = connection.machine.progress
             line(frame)
     return file.getvalue()
 
@@ -56,8 +58,8 @@ def test_numbers_that_are_not_given_stay() -> None:
         m.cycle.progress("homing", total=3)
         m.cycle.progress("picking", done=1)
         m.cycle.progress("placing")
-        assert connection.machine.frame.progress == ("placing", 1, 3)
-        assert connection.machine.frame.progress.share == 1 / 3
+        assert connection.machine.progress == ("placing", 1, 3)
+        assert connection.machine.progress.share == 1 / 3
 
 
 @pytest.mark.parametrize(("name", "number"), [("done", -1), ("total", 1.5), ("done", True), ("total", "3")])

@@ -21,8 +21,8 @@ from umo import (
     connect,
     published,
 )
+from umo.clients.client_commands import Mode
 from umo.control import next_period, state_of, until, wait
-from umo.cycle.client_commands import Mode
 from umo.cycle.phase_times import PhaseTimes
 from umo.errors import DeclarationError, DriverError
 from umo.frames import Reader
@@ -111,7 +111,7 @@ def test_after_missed_ticks_a_part_runs_late_once_and_its_grid_stays(missed: lis
     machine = plant()
     with connect(machine, wired(machine, Scripted(), clock=VirtualTimer(missed=missed))) as m:
         clock, number, due = m._machine.whole.clock, 0, []
-        phase = next(rate.phase for rate in m._machine.whole.groups._map._rates if rate.part is m.middle)
+        phase = next(rate.phase for rate in m._machine.whole.groups._rates if rate.part is m.middle)
         for _ in missed:
             periods(m)
             begun = clock.number

@@ -10,8 +10,8 @@ from helpers.letters import Letters
 from helpers.machines import stations
 from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, connect
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.objects import actions_of, atoms, find
 from umo.states import OpenClosed
 from umo.testing import periods, put
@@ -43,9 +43,8 @@ def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path:
             put(m.sorter.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
         clock = m._machine.whole.clock
-        clients = m._machine.whole.clients = ClientControl(
-            m._machine.whole, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now
-        )
+        clients = ClientControl(letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)
+        m._machine.whole.attach(clients)
 
         def send(do: str, path: str = "", **more: Any) -> None:
             letters.waiting.append(ClientCommand(1, "client", "key", do, path, **more))

@@ -20,8 +20,8 @@ import umo
 from helpers.patient import conveyor
 from helpers.publishing import running
 from helpers.waiting import until
-from umo.cycle.client_commands import DEAD_MAN_TIME, Mode
-from umo.cycle.client_control import COMMANDS_PER_PERIOD, ClientControl
+from umo.clients.client_commands import DEAD_MAN_TIME, Mode
+from umo.clients.client_control import COMMANDS_PER_PERIOD, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
 from umo.frames.client_memory import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, ClientMemory
@@ -200,7 +200,7 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
     with running() as (m, ring, connection), Reader(ring.path) as reader:
         assert reader.ends is not None
         cells = ClientMemory(reader.ends.cells, reader.layout)
-        connection.machine.clients = ClientControl(connection.machine, Receiver(cells), cells, Mode.MANUAL)
+        connection.machine.attach(ClientControl(Receiver(cells), cells, Mode.MANUAL))
         periods(m)
         with closing(Sender(reader, cells)) as sender:
             for _ in range(SLOTS):
@@ -213,7 +213,6 @@ def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
             assert {each.event.text for each in reader.events()} == {
                 "CommandRefused: nobody has the lease; take it first"
             }
-        connection.machine.clients = None
         cells.close()
 
 

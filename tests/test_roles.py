@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from umo.cycle.client_control import COMMANDS
+from umo.clients.client_control import COMMANDS
 from umo.system.roles import NEEDED, Caller, Role, Roles, place
 
 FILE = """

@@ -12,7 +12,7 @@ from helpers.machines import actuator, relay, sensor, timer, wired
 from helpers.operator import Operator
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Number, Range, action, connect
 from umo.alarms import Alarm, High
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.cycle.events import CommandState, Event
 from umo.frames import Reader, published
 from umo.frames.layout import Layout

@@ -23,8 +23,8 @@ from umo import (
     action,
     connect,
 )
+from umo.clients.client_commands import ClientCommand, Mode
 from umo.control import next_period, state_of, wait
-from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.columns import FREE
 from umo.cycle.events import CommandState
 from umo.errors import DeclarationError, DriverError

@@ -17,9 +17,9 @@ from helpers.operator import Operator
 from helpers.slide import DT, Slide, servo, stepper
 from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, action
+from umo.clients.client_commands import Mode
 from umo.control import Axis, wait
 from umo.control.axis_state import AxisState
-from umo.cycle.client_commands import Mode
 from umo.errors import TaskFailed
 from umo.objects import Actuator, atoms, find
 from umo.states import OnOff
@@ -158,7 +158,7 @@ class Watch:
                 or item is m.fan
                 or (item.path.startswith("x.") and m.x.enabled)
                 or item.path in m.by_actions
-                or bool(self._ann.machine.commands.client_of(item._slot))
+                or bool(self._ann.machine.claims.client_of(item._slot))
             )
             assert not away or charge, f"{item.path} is driven with nobody in charge"
 

@@ -26,6 +26,7 @@ from umo import (
     published,
 )
 from umo.cycle.journal import ErrorKind, Kind
+from umo.cycle.showing import frame_of
 from umo.drivers import Channel, ChannelsFailed, DeviceTimeout, Direction, Driver, DriverError
 from umo.drivers.contract import IntArray
 from umo.frames import Reader
@@ -463,7 +464,7 @@ def test_the_journals_of_objects_that_fail_for_long_are_kept_as_long_as_their_fr
             for transfer in (m.sample, m.update):
                 with suppress(DriverError):
                     transfer()
-            ring(connection.machine.frame)
+            ring(frame_of(connection.machine))
         box.broken = None
         oldest = reader.read()[1]
         entries = reader.journal(oldest)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Number, action, connect
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.control import next_period, until, value_of, wait
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
 from umo.errors import DeviceTimeout
 from umo.objects import atoms
 from umo.states import OnOff
@@ -111,7 +111,7 @@ def trace(seeds: list[int], levels: int, dead: Sequence[range], commands: list[t
     with connect(m, {"drivers": {"box": box, "other": other, "clock": VirtualTimer()}, "wire": wire}) as m:
         machine = m._machine.whole
         if commands is not None:
-            machine.clients = ClientControl(machine, letters, letters, Mode.AUTOMATIC, lambda: 1.0)
+            machine.attach(ClientControl(letters, letters, Mode.AUTOMATIC, lambda: 1.0))
             letters.waiting.append(ClientCommand(0, "ann", "key", "lease"))
         for each in own:
             m.cycle.start(each.heat())

@@ -23,6 +23,7 @@ from helpers.operator import Operator
 from umo import Compound, DigitalActuator, DigitalSensor, Frame, connect, published
 from umo.control import next_period
 from umo.cycle.events import CommandState
+from umo.cycle.showing import frame_of
 from umo.errors import CommandRefused, TaskFailed
 from umo.frames import Reader
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState, UnitMode
@@ -186,7 +187,7 @@ class Case:
         self.part, self.unit = m.part, m.part.unit
         self.ring = published(self.connection, "random")
         self.reader = Reader(self.ring.__enter__().path)
-        self.signals = [each.path for each in self.connection.machine.frame.signals]
+        self.signals = [each.path for each in frame_of(self.connection.machine).signals]
         self.ann = Operator(m)
         self.ann.do("lease", seconds=5.0)
         self.connection.machine.observers.append(self.look)

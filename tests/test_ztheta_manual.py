@@ -13,7 +13,7 @@ import pytest
 import umo
 from helpers.operator import Operator
 from helpers.tiers import first
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.states import OnOff
 from umo.stations.ztheta.application import main
@@ -43,7 +43,7 @@ class Station(Operator):
         raise AssertionError("it did not come true")
 
     def at(self, phase: str) -> None:
-        self.until(lambda: phase in self.machine.frame.progress.text)
+        self.until(lambda: phase in self.machine.progress.text)
 
     @property
     def holds_part(self) -> bool:

@@ -161,7 +161,7 @@ PROGRAMS = {"stations", "testing", "cli"}
 KNOWN = {
     "suspension": r"suspen|^resuming$",
     "rates": r"^Rate(Map|d.*|Groups?)?$|^rate_groups$|^Part(Clock|Group)$|^GroupView$|^WHOLE$|^urgent$|^hasten$",
-    "faults": r"in_fault|fault_of|EquipmentFault|EquipmentState|Containment",
+    "faults": r"in_fault|^fault_of$|EquipmentFault|EquipmentState|Containment",
 }
 """A file knows one of these if a name in its code, also an import's, matches."""
 SCALING_IN_C = re.compile(r" [*/] [\w.>\[\]-]*resolution")

@@ -30,8 +30,10 @@ import numpy as np
 
 from umo import Quality, UmoError
 from umo.alarms import AlarmState
+from umo.alarms.alarming import engine_of
 from umo.cycle.connect import connect
 from umo.cycle.run import drive
+from umo.cycle.showing import frame_of
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.faults.effects import Effect
@@ -194,8 +196,12 @@ def _watch_batch(run: Run) -> None:
 def _not_so(reactor: Any) -> str:
     """What the frame says of the state and the alarms of a reactor, and is not so; "": all is so."""
     machine, path, fault = reactor._machine.whole, reactor._path, reactor.cycle.fault is not None
-    signals = {each.path: value for each, value in zip(machine.frame.signals, machine.frame.signal_values, strict=True)}
-    alarms = dict(zip(machine.alarms.paths, machine.alarms.states.tolist(), strict=True))
+    signals = {
+        each.path: value for each, value in zip(frame_of(machine).signals, frame_of(machine).signal_values, strict=True)
+    }
+    engine = engine_of(machine)
+    assert engine is not None
+    alarms = dict(zip(engine.paths, engine.states.tolist(), strict=True))
     state, temperature = ProcedureState(int(signals[f"{path}.unit.state"])), reactor.temperature
     hot = alarms[f"{path}.hot"] in ACTIVE
     if state is not reactor.unit.state or (state is ProcedureState.ABORTED) is not fault:

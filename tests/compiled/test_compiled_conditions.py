@@ -78,7 +78,7 @@ class Running(CompiledRun):
         pressure = DigitalSensor("bar", minimum=0.0, maximum=100.0, resolution=1.0, on_error="mark")
         burner = BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)
         super().__init__(kind(timer=timer(), pressure=pressure, burner=burner))
-        self.inhibition = self.connection.machine.commands.inhibitions[0]
+        self.inhibition = self.connection.machine.claims.inhibitions[0]
 
     @property
     def is_compiled(self) -> bool:

@@ -56,7 +56,7 @@ class Two:
             connection = connect(machine, wired)
             self.stack.enter_context(connection)
             if prepared is not None:
-                self.laws = CompiledLaws(prepared, connection.machine)
+                self.laws = connection.machine.attach(CompiledLaws(prepared))
                 self.stack.callback(self.laws.release)
             self.machines.append(machine)
             self.boxes.append(box)

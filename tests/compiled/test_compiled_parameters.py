@@ -77,7 +77,7 @@ def test_so_does_one_whose_numbers_are_restored(kept: dict[str, Any]) -> None:
     connection = connect(machine, wiring)
     connection.kept = {path: {"value": value, "unit": UNITS[path], "type": "number"} for path, value in kept.items()}
     made: list[CompiledLaws] = []
-    connection.laid_out = lambda machine: made.append(CompiledLaws(prepared, machine))
+    connection.laid_out = lambda machine: made.append(machine.attach(CompiledLaws(prepared)))
     with connection as m:
         assert (m.gain, m.N) == (kept.get("gain", 0.5), kept.get("N", 2))
         for _ in range(COMPARED + 2):

@@ -66,7 +66,7 @@ def compiled() -> Iterator[tuple[Oven, Any]]:
     prepared = prepare(m, found)
     connection = connect(m, found)
     with connection:
-        laws = CompiledLaws(prepared, connection.machine)
+        laws = connection.machine.attach(CompiledLaws(prepared))
         periods(m, COMPARED * 3)
         assert laws.state == "compiled"
         yield m, connection

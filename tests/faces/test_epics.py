@@ -21,7 +21,7 @@ pytest.importorskip("p4p", reason="the face EPICS needs p4p: pip install 'umo[ep
 
 from helpers.epics import FOREIGN, Pvapy, ServedZtheta, clients_python, environment, epics
 from helpers.faced import Recorder, hosted
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.errors import OptionError, UmoError
 from umo.faces.endpoint import Endpoint

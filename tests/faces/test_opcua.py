@@ -16,7 +16,7 @@ pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip instal
 from helpers.faced import hosted
 from helpers.opcua import OpcUaClient, QuickOpcUa, let_in, named
 from umo import Compound
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.faces.opcua.unece_codes import CODES, number_of
 from umo.operation import PackML

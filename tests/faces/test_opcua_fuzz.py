@@ -23,7 +23,7 @@ from helpers.faced import hosted
 from helpers.opcua import QuickOpcUa, let_in
 from helpers.opcua_asyncua import FIRST, Asker, Heard, Rig
 from helpers.opcua_requests import REQUESTS, with_own
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 

@@ -27,7 +27,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from helpers.faced import hosted
 from helpers.opcua import OpcUaClient, QuickOpcUa, let_in, named
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.errors import OptionError, UmoError
 from umo.faces import face_users
 from umo.faces.opcua import OpcUa

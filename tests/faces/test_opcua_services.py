@@ -19,7 +19,7 @@ from asyncua.ua.ua_binary import variant_from_binary, variant_to_binary
 
 from helpers.opcua import let_in
 from helpers.opcua_asyncua import FIRST, VALUE, Asker, Heard, Rig, run
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua.ua_connection import Answer
 from umo.faces.opcua.ua_services import (

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 
 from helpers.fleets import PLANT
-from umo.cycle.client_commands import ClientCommand
+from umo.clients.client_commands import ClientCommand
 from umo.cycle.events import CommandState, Event
 from umo.fleet import mirror_commands
 from umo.fleet.fleet_keys import segment

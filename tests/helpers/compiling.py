@@ -44,8 +44,8 @@ class CompiledRun:
         self.connection = connect(machine, wiring)
         self.m: Any = self.connection.__enter__()
         try:
-            self.laws = CompiledLaws(prepared, self.connection.machine)
-            inhibitions = len(self.connection.machine.commands.inhibitions)
+            self.laws = self.connection.machine.attach(CompiledLaws(prepared))
+            inhibitions = len(self.connection.machine.claims.inhibitions)
             self.step((COMPARED + 1) * (len(self.laws._python) + inhibitions))
             assert self.laws.state == state, self.events
         except BaseException:

@@ -254,7 +254,7 @@ class Beside:
             c: list[Any] = [self.c.value(slot), self.c.quality(slot)]
             if one.output:
                 place = self.model.outputs.index(slot)
-                python += [image.pending[slot], image.raws[slot], image.commands.inhibited(slot) is not None]
+                python += [image.pending[slot], image.raws[slot], image.claims.inhibited(slot) is not None]
                 c += [self.c.pending(place), self.c.raw(slot), self.c.inhibited(place)]
                 if image.quality[slot] == Quality.GOOD:  # the circuit has what was sent last
                     python.append(self.box.get(image.wires[slot].channel.text))

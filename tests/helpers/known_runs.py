@@ -39,7 +39,7 @@ class Played:
             self._connection = connect(machine, wiring)
             self.m: Any = stack.enter_context(self._connection)
             if prepared is not None:
-                self.laws = CompiledLaws(prepared, self._connection.machine)
+                self.laws = self._connection.machine.attach(CompiledLaws(prepared))
                 stack.callback(self.laws.release)
             self._connection.machine.observers.append(lambda frame: self._act("observer"))
             self.m.cycle.start(self._sequence())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from umo.cycle.client_commands import ClientCommand
+from umo.clients.client_commands import ClientCommand
 
 
 class Letters:

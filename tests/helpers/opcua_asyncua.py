@@ -12,7 +12,7 @@ from asyncua.ua.ua_binary import struct_from_binary
 
 from helpers.faced import hosted
 from helpers.opcua import PASSWORDS, QuickOpcUa
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from helpers.letters import Letters
 from umo import Compound
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.cycle.events import CommandState, Event
 from umo.testing import periods
 
@@ -23,9 +23,8 @@ class Operator:
         self.letters = Letters()
         self._held: set[str] = set()
         self.machine: Any = machine._machine.whole
-        self.clients = self.machine.clients = ClientControl(
-            self.machine, self.letters, self.letters, mode, lambda: BOOT + self.machine.clock.now
-        )
+        clients = ClientControl(self.letters, self.letters, mode, lambda: BOOT + self.machine.clock.now)
+        self.clients = self.machine.attach(clients)
         self.alive = True
         """Whether it gives signs of life."""
 

@@ -44,11 +44,12 @@ import sys
 from array import array
 sys.path.insert(0, sys.argv[1])
 from helpers.publishing import running
+from umo.cycle.showing import frame_of
 from umo.testing import periods
 with running() as (m, ring, connection):
     periods(m, 3)
     print(ring.path, flush=True)
-    frame, image = connection.machine.frame, connection.image
+    frame, image = frame_of(connection.machine), connection.image
     number = 0
     while sys.argv[2] == "fast":
         number += 1

@@ -14,9 +14,9 @@ from umo import (
     TaskFailed,
     connect,
 )
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.control import next_period
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
 from umo.objects import atoms
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -177,7 +177,7 @@ class Commanded(Rig):
     def __enter__(self) -> Commanded:
         super().__enter__()
         machine = self.connection.machine
-        machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: self.now)
+        machine.attach(ClientControl(self.letters, self.letters, self.mode, lambda: self.now))
         self.do("lease")
         return self
 

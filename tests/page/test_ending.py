@@ -16,6 +16,7 @@ from helpers.machines import bench, wired
 from helpers.runs import Run
 from umo import connect, published
 from umo.cycle.events import CommandState, Event
+from umo.cycle.showing import frame_of
 from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, rings
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of
@@ -71,7 +72,7 @@ def fail(error: Exception) -> Callable[[connect[Any]], None]:
         (lambda connection: None, False, "the application has ended"),
         (lambda connection: connection.stop.request(), False, "stopped by the program"),
         (
-            lambda connection: TimeLimit(0, connection.stop)(connection.machine.frame),
+            lambda connection: TimeLimit(0, connection.stop)(frame_of(connection.machine)),
             False,
             "stopped by its time limit",
         ),

@@ -16,7 +16,7 @@ from helpers.machines import bench, wired
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo import connect, published
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_control import ClientControl
 from umo.frames import Reader, Ring
 from umo.frames.client_memory import ClientMemory
 from umo.frames.memory import RunDescriptors
@@ -98,8 +98,7 @@ def commanded() -> Iterator[tuple[Compound, Reader, Sender]]:
     ends, readers = RunDescriptors.pair()
     with connection, published(connection, "bench", job={"station": "bench"}, ends=ends) as ring:
         cells = ClientMemory(ends.cells, ring.layout)
-        connection.machine.clients = clients = ClientControl(connection.machine, Receiver(cells), cells)
-        ring.show(clients)
+        ring.show(connection.machine.attach(ClientControl(Receiver(cells), cells)))
         with Reader("the run", readers) as reader:
             sender = Sender(reader, cells)
             yield m, reader, sender

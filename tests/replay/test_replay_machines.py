@@ -33,8 +33,8 @@ from umo import (
     connect,
     drive,
 )
+from umo.clients.client_commands import DEAD_MAN_REASON
 from umo.control import next_period
-from umo.cycle.client_commands import DEAD_MAN_REASON
 from umo.errors import ChannelsFailed, DriverError
 from umo.recording.block import Block
 from umo.replay.hands import LEASE_ENDED

@@ -14,6 +14,7 @@ from time import monotonic
 from typing import Any
 
 from umo import Compound, Frame
+from umo.alarms.alarming import engine_of
 from umo.objects import numbers_of
 from umo.objects.laws import laws_in
 from umo.objects.numbers import MachineNumber, number_in
@@ -37,7 +38,7 @@ class Journal:
     def __init__(self, root: Compound) -> None:
         self._numbers = {path: each for path, each in numbers_of(root).items() if each.declared.kept}
         self._units = {path: law for _, path, law in laws_in(root) if isinstance(law, UnitStates)}
-        self._alarms: Any = root._machine.whole.alarms  # type: ignore[attr-defined]
+        self._alarms: Any = engine_of(root._machine.whole)  # type: ignore[attr-defined]
         file = Path(os.environ[FILE])
         names = {"numbers": [*self._numbers], "states": [*self._units], "alarms": self._alarms.paths}
         file.with_suffix(".json").write_text(json.dumps(names))

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 from umo import BinaryActuator, Compound, DigitalActuator, Number
 from umo.alarms import Alarm, High
 from umo.alarms.alarm_states import Operation
-from umo.alarms.engine import AlarmEngine, AlarmRequest
+from umo.alarms.alarming import engine_of
+from umo.alarms.engine import AlarmRequest
 from umo.control import next_period
 from umo.errors import CommandRefused, TaskFailed
 from umo.operation import PackML, Procedure, UnitMode
@@ -167,7 +168,8 @@ class Operated(
             pass
 
     def _operate_an_alarm(self) -> None:
-        alarms: AlarmEngine = self._machine.whole.alarms  # type: ignore[attr-defined]
+        alarms = engine_of(self._machine.whole)  # type: ignore[attr-defined]
+        assert alarms is not None
         row = self.chance.randrange(len(alarms.paths))
         wanted = self.chance.choice(OPERATIONS)
         operation = Operation.RETURN if alarms.able([row], Operation.RETURN) else wanted

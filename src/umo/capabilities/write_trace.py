@@ -54,11 +54,11 @@ class WriteTrace(AttachedPart):
 def _who(machine: Any, slot: int, source: str) -> str:
     """In words."""
     if source == "client":
-        return f"client {machine.commands.client_of(slot)}"
+        return f"client {machine.claims.client_of(slot)}"
     if source == "default":
-        rank = machine.commands.claim(slot).rank
+        rank = machine.claims.claim(slot).rank
         return "default" if rank is Rank.PROGRAM else f"default: {WHO[rank]}"
-    turn = machine.turn
+    turn = machine.sequences.current
     if turn.task is not None:
         return str(turn.task.shown.name)
     if turn.law is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from umo.cycle.alarming import declared_alarms, turn_text
+from umo.alarms.alarming import declared_alarms, turn_text
 from umo.cycle.inhibition import interlocks_of
 from umo.errors import Mistake, OptionError, WiringError
 from umo.exit_status import ExitStatus

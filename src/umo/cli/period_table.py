@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
 from itertools import groupby
+from math import inf
+from types import FunctionType, MethodType
+from typing import Any
 
 from rich.table import Table
 
+from umo.cycle.columns import Block
 from umo.cycle.laid_out import laid_out
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.period import PHASES
+from umo.drivers.contract import Direction
+from umo.drivers.wrapping import bare
 from umo.errors import OptionError
 from umo.presentation.durations import duration
 from umo.process.station import Station
+from umo.text import count_of
 from umo.wiring import resolve
 
 from .console import out
@@ -28,7 +37,7 @@ def show_period(station: Station, wiring: str | None, words: Sequence[str] = ())
         raise OptionError(f"unexpected argument {paths[0]!r}: --period is about the whole machine")
     wired = resolve(root, station.wiring(wiring))
     with laid_out(root, wired) as machine:
-        out.print(period_table(machine.phases.bound(), f"{station.name}: {_every(wired.period)}"))
+        out.print(period_table(acting_in(machine), f"{station.name}: {_every(wired.period)}"))
     out.print("While it runs, clients are asked in COMMANDS; frames, the recorder and other observers are in SHOW.")
     return 0
 
@@ -47,6 +56,48 @@ def period_table(bound: dict[str, list[str]], title: str) -> Table:
             cells = call if is_first else "", phase.name, phase.does, phase.error, _named(acting)
             table.add_row(*cells, style="" if acting else "dim", end_section=is_last)
     return table
+
+
+def acting_in(machine: ConnectedMachine) -> dict[str, list[str]]:
+    """Who has something to do in each phase of a machine, in words, by its name."""
+    period, whole, parts = machine.phases, machine.groups.whole, machine.groups.parts
+    items, claims = machine.image.items, machine.claims
+    asked = sum(not item.synchronous for item in items if item.direction is Direction.OUTPUT)
+    expiring = sum(command.expires < inf for command in claims.by_slot.values())
+    interlocks = len(claims.inhibitions)
+    guards = [(interlocks, "interlock"), (expiring, "expiring command"), (asked, "asynchronous actuator")]
+    return {
+        "BEFORE TICK": [*map(_called, period.before_tick)],
+        "TICK": ["the timer" if machine.image.timer >= 0 else "no timer: the wall clock"],
+        "SEND LATE": ["the outputs of the period before"] if period.late else [],
+        "RECEIVE": [*map(_called, period.receiving)],
+        "SAMPLE": [_moved(block, "sensor") for block in whole.inputs],
+        "GUARD": [count_of(number, noun) for number, noun in guards if number],
+        "COMMANDS": [*map(_called, period.commanding)],
+        "SEQUENCES": ["the application, actions, what these start"],
+        "LAWS": [*map(_called, filter(None, [period.before_laws])), *map(_acting, whole.laws)],
+        "SETTLE": [*map(_called, period.settling)],
+        "SEND": [*map(_called, period.before_send), *(_moved(block, "actuator") for block in whole.outputs)],
+        "GROUPS": [f"{part.path}, every {count_of(part.every, 'period')}" for part in parts],
+        "OWED": ["parts with rates of their own"] if parts else [],
+        "SHOW": [*map(_called, period.showing), "events", *map(_called, period.observers)],
+    }
+
+
+def _called(call: Callable[..., object]) -> str:
+    """The first sentence of what says itself what it is: the class of an object, or the function."""
+    owner = getattr(call, "__self__", call)
+    about = owner if isinstance(owner, FunctionType | type) else type(owner)
+    return (inspect.getdoc(about) or about.__qualname__).partition(". ")[0].partition("\n")[0].rstrip(".")
+
+
+def _moved(block: Block, kind: str) -> str:
+    return f"{count_of(block.count, kind)} on {type(bare(block.driver)).__name__}"
+
+
+def _acting(law: MethodType) -> str:
+    owner: Any = law.__self__
+    return f"{owner._path or 'the machine'} ({type(owner).__name__})"
 
 
 def _named(acting: Sequence[str]) -> str:

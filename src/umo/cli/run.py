@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from umo.cycle.alarming import alarm_log
+from umo.alarms.alarming import alarm_log
 from umo.cycle.connect import connect
 from umo.cycle.frame import Frame
 from umo.cycle.run import drive, result_of
@@ -229,7 +229,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
             finally:
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now
-                result.progress = connection.machine.frame.progress
+                result.progress = connection.machine.progress
                 faults.add_new(events)
                 outcome.driven = connection.started
                 outcome.stopped_by = connection.stop.signal

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from umo.cycle.alarming import declared_alarms
+from umo.alarms.alarming import declared_alarms
 from umo.cycle.frame import signals_of, velocities
 from umo.errors import PathError
 from umo.objects import Compound, actions_of, atoms, numbers_of

@@ -6,11 +6,12 @@ fault do not act.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
 from types import MethodType
 
 from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.image import Image
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.rate_groups import RateGroup, RateGroups
 from umo.cycle.writes import Turn
@@ -28,14 +29,18 @@ def _idle(part: Node) -> None:
 class ActingLaws:
     """The laws of one machine, dealt out to its rate groups."""
 
-    def __init__(self, root: Node, equipment: Containment, groups: RateGroups, turn: Turn) -> None:
-        self._root, self._equipment, self._groups = root, equipment, groups
+    def __init__(self, root: Node, image: Image, equipment: Containment, turn: Turn) -> None:
+        self._root, self._equipment = root, equipment
+        self.groups = RateGroups(image)
+        """What acts at one rate."""
+        self.whole = self.groups.whole
+        """The group of the whole machine."""
         self._turn = turn
         """Who takes a step at this moment."""
         self._of: dict[int, list[MethodType]] = {}
         """The laws of each part that was asked for, by its id."""
         self._elsewhere: set[int] = set()
-        """Ids of what runs on controllers."""
+        """Ids of what capabilities carry out."""
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
         """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
         self.stale = False
@@ -56,16 +61,16 @@ class ActingLaws:
         """Deal out the laws, but those of equipment in fault. The lists are new ones: what was cleared does not act in
         the period that is under way."""
         self.stale, self._places = False, {}
-        for group in self._groups.all:
+        for group in self.groups.all:
             group.laws = []
         for law in self.of(self._root):
             if not any(map(_IS_IN_FAULT, self._around(law))):
-                self._groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
+                self.groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
 
     def let_idle(self, equipment: Equipment) -> None:
         """Its laws are not called any more, also if they are being called one after another at this moment."""
         if not self._places:
-            for group in self._groups.all:
+            for group in self.groups.all:
                 for number, law in enumerate(group.laws):
                     for each in self._around(law):
                         self._places.setdefault(id(each), []).append((group.laws, number))
@@ -77,9 +82,9 @@ class ActingLaws:
         self._of[id(self._root)] = list(laws)
         self.choose()
 
-    def leave_to_controllers(self, parts: Iterable[Node]) -> None:
-        """The laws of these parts are not called here: they run on controllers."""
-        self._elsewhere = {id(node) for part in parts for node in (part, *walk(part))}
+    def leave_out(self, part: Node) -> None:
+        """The laws of this part are not called any more: a capability carries them out."""
+        self._elsewhere.update(map(id, (part, *walk(part))))
         self._of.clear()
         self.choose()
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -13,21 +13,20 @@ from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle import not_awaited
-from umo.cycle.attempts import Attempts
-from umo.cycle.drivers_away import DriversAway, in_order
-from umo.cycle.image import Image, ToDefault
+from umo.cycle.image import Image
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.laid_out import machine_of
+from umo.cycle.laid_out import machine_of, taken_parts
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.opened_drivers import OpenedDrivers
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
-from umo.cycle.segments import UNCONTROLLED_TIMEOUT, settling, wait_for
+from umo.cycle.segments import wait_for
 from umo.cycle.stopping import StopFlag, end_forked
 from umo.drivers.optional import EndsWait
 from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
-from umo.objects import Compound, Sensor, atoms, walk
+from umo.objects import Compound
 from umo.objects.compound import check_machine
 from umo.objects.description import html_of
 from umo.system.device_record import DeviceClaim
@@ -86,8 +85,8 @@ class connect(Generic[C]):
         """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.kept: Mapping[str, Any] = {}
         """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
-        self.alarm_states: Mapping[str, int] = {}
-        """The states of the alarms at the end of the last run, by path; an alarm that is not named begins as normal."""
+        self.states: Mapping[str, Any] = {}
+        """What capabilities had at the end of the last run, by their names, such as the states of `alarms` by path."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
         self.laid_out: Callable[[ConnectedMachine], object] = lambda machine: None
@@ -103,13 +102,8 @@ class connect(Generic[C]):
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired
         self.machine: ConnectedMachine
-        self._restore: list[Callable[[], object]] = []
-        self._opened: list[str] = []
-        self._initialized: list[int] = []  # slots
-        self._controllers: dict[str, Any] = {}
-        """The drivers on which parts run (`umo.split.controller_driver`), by path of the part."""
-        self._waiting: set[int] = set()
-        """The slots that are still to be reset."""
+        self._restore = ExitStack()
+        self._drivers: OpenedDrivers
         self.started = False
 
     @property
@@ -150,7 +144,7 @@ class connect(Generic[C]):
         return html_of(self.root)
 
     def _enter(self) -> None:
-        self._opened, self._initialized, self._restore, self.started = [], [], [], False
+        self._restore, self.started = ExitStack(), False
         given = self._wiring
         if isinstance(given, Wired):
             distribute_options(self._options, wiring={})  # it has its options
@@ -160,40 +154,36 @@ class connect(Generic[C]):
         check_thread(bool(self.wired.hardware))
         name = self.stop.title = type(self.root).__name__
         device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
-        self.stop.call_limit, self.stop.leave_at_once = self._call_limit, self._leave_at_once
+        self.stop.call_limit, self.stop.leave_at_once = partial(_call_limit, self.wired), self._leave_at_once
         if self.device_claim is None and self.wired.hardware:
             self.stop.stand_aside = partial(self._stand_aside, device_claim)
         self.stop.install()
+        self._restore.callback(self.stop.restore)
+        undo = self._restore.callback
         try:
-            self._restore.append(not_awaited.hear())
+            undo(not_awaited.hear())
             for wire in self.wired.wires:
-                self._restore.append(wire.apply().apply)  # one by one: the next may fail
+                undo(wire.apply().apply)  # one by one: the next may fail
             if self.kept:
-                self.not_restored = restore(self.root, self.wired.parameters, self.kept, self._restore.append)
+                self.not_restored = restore(self.root, self.wired.parameters, self.kept, undo)
             else:
-                apply_parameters(self.root, self.wired.parameters, self._restore.append)
-            nodes = {node._path: node for node in walk(self.root)} if self.wired.controllers else {}
-            self._controllers = {path: bare(self.wired.drivers[name]) for path, name in self.wired.controllers.items()}
-            for path, driver in self._controllers.items():
-                driver.take_part(nodes[path], self.wired)
+                apply_parameters(self.root, self.wired.parameters, undo)
+            taken = taken_parts(self.root, self.wired)
             timer = None if self.wired.timer_wire is None else self.wired.timer_wire.driver
             if isinstance(timer, EndsWait):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, timer.stop_waiting)
-            self.machine = machine_of(self.root, self.wired, self.stop)
+            self.machine = machine_of(self.root, self.wired, self.stop, self.states)
             self.machine.random = Random(self.seed)
-            if self._controllers:
-                self.machine.acting_laws.leave_to_controllers(nodes[path] for path in self._controllers)
-                for path, driver in self._controllers.items():
-                    driver.meet(nodes[path], self.machine)
-            if self.machine.alarms is not None:
-                self.machine.alarms.restore(self.alarm_states)
+            for each in taken:
+                self.machine.attach(each)
             self.laid_out(self.machine)
         except BaseException:
-            self._give_back()
+            self._restore.close()
             if device_claim is not self.device_claim:
                 device_claim.abandon()
             raise
+        self._drivers = OpenedDrivers(self.machine, self.wired, lambda s: wait_for(s, self.pause, self.on_step))
         self._device_claim = device_claim
         self.reached = False
         try:
@@ -205,7 +195,7 @@ class connect(Generic[C]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        moment = self._moment()
+        moment = _moment(self.machine)
         try:
             self._leave(error)
         except BaseException as left:
@@ -216,111 +206,57 @@ class connect(Generic[C]):
                 _date(error, moment)
             _ENTERED.pop(id(self.root), None)
 
-    def _moment(self) -> Moment | None:
-        """The time of the run; None before its first period."""
-        clock = self.machine.clock
-        return Moment.at(clock.now) if clock.number else None
-
     def _start(self) -> None:
-        segments = self.image.segments
-        segments.on_call = self.on_step
-        for name in self.wired.drivers:
-            self._opened.append(name)
-            segments.open(name)
-        with self._patient():
-            for slot in [self.image.slot_of[id(item)] for item in atoms(self.root)]:
-                self._initialized.append(slot)
-                failure = self.image.initialize(slot)
-                if failure is not None:
-                    raise DriverError("could not be initialised", [failure])
-            for name, limit in self.wired.watchdogs.items():
-                segments.watchdog(name, limit)
-        self._contain_absences()
-        self._sample_first()
-        self.machine.contain_failures(True)
-        self.started = True
-
-    def _sample_first(self) -> None:
-        """Values begin to move. What failed or arrived in this is kept: a replay begins with it."""
-        transfer = self.image.transfer
+        """Values begin to move. What failed or arrived in the first sample is kept: a replay begins with it."""
+        machine, transfer = self.machine, self.image.transfer
+        self.image.segments.on_call = self.on_step
+        self._drivers.open()
         journal = transfer.journal = Journal(CAPACITY + len(self.image.items))
         self.before_first_sample()
         try:
-            for each in self.machine.attached:
+            for each in machine.attached:
                 each.begin()
-            self.machine.phases.sample_all()
+            machine.phases.sample_all()
         finally:
             transfer.journal = None
         self.first_entries = journal.entries
-
-    def _contain_absences(self) -> None:
-        """From now on no call waits for a device that does not answer."""
-        image, machine = self.image, self.machine
-        sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
-        slots = in_order([*machine.stop_order, *sensors], [wire.driver for wire in image.wires])
-        image.transfer.callees.away = DriversAway(
-            image.transfer,
-            image.segments,
-            image.clock,
-            machine.events,
-            image.initialize_again,
-            image.stays_at_default,
-            slots,
-            self.wired.watchdogs,
-        )
-
-    @contextmanager
-    def _patient(self) -> Iterator[None]:
-        """Longer timeouts of the hardware: a device that serves one connection at a time may need long to let go of
-        the last one, and nothing runs yet that would have to wait. Not for `open`, where a driver may hand its timeout
-        to the circuit for the whole run."""
-        drivers = [self.wired.drivers[name] for name in self.wired.hardware]
-        timeouts = [driver.timeout for driver in drivers]
-        for driver in drivers:
-            driver.timeout = max(driver.timeout, UNCONTROLLED_TIMEOUT)
-        try:
-            yield
-        finally:
-            for driver, timeout in zip(drivers, timeouts, strict=True):
-                driver.timeout = timeout
+        machine.contain_failures(True)
+        self.started = True
 
     def _leave(self, cause: BaseException | None) -> None:
         """Reset everything, then release everything. Actuators that were not reached are raised at the end."""
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
-        self._waiting = set(self._stop_sequence())
         self.stop.is_leaving = True
         self.machine.contain_failures(False)
         try:
-            stopping = _error_of(self.machine.cancel_sequences)
+            stopping = _error_of(self.machine.under_way.cancel)
             self.machine.end()
-            for driver in self._controllers.values():
-                driver.end()
-            found, late = self._reset()
+            found, late = self._drivers.reset()
             if self.wired.injection is not None and self.wired.injection.end():
                 hindered = found  # this is told; the machine is not left there
-                found, late = self._reset()
+                found, late = self._drivers.reset()
             unreached = found
             self.reached = not unreached
             self.image.transfer.callees.end_writing()
             showing = _error_of(self._show_last)  # what is shown comes after what is safe
-            self._ask_reports()
-            failures = late + self._finalize() + self._close()
+            if self.started:
+                self.reports.update(self._drivers.reports())
+            failures = late + self._drivers.close()
         finally:
             if unreached is None:
-                failure = self.image.transfer.failure
-                unreached = [failure(slot, "disconnecting was interrupted") for slot in sorted(self._waiting)]
+                unreached = self._drivers.not_reset("disconnecting was interrupted")
             try:
                 self.machine.disconnect()
             finally:
                 self._end_custody(unreached, cause)  # while signals are still only noted: it is not to be interrupted
-                self._give_back()
+                self._restore.close()
         if unreached:
             raise StopError("not brought to their defaults", [*unreached, *failures]) from cause or stopping or showing
         if hindered:
             what = "not brought to their defaults until the injected faults ended"
             raise StopError(what, [*hindered, *failures]) from cause or stopping or showing
-        if cause is None and not self._was_cut_short():
+        if cause is None and not (self.stop.requested or self.machine.under_way.is_cut_short):
             not_awaited.tell_kept(self.root)
         failed = DriverError("failures at the end of the run", failures) if failures else None
         raised = cause
@@ -332,26 +268,15 @@ class connect(Generic[C]):
         if raised is not None and raised is not cause:
             raise raised
 
-    def _was_cut_short(self) -> bool:
-        """Whether a stop or a fault has ended sequences, which may have been about to await others."""
-        return self.stop.requested or any(each.in_fault for each in self.machine.equipment.all)
-
-    def _call_limit(self) -> float:
-        """Time in s after which a call of a driver hangs."""
-        return call_limit([self.wired.drivers[name].timeout for name in self.wired.hardware])
-
     def _leave_at_once(self) -> list[str]:
         """Reset and release everything in the midst of the user's code, which does not end: it is called no more. The
         paths of the actuators that were not reached."""
         if not hasattr(self, "_device_claim"):  # it is not connected yet
             return []
         self.machine.end()
-        for driver in self._controllers.values():
-            driver.end()
-        unreached, _ = self._reset()
+        unreached, _ = self._drivers.reset()
         self.image.transfer.callees.end_writing()
-        self._finalize()
-        self._close()
+        self._drivers.close()
         self._end_custody(unreached, None)
         return [failure.path for failure in unreached]
 
@@ -360,14 +285,6 @@ class connect(Generic[C]):
         self.machine.events.tell_all()
         while self.afterwards:
             self.afterwards.pop()()
-
-    def _give_back(self) -> None:
-        """Calibrations, parameters, signal handlers and what is told of sequences as they were."""
-        try:
-            for undo in reversed(self._restore):
-                undo()
-        finally:
-            self.stop.restore()
 
     def _end_custody(self, unreached: list[Failure], cause: BaseException | None) -> None:
         if self._device_claim is self.device_claim:  # its keeper looks after what was not reached
@@ -380,70 +297,15 @@ class connect(Generic[C]):
         else:
             self._device_claim.abandon()
 
-    def _reset(self) -> tuple[list[Failure], list[Failure]]:
-        """Failures: the actuators not reached, and those reached by a later attempt only.
 
-        A request that failed may still be carried out later and undo a reset. Then everything is reset a second time,
-        and again as long as that reaches anything new: a device may begin to answer in the middle of an attempt.
-        """
-        slots = self._stop_sequence()
-        first = left = self._reset_once(slots)
-        if not self.image.transfer.unsure:
-            return first, []
-        attempts, progress = Attempts(), True
-        attempts.add(self._reached(slots, first))
-        while progress:
-            self._waiting = set(slots)
-            wait_for(settling(self.wired), self.pause, self.on_step)
-            left = self._reset_once(slots)
-            progress = attempts.add(self._reached(slots, left)) and bool(left)
-        still = {failure.path for failure in left}
-        late = [failure for failure in first if failure.path not in still]
-        return left, [each._replace(cause=f"reset at a later attempt: {each.cause}") for each in late]
+def _moment(machine: ConnectedMachine) -> Moment | None:
+    """The time of the run; None before its first period."""
+    return Moment.at(machine.clock.now) if machine.clock.number else None
 
-    def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
-        """The paths of these actuators but for those that failed."""
-        return {self.image.items[slot].path for slot in slots} - {failure.path for failure in failures}
 
-    def _reset_once(self, slots: list[int]) -> list[Failure]:
-        failures = []
-        self._waiting = set(slots)
-        for slot, failure in self.image.settling(slots, ToDefault.RESET):
-            if failure is None:
-                self._waiting.discard(slot)
-            else:
-                failures.append(failure)
-        return failures
-
-    def _finalize(self) -> list[Failure]:
-        found = map(self.image.segments.finalize, reversed(self._initialized))
-        return [failure._replace(cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
-
-    def _ask_reports(self) -> None:
-        """The report of each driver. One that fails says why in its place: it is no failure of the run."""
-        for name in self._opened if self.started else ():
-            try:
-                self.reports[name] = self.image.segments.report(name)
-            except BaseException as error:  # whatever it is: the machine is left in any case
-                self.reports[name] = {"no report": text_of(error.__cause__ or error)}  # the driver is named already
-
-    def _close(self) -> list[Failure]:
-        return self._of_each(reversed(self._opened), self.image.segments.close, "not closed")
-
-    def _of_each(self, names: Iterable[str], call: Callable[[str], None], what: str) -> list[Failure]:
-        """One call for each driver. An error, whatever it is, does not keep it from the others."""
-        failures = []
-        for name in names:
-            try:
-                call(name)
-            except BaseException as error:
-                failures.append(self.image.segments.failed_whole(name, what, error))
-        return failures
-
-    def _stop_sequence(self) -> list[int]:
-        """The slots of the initialised actuators."""
-        initialized = set(self._initialized)
-        return [slot for slot in self.machine.stop_order if slot in initialized]
+def _call_limit(wired: Wired) -> float:
+    """Time in s after which a call of a driver hangs."""
+    return call_limit([wired.drivers[name].timeout for name in wired.hardware])
 
 
 def _error_of(step: Callable[[], object]) -> BaseException | None:

@@ -10,6 +10,7 @@ Ordered      an asynchronous one of a driver off the cycle: a write orders it, t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf
 from typing import Any, ClassVar
 
@@ -33,25 +34,17 @@ class ImageOutputs(Slots):
         with_period, at_once = WithPeriod(self), AtOnce(self)
         self.deliveries = [with_period if item.synchronous else at_once for item in self.items]
         """How what is pending of each reaches its device; of a sensor nothing is."""
-        sent = (slot for block in self.outputs for slot in range(block.start, block.stop))
-        self._sent_by_period = frozenset(sent if self.slow else ())
-        self.urgent: set[int] = set()
-        """The actuators whose pending value is sent in this period in any case, in a machine with parts that have rates
-        of their own."""
+        self.does_not_wait: Callable[[int], object] = bool
+        """Function that is told of each actuator whose pending value is sent in this period in any case."""
 
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
         self.pending[slot] = self._defaults[slot]
-        self.hasten(slot)
+        self.does_not_wait(slot)
 
     def is_at_default(self, slot: int) -> bool:
         """Whether its default is pending."""
         return bool(self.pending[slot] == self._defaults[slot])
-
-    def hasten(self, slot: int) -> None:
-        """What is pending is sent in this period, also if the actuator's part is not due."""
-        if slot in self._sent_by_period:
-            self.urgent.add(slot)
 
     def _give_default(self, slot: int) -> None:
         """Its default is what is sent next."""

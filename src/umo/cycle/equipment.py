@@ -15,8 +15,9 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from umo.cycle.command_stage import CommandStage
+from umo.cycle.claim_table import Claims
 from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, Event
+from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.sequences import Task
@@ -120,11 +121,12 @@ class Containment:
         self,
         root: Compound,
         image: Image,
-        commands: CommandStage,
+        claims: Claims,
+        guards: Guards,
         is_manual: Callable[[], bool],
         changed: Callable[[Sequence[Equipment]], None],
     ) -> None:
-        self._image, self._commands = image, commands
+        self._image, self._claims, self._guards = image, claims, guards
         self._is_manual, self._changed = is_manual, changed
         self.all = [self._equipment(number, each) for number, each in enumerate(equipment_in(root))]
         self._by_id = {id(each.compound): each for each in self.all}
@@ -135,11 +137,11 @@ class Containment:
         """What has come into fault since `gather` and was not settled yet."""
         self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
         """The objects by path."""
-        commands.know([each.inhibition for each in self.all if each.inhibition is not None])
+        claims.know([each.inhibition for each in self.all if each.inhibition is not None])
 
     def _equipment(self, number: int, compound: Compound) -> Equipment:
         items = {self._image.slot_of[id(item)]: item for item in atoms(compound)}
-        place = self._commands.place
+        place = self._claims.place
         actuators = sorted((slot for slot in items if slot in place), key=place.__getitem__)
         sensors = [slot for slot, item in items.items() if not isinstance(item, Actuator)]
         path = compound._path
@@ -206,7 +208,7 @@ class Containment:
         """Put it in fault for an error with this text; told as one of a cleaning up if it is."""
         if self.is_in_fault(equipment.compound):
             event = partial(_cleaning_up_event, self._image.clock.now, equipment.path, text)
-            self._commands.events.add(event, logged=True)
+            self._image.events.add(event, logged=True)
             return
         self._hold(equipment, text)
         if not self._gathering:
@@ -244,7 +246,7 @@ class Containment:
         equipment.enter(reason)
         self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
         if equipment.inhibition is not None:
-            self._commands.hold(equipment.inhibition)
+            self._claims.hold(equipment.inhibition)
         self._held.append(equipment)
 
     def gather(self) -> None:
@@ -262,12 +264,12 @@ class Containment:
         """The actuators are brought to their defaults first."""
         new, self._held = self._held, []
         inhibitions = [each.inhibition for each in new if each.inhibition is not None]
-        unreached = self._commands.inhibit(inhibitions) if inhibitions else {}
+        unreached = self._claims.inhibit(inhibitions) if inhibitions else {}
         for equipment in new:
             now, path = self._image.clock.now, equipment.path
-            self._commands.events.add(partial(_fault_event, now, path, equipment.reason), logged=True, needed=True)
+            self._image.events.add(partial(_fault_event, now, path, equipment.reason), logged=True, needed=True)
             if unreached and (left := [unreached[slot] for slot in equipment.slots if slot in unreached]):
-                self._commands.events.add(partial(_unreached_event, now, path, left), logged=True)
+                self._image.events.add(partial(_unreached_event, now, path, left), logged=True)
         if new:
             self._changed(new)
 
@@ -293,7 +295,7 @@ class Containment:
         for equipment in cleared:
             equipment.clear()
             self._image.failed.difference_update(equipment.slots)
-        self._commands.free([each.inhibition for each in cleared if each.inhibition is not None])
+        self._guards.free([each.inhibition for each in cleared if each.inhibition is not None])
         for equipment in cleared:
             self._image.columns.equipment[equipment.number] = EquipmentState.NORMAL
             self._tell(equipment, FAULT_CLEARED)
@@ -311,7 +313,7 @@ class Containment:
 
     def _initialize(self, equipment: Equipment) -> Failure | None:
         """Its actuators, and the sensors that had failed; what failed."""
-        image, actuators = self._image, self._commands.place
+        image, actuators = self._image, self._claims.place
         for slot in equipment.slots:
             if slot in actuators or slot in image.failed:
                 if (failure := image.initialize(slot)) is not None:
@@ -334,7 +336,7 @@ class Containment:
         return isinstance(item, Sensor) and item.synchronous and not item._marks
 
     def _tell(self, equipment: Equipment, text: str) -> None:
-        self._commands.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)
+        self._image.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)
 
 
 def _cleaning_up_event(now: float, path: str, text: Callable[[], str]) -> Event:

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from enum import EnumMeta
-from inspect import iscoroutine
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
 from umo.cycle.stage import Progress
-from umo.errors import NotAwaited
 from umo.objects import Atomic, MachineNumber, described
 from umo.objects.numbers import number_in
-from umo.system.streams import log_without_waiting
-from umo.user_code import Raised, as_json, attempt
-
-log = logging.getLogger("umo")
-MAX_OBSERVER_TEXT = 200
-"""Length of an observer's name in the log at most, characters."""
 
 
 class Signal(NamedTuple):
@@ -94,16 +85,3 @@ class Frame:
 
 
 Observer = Callable[[Frame], None]
-
-
-def show(frame: Frame, observers: list[Observer]) -> None:
-    """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
-    for observer in tuple(observers):
-        result, error = attempt(observer, frame)
-        if result is not None and iscoroutine(result):
-            result.close()
-            error = Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")
-        if error is not None:
-            observers[:] = [each for each in observers if each is not observer]
-            name = as_json(observer, MAX_OBSERVER_TEXT)
-            log_without_waiting(log, f"observer {name} failed and was disabled: {error.text}")

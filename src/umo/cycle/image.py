@@ -8,24 +8,23 @@ image (`writes.py`), but where the column `restrictions`, which is the command s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from enum import Enum, auto
-from math import inf
-from typing import NoReturn, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from typing import NoReturn
 
 import numpy as np
 
+from umo.cycle.clock import Clock
 from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
-from umo.cycle.deliveries import ImageOutputs
-from umo.cycle.readings import ImageInputs
+from umo.cycle.to_defaults import Gate, ImageDefaults, Taken, ToDefault
 from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction
 from umo.drivers.optional import WaitEnded
 from umo.errors import FAILURES, DriverError, Failure, cause_of_failure
-from umo.objects import Actuator, Quality, link
+from umo.objects import Quality
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
+from umo.wiring.wired import Wired
 
 NO_SLOTS: Set[int] = frozenset()
 """No slots."""
@@ -33,43 +32,13 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 
 
-class ToDefault(Enum):
-    """What moves an actuator when it is brought to its default."""
-
-    RESET = auto()
-    """The driver's `reset`, now and without a rate."""
-    INITIALIZE = auto()
-    """The driver's `initialize`, now and without a rate."""
-    SEND = auto()
-    """The outputs of the period, within the rate; an asynchronous actuator is written now."""
-    IS_THERE = auto()
-    """Nothing: its device has been initialised already."""
-
-
-class Gate(link.Commands, Protocol):
-    """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
-
-    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """Whether a value within the range may be written; Interlocked where an interlock is to stop the program."""
-
-    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
-
-    def rest(self, slot: int) -> None:
-        """The actuator is being brought to its default: no write of it is in force any more."""
-
-    def end_client(self, slot: int) -> None:
-        """The actuator is at its default: a client that had taken it has it no longer."""
-
-
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
     raise DriverError(what, failures)
 
 
-class Image(ImageInputs, ImageOutputs):
+class Image(ImageDefaults):
     """The slots of a connected machine, and what moves them."""
 
-    commands: Gate
     writes: ImageWrites | None
     """The way of what control code writes; None: it stores it by itself."""
     write: Callable[[int, float], bool]
@@ -80,9 +49,14 @@ class Image(ImageInputs, ImageOutputs):
     """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
     these objects contains their failure."""
 
-    def connect(self, commands: Gate, writes: ImageWrites | None) -> None:
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
+        super().__init__(wired, clock, equipment, axes, alarms)
+        self.rates = wired.rates
+        """The parts that have rates of their own."""
+
+    def connect(self, claims: Taken, commands: Gate, writes: ImageWrites | None) -> None:
         """The objects find their values here from now on."""
-        self.commands, self.writes = commands, writes
+        self.claims, self.commands, self.writes = claims, commands, writes
         self.write = self.command if writes is None else writes.write
         self.gate = self.restrictions if writes is None else [True] * len(self.items)
         for slot, item in enumerate(self.items):
@@ -257,7 +231,7 @@ class Image(ImageInputs, ImageOutputs):
     def go_on(self, slot: int, value: float) -> bool:
         """What work has left before it rested is written again, and sent in this period; whether it was taken."""
         taken = self.command(slot, value)
-        self.hasten(slot)
+        self.does_not_wait(slot)
         return taken
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
@@ -297,101 +271,9 @@ class Image(ImageInputs, ImageOutputs):
         if self.items[slot].direction is not Direction.OUTPUT or not self.deliveries[slot].is_sent_again(slot):
             return False
         self.owed.discard(slot)  # it is sent again as what is pending
-        self.hasten(slot)
+        self.does_not_wait(slot)
         self.set_quality(slot, Quality.STALE)
         return True
-
-    def stays_at_default(self, slot: int) -> str:
-        """The path of an actuator that is away from its default, and stays there once its device is initialised again:
-        nothing sends what it had. "" for any other object."""
-        item = self.items[slot]
-        stays = isinstance(item, Actuator) and not (self.deliveries[slot].survives(slot) or self.is_at_default(slot))
-        return item.path if stays else ""
-
-    def initialize_again(self, slot: int) -> Failure | None:
-        """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
-        actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
-        if (failure := self.segments.initialize(slot)) is None:
-            self.was_initialized_again(slot)
-        return failure
-
-    def was_initialized_again(self, slot: int) -> None:
-        """Its driver has initialised it."""
-        item = self.items[slot]
-        if isinstance(item, Actuator):
-            if self.deliveries[slot].survives(slot):
-                self._goes_on_from_default(slot)
-            else:
-                self.settle([slot], ToDefault.IS_THERE)
-                self.commands.end_client(slot)
-            return
-        if (conditioner := self.conditioners.get(slot)) is not None:
-            conditioner.begin()
-        if self.base[slot] is not Quality.UNREFERENCED and item._incremental:
-            self.set_referenced(slot, False)
-
-    def _goes_on_from_default(self, slot: int) -> None:
-        """The device has its default, and what is pending stays so."""
-        self._give_default(slot)
-        self.hasten(slot)
-        self.accepted(slot)
-        self.deliveries[slot].goes_on(slot)
-
-    def initialize(self, slot: int) -> Failure | None:
-        return self.settle([slot], ToDefault.INITIALIZE).get(slot)
-
-    # To the defaults -----------------------------------------------------------------------------------
-
-    def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
-        """Bring actuators to their defaults, which nothing else does: no write of them is in force any more, and their
-        defaults are pending, before the first is moved. The sensors among them are reset or initialised by their
-        driver. What failed, by slot: one failure never stops the rest."""
-        return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
-
-    def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
-        """The same, each as soon as it was moved: where it is interrupted it is known who waits still."""
-        slots = list(slots)
-        for slot in slots:
-            if self.items[slot].direction is Direction.OUTPUT:
-                self.commands.rest(slot)
-                self.set_default(slot)
-                if way is not ToDefault.SEND:
-                    self._give_default(slot)
-        return _MOVES[way](self, slots)
-
-    def _reset(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
-        for slot, failure in self.segments.bring_to_default(slots):
-            self._was_reset(slot, failure)
-            yield slot, failure
-
-    def _initialize(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
-        for slot in slots:
-            failure = self.segments.initialize(slot)
-            self._was_reset(slot, failure)
-            if (conditioner := self.conditioners.get(slot)) is not None:
-                conditioner.begin()
-            yield slot, failure
-
-    def _send(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
-        for slot in slots:
-            yield slot, next(iter(self.deliveries[slot].written(slot)), None)
-
-    def _is_there(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
-        for slot in slots:
-            self.accepted(slot)
-            yield slot, None
-
-    def _was_reset(self, slot: int, failure: Failure | None) -> None:
-        if failure is not None:
-            self.set_quality(slot, Quality.BAD)
-        if self.items[slot].direction is not Direction.OUTPUT:
-            return
-        if failure is None:
-            self.accepted(slot)
-            return
-        if self.values[slot] != self.sent[slot]:
-            self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
-        self.deliveries[slot].refused(slot)
 
     def _convert(self, slots: Sequence[int]) -> None:
         """Set what is sent next of some actuators, with rates from their last steps; whatever a linearization of the
@@ -409,11 +291,3 @@ class Image(ImageInputs, ImageOutputs):
                 self.unconverted(slot, error, failures)
                 failed.add(slot)
         return failed
-
-
-_MOVES: Mapping[ToDefault, Callable[[Image, Sequence[int]], Iterator[tuple[int, Failure | None]]]] = {
-    ToDefault.RESET: Image._reset,
-    ToDefault.INITIALIZE: Image._initialize,
-    ToDefault.SEND: Image._send,
-    ToDefault.IS_THERE: Image._is_there,
-}

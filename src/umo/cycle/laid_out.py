@@ -2,37 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any
 
-from umo.cycle.alarming import declared_alarms, engine_of
-from umo.cycle.capability import Capability, capabilities_in
+from umo.cycle.capability import Capability, declared_capabilities
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.directory import axes_in
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.machine_view import connect_compounds
-from umo.cycle.off_cycle import OffCycleDrivers
+from umo.cycle.off_cycle import off_cycle_drivers
+from umo.cycle.part_periods import PartPeriods
+from umo.cycle.showing import Showing
 from umo.cycle.stopping import StopFlag
-from umo.objects import Compound
+from umo.drivers.wrapping import bare
+from umo.objects import Compound, walk
 from umo.wiring.wired import Wired, apply_parameters
 
 
-def machine_of(root: Compound, wired: Wired, stop: StopFlag) -> ConnectedMachine:
-    """The machine of a wiring. Its objects are to have their calibrations and parameters (`wired_numbers`)."""
+def machine_of(
+    root: Compound, wired: Wired, stop: StopFlag, states: Mapping[str, Any] = MappingProxyType({})
+) -> ConnectedMachine:
+    """The machine of a wiring. Its objects are to have their calibrations and parameters (`wired_numbers`).
+    `states`: what its capabilities had at the end of the last run."""
     clock = WallClock() if wired.period is None else Clock(wired.period)
+    declared = declared_capabilities(root)
+    rows = {column: count for each in declared for column, count in each.shown_rows().items()}
+    image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)), **rows)
     if wired.injection is not None:
-        wired.injection.clock = clock
-    alarms = declared_alarms(root)
-    image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)), len(alarms))
-    attached: list[Capability] = [*OffCycleDrivers.of(image, wired), *capabilities_in(root)]
-    machine = ConnectedMachine(root, image, stop, wired.injection, wired.process.outputs, wired.rates, attached)
-    connect_compounds(machine)
-    machine.alarms = engine_of(alarms, image, machine.commands, machine.equipment.all)
-    if machine.alarms is not None:
-        machine.phases.showing.append(machine.alarms.look)
+        wired.injection.clock, wired.injection.say = clock, image.events.log
+    parts = PartPeriods() if any(rate.every > 1 for rate in wired.rates) else None
+    attached = [*filter(None, [parts]), *off_cycle_drivers(image, wired), Showing(wired.injection), *declared]
+    machine = ConnectedMachine(root, image, stop, wired.process.outputs, attached, states)
+    connect_compounds(machine, None if parts is None else parts.view_of)
     return machine
+
+
+def taken_parts(root: Compound, wired: Wired) -> list[Capability]:
+    """The drivers that carry out parts of a machine by themselves, to be attached to it; its objects are not connected.
+    NotTranslated for a part that cannot be."""
+    nodes = {node._path: node for node in walk(root)} if wired.controllers else {}
+    drivers: list[Any] = []
+    for path, name in wired.controllers.items():
+        drivers.append(bare(wired.drivers[name]))
+        drivers[-1].take_part(nodes[path], wired)
+    return drivers
 
 
 @contextmanager

@@ -1,30 +1,27 @@
 """The machine, seen from its compounds (`umo.objects.link.Machine`): what `m.cycle` and the calls of a part ask for.
 
-In a machine with parts of another rate the compounds of each rate share a view, which has the clock of their rate. In
-any other machine there is one view; its clock is a plain attribute, as each `m.now` asks for it.
+All compounds share one view, whose clock is a plain attribute, as each `m.now` asks for it; in a machine with parts of
+another rate those of one rate (`part_periods.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from inspect import iscoroutine
 from random import Random
 from typing import Any, cast
 
 from umo.cycle.clock import Clock
-from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.piling_up import FEW
 from umo.cycle.sequences import Task
 from umo.cycle.stage import Stage
-from umo.drivers.contract import Direction
 from umo.errors import EquipmentFault
-from umo.objects import Compound, Node, described
-from umo.presentation.run_facts import driven_text, facts_of
+from umo.objects import Compound, Node
+from umo.presentation.run_facts import facts_of
 from umo.user_code import check_acts_at_once
-from umo.wiring.rates import WHOLE
 
 
 class MachineView:
@@ -35,6 +32,8 @@ class MachineView:
     def __init__(self, machine: ConnectedMachine) -> None:
         self.whole = machine
         self.clock, self.period = machine.clock, machine.clock.period
+        self.task_clock: Clock | None = None
+        """The clock by which sequences of its compounds take their steps; None: the machine's."""
 
     @property
     def running(self) -> bool:
@@ -54,7 +53,7 @@ class MachineView:
 
     @property
     def current_task(self) -> Task | None:
-        task: Task | None = self.whole.turn.task
+        task: Task | None = self.whole.sequences.current.task
         return None if task is None else task.started
 
     # A part --------------------------------------------------------------------------------------------
@@ -68,11 +67,11 @@ class MachineView:
     def reset(self, part: Node) -> None:
         slots = self.whole.parts.of(part).all
         for slot in slots:
-            self.whole.commands.end_client(slot)
+            self.whole.claims.end_client(slot)
         self.whole.image.reset_some(slots)
 
     def acknowledge(self, part: Node) -> bool:
-        return self.whole.commands.acknowledge(self.whole.parts.of(part).actuators)
+        return self.whole.claims.acknowledge(self.whole.parts.of(part).actuators)
 
     def fault_of(self, part: Node) -> EquipmentFault | None:
         return self.whole.equipment.fault_of(part)
@@ -88,12 +87,10 @@ class MachineView:
         if machine.equipment.is_in_fault(part):
             Task(sequence).cancel()  # it never begins
             raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
-        by_client = None if machine.clients is None else machine.clients.at_work
-        sequences = machine.sequences if by_client is None else by_client
+        sequences = machine.at_work
         task = sequences.start(sequence, part)
-        group = machine.groups.of(part)
-        if by_client is None and group is not machine.groups.whole:
-            task.clock = group.clock  # it takes its steps in the periods of its part
+        if sequences is machine.sequences:
+            task.clock = self.task_clock
         task.started_in = machine.clock.number
         beside = sequences.of(part)
         if len(beside) >= FEW and (text := machine.piling_up.look(task, beside)):
@@ -106,10 +103,9 @@ class MachineView:
         self.whole.events.add(Event(self.whole.clock.now, path, text))
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
-        frame, clients = self.whole.frame, self.whole.clients
-        frame.progress = frame.progress.then(text, done, total)
-        if clients is not None and clients.at_work is not None:
-            clients.progress(frame.progress.text)
+        machine = self.whole
+        machine.progress = machine.progress.then(text, done, total)
+        machine.at_work.progress = machine.progress.text
 
     def result(self, so_far: Any) -> None:
         if iscoroutine(so_far):
@@ -120,44 +116,24 @@ class MachineView:
 
     def facts(self) -> dict[str, str]:
         """The state of the machine in words."""
-        machine, clients = self.whole, self.whole.clients
+        machine = self.whole
         stage = Stage.RUNNING if self.running else Stage.STOPPING
-        mode, holder = (None, "") if clients is None else (clients.mode, clients.lease.holder)
         now, missed = machine.clock.now, machine.clock.missed_in_all
         faults = {each.path: each.reason() for each in machine.equipment.all if each.in_fault}
-        driven = self._driven(holder) if self.is_manual else ""
-        progress = machine.frame.progress
-        return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
-
-    def _driven(self, holder: str) -> str:
-        image, taken = self.whole.image, TAKEN_BY_CLIENT
-        slots = (slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
-        each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
-        return driven_text(each, holder)
+        found = facts_of(stage, progress=machine.progress, time=now, missed=missed, faults=faults)
+        for facts in machine.facts:
+            found |= facts()
+        return found
 
 
-class GroupView(MachineView):
-    """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
-    Default: the clock's."""
-
-    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
-        self.whole, self._clock = machine, clock
-        self.period = clock.period if period is None else period
-
-    @property
-    def clock(self) -> Clock:  # type: ignore[override]
-        """In a sequence, whoever's it is, the clock by which that takes its steps."""
-        task = self.current_task
-        return self._clock if task is None else task.clock or self.whole.clock
-
-
-def connect_compounds(machine: ConnectedMachine) -> None:
-    """The root has the calls of the period, each part those of its own."""
-    groups, period, whole = machine.groups, machine.phases, MachineView(machine)
-    views = {group.number: GroupView(machine, group.clock) for group in groups.all if groups.parts}
+def connect_compounds(machine: ConnectedMachine, view_of: Callable[[Node], MachineView] | None = None) -> None:
+    """The root has the calls of the period, each part those of its own. `view_of`: the view of each compound; default:
+    they share one."""
+    period, whole = machine.phases, MachineView(machine)
+    view_of = view_of or (lambda part: whole)
     root, *parts = machine.compounds
-    root._connect(views.get(WHOLE, whole), period.sample, period.control, period.update)
+    root._connect(view_of(root), period.sample, period.control, period.update)
     for part in parts:
         calls = partial(whole.sample, part), partial(machine.acting_laws.act_for, part), partial(whole.update, part)
-        part._connect(views.get(groups.of(part).number, whole), *calls)
+        part._connect(view_of(part), *calls)
     machine.acting_laws.choose()

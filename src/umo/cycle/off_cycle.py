@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from umo.cycle.capability import Capability
 from umo.cycle.columns import Block
 from umo.cycle.deliveries import AtOnce, WithPeriod
 from umo.cycle.events import Event, EventLimit, limited
@@ -78,8 +79,8 @@ class Remote:
         """Time in s at which a value was taken last."""
 
 
-class OffCycleDrivers:
-    """The drivers off the cycle of one machine (a capability, and `Elsewhere` of its sensors)."""
+class OffCycleDrivers(Capability):
+    """The drivers off the cycle of one machine, and `Elsewhere` of its sensors."""
 
     def __init__(self, image: Image, wired: Wired, drivers: Sequence[tuple[str, OffCycle]]) -> None:
         self._image, self._clock, self._columns = image, image.clock, image.columns
@@ -105,12 +106,6 @@ class OffCycleDrivers:
                 remote.driver.server.ns = self._machine_ns
             if self._faults is not None:
                 remote.driver.fault_time = self._fault_time
-
-    @classmethod
-    def of(cls, image: Image, wired: Wired) -> list[OffCycleDrivers]:
-        """Those of a machine; none where it has no driver off the cycle."""
-        drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
-        return [cls(image, wired, drivers)] if drivers else []
 
     def _machine_ns(self) -> int:
         return round(self._clock.now * 1e9)
@@ -414,6 +409,12 @@ class Ordered(AtOnce):
             self._drivers.order(slot)
         else:
             super().accepted(slot)
+
+
+def off_cycle_drivers(image: Image, wired: Wired) -> list[OffCycleDrivers]:
+    """Those of a machine, as one capability; none where it has no driver off the cycle."""
+    drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
+    return [OffCycleDrivers(image, wired, drivers)] if drivers else []
 
 
 def _away(now: float, path: str, cause: str, left_out: int) -> Event:

@@ -9,6 +9,7 @@ from traceback import walk_stack
 from types import CodeType
 from typing import Any
 
+from umo.cycle.coroutines import code_of, given_to
 from umo.cycle.sequences import Task
 from umo.text import place_among
 
@@ -29,12 +30,12 @@ class PilingUp:
 
     def look(self, task: Task, beside: Collection[Task]) -> str:
         """What is to be told of a sequence that was just started; "" for nothing. `beside`: all of its part."""
-        if (code := task.code) is None or code in self._told:
+        if (code := code_of(task.sequence)) is None or code in self._told:
             return ""
         key = id(task.part), code
         if len(beside) < self._next.get(key, FEW):
             return ""
-        alike = [each for each in beside if each.code is code]
+        alike = [each for each in beside if code_of(each.sequence) is code]
         given = _given(task)
         same = [each for each in alike if _given(each) == given]
         self._next[key] = len(beside) + max(FEW - _periods(same), len(beside) // 4)
@@ -60,5 +61,5 @@ def _periods(tasks: list[Task]) -> int:
 
 def _given(task: Task) -> list[Any]:
     """What tells one call of a function from another one: objects, whole numbers, texts; not a value that was read."""
-    given = (each for each in task.given.values() if not isinstance(each, float))
+    given = (each for each in given_to(task.sequence).values() if not isinstance(each, float))
     return [each if isinstance(each, int | str | Enum) else id(each) for each in given]

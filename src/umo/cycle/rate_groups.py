@@ -7,14 +7,14 @@ once; its grid stays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from heapq import heapify, heappop, heappush
 from types import MethodType
 
 from umo.cycle.clock import Clock
 from umo.cycle.image import Image
 from umo.objects import Node
-from umo.wiring.rates import WHOLE, Rate, RateMap
+from umo.wiring.rates import WHOLE, Rate
 
 
 class PartClock(Clock):
@@ -102,8 +102,8 @@ class PartGroup(RateGroup):
 class RateGroups:
     """The groups of one machine."""
 
-    def __init__(self, image: Image, rates: Sequence[Rate] = ()) -> None:
-        self._map = RateMap(rates)
+    def __init__(self, image: Image) -> None:
+        self._rates = rates = image.rates
         self.whole = RateGroup(WHOLE, "", image.clock, image)
         self._parts = {n: PartGroup(n, rate, image) for n, rate in enumerate(rates) if rate.every > 1}
         self.parts = list(self._parts.values())
@@ -115,7 +115,7 @@ class RateGroups:
 
     def of(self, node: Node) -> RateGroup:
         """The group in which an object lies."""
-        return self.whole if not self.parts else self._parts.get(self._map.number(node), self.whole)
+        return self.whole if not self.parts else self._parts.get(self._rates.number(node), self.whole)
 
     def restart(self) -> None:
         """Every part is due at its next phase."""

@@ -11,14 +11,14 @@ import linecache
 import math
 import sys
 from collections.abc import Callable, Collection, Coroutine, Generator, Iterable
-from enum import Enum
 from functools import partial
 from operator import attrgetter
-from types import CodeType, CoroutineType, FrameType, coroutine
+from types import CodeType, FrameType, coroutine
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from umo.cycle import wait_graph
 from umo.cycle.clock import Clock
+from umo.cycle.coroutines import arguments_text, code_of, frames_of, is_new, place_of
 from umo.cycle.not_awaited import advances, expects_errors
 from umo.cycle.sequence_mistakes import AWAITABLE_HINT, check_condition, instead_of_sequence, meant_await
 from umo.cycle.wait_graph import Waiter
@@ -26,7 +26,7 @@ from umo.cycle.writes import Turn, make_turn
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
-from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path
+from umo.text import add_note, in_brackets, shown_path
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
@@ -252,7 +252,7 @@ class Task(Waiter):
         if not isinstance(sequence, Coroutine):
             raise TypeError(instead_of_sequence(sequence))
         super().__init__(parent)
-        self._sequence = sequence
+        self.sequence = sequence
         self.part: Any = part if parent is None else parent.part
         self.number = 0
         """Of a started one: its place in the order started."""
@@ -329,7 +329,7 @@ class Task(Waiter):
             self._begin()
             tick = None
         if tick is None or not self.limits:
-            self._step(self._sequence.send, tick)
+            self._step(self.sequence.send, tick)
         else:
             self._step_within_limits(tick)
         if self._cancelling:
@@ -339,9 +339,9 @@ class Task(Waiter):
     def _step_within_limits(self, tick: Clock) -> None:
         for each in self.limits:
             each.count(tick)
-        self._step(self._sequence.send, tick)
+        self._step(self.sequence.send, tick)
         while expiry := next(filter(None, (each.expires(tick) for each in self.limits)), None):
-            self._step(self._sequence.throw, expiry)
+            self._step(self.sequence.throw, expiry)
 
     @advances
     def _step(self, resume: Callable[[Any], object], what: object) -> None:
@@ -351,7 +351,7 @@ class Task(Waiter):
         try:
             awaited = resume(what)
             while awaited is _WHO:
-                awaited = self._sequence.send(self)
+                awaited = self.sequence.send(self)
         except StopIteration as end:
             self.done, self.result = True, end.value
             return
@@ -366,23 +366,7 @@ class Task(Waiter):
                 current.task = before
         if awaited is not _PERIOD:
             text = f"a sequence awaited {awaited!r}; {AWAITABLE_HINT}"
-            raise with_notes(TypeError(f"{text}{in_brackets(self._place)}"), cancel_all([self]))
-
-    @property
-    def frames(self) -> list[FrameType]:
-        """The frames in which it waits, the outermost first."""
-        frames: list[FrameType] = []
-        inner: Any = self._sequence
-        while isinstance(inner, CoroutineType):
-            if inner.cr_frame is not None:
-                frames.append(inner.cr_frame)
-            inner = inner.cr_await
-        return frames
-
-    @property
-    def _place(self) -> str:
-        """The place at which it waits, in code that is not Python's own."""
-        return place_among((each.f_code.co_filename, each.f_lineno, each.f_code.co_name) for each in self.frames)
+            raise with_notes(TypeError(f"{text}{in_brackets(place_of(self.sequence))}"), cancel_all([self]))
 
     def cancel(self) -> None:
         """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
@@ -400,18 +384,19 @@ class Task(Waiter):
         """Cancel it. What its cleaning up raises comes out here."""
         if self.done:
             return
-        if getattr(self._sequence, "cr_running", False):
+        if getattr(self.sequence, "cr_running", False):
             self._cancelling = True
             return
         self.done = self._cancelled = True
-        if _dropped(self._sequence):
+        if _dropped(self.sequence):
             return
         current = self._current
         if current is not None:
             before, current.task = current.task, self
         try:
             if self._awaits_after(Cancelled) and self._awaits_after(GeneratorExit):
-                raise TaskFailed(f"{self.name} was cancelled and did not end: it waits again{in_brackets(self._place)}")
+                place = in_brackets(place_of(self.sequence))
+                raise TaskFailed(f"{self.name} was cancelled and did not end: it waits again{place}")
         finally:
             if current is not None:
                 current.task = before
@@ -419,9 +404,9 @@ class Task(Waiter):
     def _awaits_after(self, end: type[BaseException]) -> bool:
         """Raise this in the sequence; whether it awaits something all the same."""
         try:
-            awaited = self._sequence.throw(end())
+            awaited = self.sequence.throw(end())
             while awaited is _WHO:
-                awaited = self._sequence.send(self)
+                awaited = self.sequence.send(self)
         except (end, Cancelled, StopIteration):
             return False
         except BaseException as error:
@@ -441,38 +426,23 @@ class Task(Waiter):
 
     def _begin(self) -> None:
         self._begun = True
-        if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
+        if inspect.iscoroutine(self.sequence) and inspect.getcoroutinestate(self.sequence) != inspect.CORO_CREATED:
             self.done = True
             raise TypeError(f"{self.name} was started twice; call the `async def` function again for each start")
 
     @property
-    def code(self) -> CodeType | None:
-        """That of its `async def` function; None: it is of another kind."""
-        return getattr(self._sequence, "cr_code", None)
-
-    @property
-    def given(self) -> dict[str, Any]:
-        """What its function was called with, and what it uses of the functions around it; {} when it has ended."""
-        frame: FrameType | None = getattr(self._sequence, "cr_frame", None)
-        if frame is None:
-            return {}
-        code, values = frame.f_code, frame.f_locals
-        names = (*code.co_varnames[: code.co_argcount + code.co_kwonlyargcount], *code.co_freevars)
-        return {name: values[name] for name in names if name in values}
-
-    @property
     def shown(self) -> Waiter:
-        own = self.parent is not None and self.code in _ADOPTING
+        own = self.parent is not None and code_of(self.sequence) in _ADOPTING
         return self.parent.shown if own and self.parent is not None else self
 
     @property
     def name(self) -> str:
-        return f"sequence {getattr(self._sequence, '__qualname__', self._sequence)}"
+        return f"sequence {getattr(self.sequence, '__qualname__', self.sequence)}"
 
     @property
     def details(self) -> str:
         number = self.started.number
-        told = [_arguments(self._sequence), f"started as no. {number}"]
+        told = [arguments_text(self.sequence), f"started as no. {number}"]
         if self.parent is not None:
             told.append(f"part {'.'.join(map(str, reversed(self._places_among_parts)))}")
         return ", ".join(filter(None, told))
@@ -489,36 +459,15 @@ class Task(Waiter):
         ]
 
 
-def _arguments(sequence: object) -> str:
-    """What an `async def` function was called with, as far as that is short: objects of the machine, numbers, texts."""
-    frame: FrameType | None = getattr(sequence, "cr_frame", None)
-    if frame is None:
-        return ""
-    code, values = frame.f_code, frame.f_locals
-    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-    shown = {name: _argument(values[name]) for name in names if name in values}
-    return ", ".join(f"{name}={text}" for name, text in shown.items() if text)
-
-
-def _argument(value: object) -> str:
-    if isinstance(value, Node):
-        return value._path
-    return cut_repr(value) if isinstance(value, str | int | float | Enum) else ""
-
-
 def _dropped(sequence: Any) -> bool:
     """Close a sequence that never began; whether it is one. What was given to it does not begin either, and a started
     sequence that is a part of it is cancelled."""
-    if not _is_new(sequence):
+    if not is_new(sequence):
         return False
     errors = [error for task in reversed(_close(sequence)) if (error := _error_of(task.cancel)) is not None]
     if errors:
         raise with_notes(errors.pop(0), errors)
     return True
-
-
-def _is_new(sequence: Any) -> bool:
-    return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
 
 
 def _close(sequence: Any) -> list[Task]:
@@ -531,7 +480,7 @@ def _close(sequence: Any) -> list[Task]:
     tasks: list[Task] = []
     for each in arguments:
         for one in each if isinstance(each, tuple) else (each,):
-            if _is_new(one):
+            if is_new(one):
                 tasks += _close(one)
             elif adopts and isinstance(one, Task):
                 tasks.append(one)
@@ -585,6 +534,8 @@ class Sequences:
         self._advancing = False
         self.paused = False
         """Whether they are not advanced: no time passes for them."""
+        self.progress = ""
+        """What was told of their progress last."""
         self.end_within: Callable[[Callable[[], Any]], Any] | None = None
         """Function that calls what ends them when they are cancelled; None: it is called directly."""
 
@@ -596,12 +547,12 @@ class Sequences:
     @property
     def places(self) -> list[str]:
         """The place at which each waits, in the user's code."""
-        return [task._place for task in self._tasks]
+        return [place_of(task.sequence) for task in self._tasks]
 
     @property
     def frames(self) -> list[list[FrameType]]:
         """The frames in which each waits, the outermost first."""
-        return [task.frames for task in self._tasks]
+        return [frames_of(task.sequence) for task in self._tasks]
 
     def others(self) -> Sequences:
         """Other sequences of the same machine, for which there is none yet."""

@@ -22,7 +22,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import OffCycle
 from umo.objects import Quality
 from umo.objects.scaling import to_raw, to_value
-from umo.wiring.rates import WHOLE, RateMap
+from umo.wiring.rates import WHOLE
 from umo.wiring.wired import Wire, Wired
 
 
@@ -121,9 +121,8 @@ def _part_numbers(wired: Wired) -> Mapping[int, int]:
     off the cycle has its own times."""
     if not wired.rates:
         return {}
-    parts = RateMap(wired.rates)
     on_cycle = (wire.item for wire in wired.wires if not isinstance(wire.driver, OffCycle))
-    return {id(item): number for item in on_cycle if (number := parts.number(item)) != WHOLE}
+    return {id(item): number for item in on_cycle if (number := wired.rates.number(item)) != WHOLE}
 
 
 def _group_order(wires: Sequence[Wire], parts: Mapping[int, int]) -> Any:

@@ -18,8 +18,8 @@ import numpy as np
 from umo.cycle.columns import ASKED, FREE
 from umo.cycle.directory import MotionAxis
 from umo.cycle.events import Event, Paths
-from umo.cycle.image import ToDefault
 from umo.cycle.sequences import Sequences, one_period
+from umo.cycle.to_defaults import ToDefault
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Atomic, Compound, Node, atoms, walk
 from umo.objects.paths import is_within
@@ -51,9 +51,9 @@ class Suspension:
         """What the application has left of the axes (`umo.control.axis.LeftMotion`)."""
         self._lost_motions: dict[MotionAxis, Any] = {}
         """What faults have ended of that."""
-        self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.stop_order}
+        self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.claims.order}
         """The actuators by slot, in stop order."""
-        self._order = np.array(machine.stop_order, np.intp)
+        self._order = np.array(machine.claims.order, np.intp)
         """Their slots."""
         self._defaults = machine.image.scales.defaults[self._order]
         self._holding = {slot for slot, item in self._actuators.items() if item._holds}
@@ -71,7 +71,7 @@ class Suspension:
     @property
     def _left(self) -> dict[int, float] | None:
         """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
-        return self._machine.commands.left.get(self)
+        return self._machine.claims.left.get(self)
 
     # Nobody is in charge -------------------------------------------------------------------------------
 
@@ -82,7 +82,7 @@ class Suspension:
         self._note_writes(MANUAL)
         if self._left is None:
             pending = self._machine.image.columns.pending[self._order]
-            self._machine.commands.left[self] = dict(zip(self._actuators, pending.tolist(), strict=True))
+            self._machine.claims.left[self] = dict(zip(self._actuators, pending.tolist(), strict=True))
             for axis in self._axes:
                 if (left := self._ask(axis, axis._leave)) is not None:
                     self._left_motions[axis] = left
@@ -139,7 +139,7 @@ class Suspension:
             (self._left or {}).pop(slot, None)
         found: dict[str, list[int]] = {what: [] for what in (STOPPED, "held", "its law writes", "just written")}
         for slot in self._away_from_defaults():
-            if commands.client_of(slot):
+            if self._machine.claims.client_of(slot):
                 continue
             if slot in by_laws:
                 what = "its law writes"
@@ -186,7 +186,7 @@ class Suspension:
             if before is not None:
                 commands.noted = before | written
             for slot in written & left.keys():
-                if commands.client_of(slot):
+                if self._machine.claims.client_of(slot):
                     del left[slot]
                 else:
                     left[slot] = self._machine.image.pending[slot]
@@ -202,13 +202,12 @@ class Suspension:
         """CommandRefused if the application cannot go on from here."""
         found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
         found += [reason for left in self._left_motions.values() if (reason := left.why_not())]
-        commands = self._machine.commands
         restrictions = self._machine.image.restrictions
         for slot, value in self._changed().items():
             if restrictions[slot] in (FREE, ASKED):
                 continue
             item = self._actuators[slot]
-            if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
+            if value != item._default_value() and not self._machine.claims.client_of(slot) and (why := item.inhibited):
                 found.append(f"{item.path} is inhibited: {why}")
         if lost := [
             f"{axis._path} was in fault: its motion has ended"
@@ -223,7 +222,7 @@ class Suspension:
         """What the application has left of the actuators that stand elsewhere now, the last of the stop order first."""
         pending = self._machine.image.pending
         changed = {slot: left for slot, left in (self._left or {}).items() if left != pending[slot]}
-        place = self._machine.commands.place
+        place = self._machine.claims.place
         return {slot: changed[slot] for slot in sorted(changed, key=place.__getitem__, reverse=True)}
 
     def end(self) -> bool:
@@ -254,7 +253,7 @@ class Suspension:
         _, error = attempt(self.resuming.advance, self._machine.clock)
         if error is None and not self.resuming.running:
             self.resuming = None
-            del self._machine.commands.left[self]
+            del self._machine.claims.left[self]
             for left in self._left_motions.values():
                 left.go_on()
             self._left_motions.clear()

@@ -22,7 +22,7 @@ from umo.objects import Compound
 from umo.text import CodePlace, in_brackets, is_users, shown_place, some
 
 MACHINE = {
-    str(Path(__file__).with_name(name)) for name in ("acting_laws.py", "machine.py", "period.py", "sequences.py")
+    str(Path(__file__).with_name(name)) for name in ("acting_laws.py", "part_periods.py", "period.py", "sequences.py")
 }
 """The files that call laws, sequences and actions."""
 LOOKED_AT = 100

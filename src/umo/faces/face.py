@@ -67,7 +67,7 @@ class Commands(Protocol):
     """Gives the commands of a face's users to the machine. Every refusal is an `UmoError` in words."""
 
     async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
-        """Carry out a command of `umo.cycle.client_control.COMMANDS`; its result when it has ended. CommandRefused if
+        """Carry out a command of `umo.clients.client_control.COMMANDS`; its result when it has ended. CommandRefused if
         the face only reads or the user may not, and whatever error the machine answers with."""
 
     def may(self, user: User, do: str, path: str = "") -> bool:

@@ -9,7 +9,7 @@ from math import floor, isfinite, log10
 from typing import Any
 
 from umo.alarms.alarm_states import PUT_AWAY, AlarmState
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.presentation.described import Described

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from umo.cycle.client_commands import DEAD_MAN_TIME
+from umo.clients.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
 from umo.errors import CommandRefused, FramesError, RangeError, StateError, UmoError
 from umo.faces.command_users import RefusalLimit, lives, named

@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from umo.cycle.client_commands import DEAD_MAN_TIME, ClientCommand
+from umo.clients.client_commands import DEAD_MAN_TIME, ClientCommand
 from umo.cycle.events import CommandState, Event
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey, segment

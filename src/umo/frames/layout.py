@@ -56,7 +56,7 @@ class Live:
     DESCRIBED = 12
     """CRC-32 of the description, which stays."""
     EVENT, MODE = 13, 14
-    """Number of the next event; mode (`umo.cycle.client_commands`; -1: it takes no commands)."""
+    """Number of the next event; mode (`umo.clients.client_commands`; -1: it takes no commands)."""
     TAKEN, DROPPED = 15, 16
     """Commands of clients taken, and how many of these were dropped."""
     LEASE = 17

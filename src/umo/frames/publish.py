@@ -12,10 +12,12 @@ from pathlib import Path
 from types import MappingProxyType, WrapperDescriptorType
 from typing import Any
 
+from umo.alarms.alarming import ALARMS, engine_of
 from umo.cycle.connect import connect
 from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phase_times import PhaseTimes
+from umo.cycle.showing import frame_of
 from umo.cycle.stage import Stage
 from umo.drivers.contract import Direction
 from umo.drivers.optional import Inspects
@@ -70,17 +72,18 @@ def published(
             ends, server = _own_memory(station, memory)
         phases = PhaseTimes(machine.image, connection.wired.drivers, machine.groups.parts)
         undo.callback(phases.remove)
+        alarms = engine_of(machine)
         layout = Layout(
             tuple(map(_object, machine.image.items, machine.image.wires)),
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection) | ({"job": dict(job)} if job else {}),
-            describe_signals(machine.frame.signals, machine.directory.kept),
-            tuple(machine.commands.reasons),
+            describe_signals(frame_of(machine).signals, machine.directory.kept),
+            tuple(machine.claims.reasons),
             tuple(each.describe() for each in machine.directory.actions.values()),
             tuple(each.describe() | {"start": _start(each)} for each in machine.directory.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
             axes=tuple(dict(each.describe_axis()) for each in machine.directory.axes),
-            alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
+            alarms=() if alarms is None else tuple(each.describe() for each in alarms.declared),
             units=tuple(dict(each.describe()) for each in machine.directory.units),
             books=tuple({"path": path, **each.describe()} for path, each in machine.directory.books.items()),
         )
@@ -146,7 +149,7 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
             "raws": connection.image.columns.raws.tolist(),
             "entries": connection.first_entries.hex(),
             "kept": dict(connection.kept),
-            "alarms": dict(connection.alarm_states),
+            "alarms": dict(connection.states.get(ALARMS, {})),
             "seed": connection.seed,
             "hash_seed": os.environ.get(HASH_SEED, "random"),
         },

@@ -18,9 +18,9 @@ from weakref import finalize
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
+from umo.cycle.claim_table import reason_of_client
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
-from umo.cycle.command_stage import reason_of_client
 from umo.cycle.equipment import EquipmentState
 from umo.cycle.events import FAULT, IN_FAULT, CommandState, Event
 from umo.cycle.stage import Progress, Stage

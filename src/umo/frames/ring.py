@@ -10,11 +10,13 @@ from collections.abc import Callable, Sequence
 from mmap import mmap
 from pathlib import Path
 
+from umo.alarms.alarming import engine_of
+from umo.clients.client_commands import Commanding
 from umo.cycle import conversion
 from umo.cycle.frame import Frame
 from umo.cycle.image import Image
 from umo.cycle.journal import CAPACITY, Journal
-from umo.cycle.machine import Commanding, ConnectedMachine
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phase_times import UNKNOWN, PhaseTimes
 from umo.cycle.stage import Progress, Stage
 from umo.frames.client_memory import size_of
@@ -117,6 +119,9 @@ class Ring:
     ) -> None:
         self.image = image = machine.image
         self._machine = machine
+        self._attached = 0
+        """Number of the capabilities that were there when it looked for one that takes commands."""
+        self._clients: Commanding | None = None
         self._events = machine.events
         self._told = 0
         """Events that were published."""
@@ -139,7 +144,7 @@ class Ring:
         head, places = arrange(layout, self.slots, self.journal_entries, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
-        self._alarms_at, self._alarms_shown = places.alarms, -1
+        self._alarms, self._alarms_at, self._alarms_shown = engine_of(machine), places.alarms, -1
         self._seldom_packed, self._seldom_is_plain, self._progress, self._taken = b"", False, Progress(), 0
         self._late = round(machine.clock.period * LATE_SHARE * 1e9)
         self._map = fill(ends.frames, head, places.size, private=True)
@@ -163,6 +168,8 @@ class Ring:
 
     def __call__(self, frame: Frame) -> None:
         """Write one frame."""
+        if len(self._machine.attached) != self._attached:
+            self._attached, self._clients = len(self._machine.attached), self._machine.find(Commanding)
         index = self.index
         at = self._first + (index % self.slots) * self.slot_bytes
         words = self._words
@@ -179,13 +186,13 @@ class Ring:
         if frame.missed:
             self.missed += frame.missed
             live[Live.MISSED] = self.missed
-        if (alarms := self._machine.alarms) is not None and alarms.revision != self._alarms_shown:
+        if (alarms := self._alarms) is not None and alarms.revision != self._alarms_shown:
             self._alarms_shown = alarms.revision
             self._map[self._alarms_at : self._tunables_at] = alarms.occurrences.tobytes()
         if self._tunables:  # one in each period
             self._refresh(index % len(self._tunables))
-        if self._machine.clients is not None:
-            self.show(self._machine.clients)
+        if self._clients is not None:
+            self.show(self._clients)
         if self._told != self._events.told:  # last: whoever sees an answer finds the lease and the mode as told
             self._tell()
 
@@ -232,7 +239,7 @@ class Ring:
         """Counters, UTC, commands taken, journal and progress: packed when they may have changed. The counters are read
         after a period that took long, that missed others, or in which the collector ran, and in one of
         `COUNTER_PERIODS`."""
-        journal, progress, clients = self.journal, frame.progress, self._machine.clients
+        journal, progress, clients = self.journal, frame.progress, self._clients
         empty = not (journal.count or journal.sampled or journal.updated)
         taken = 0 if clients is None else clients.inbox.taken
         counted = (

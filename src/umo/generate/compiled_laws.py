@@ -20,6 +20,7 @@ from weakref import proxy
 
 import numpy as np
 
+from umo.cycle.capability import Capability
 from umo.cycle.columns import Source
 from umo.cycle.conversion import extension
 from umo.cycle.events import Event
@@ -149,14 +150,18 @@ def _has_array(of: CType) -> bool:
     return isinstance(of, ArrayType) or any(map(_has_array, _inside(of)))
 
 
-class CompiledLaws:
+class CompiledLaws(Capability):
     """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python".
 
     They are translated again, as they are now: what the wiring sets or a restart restores has called `setup` again,
     which may have made other laws. The library is the same, unless the code is another."""
 
-    def __init__(self, prepared: PreparedLaws, machine: ConnectedMachine) -> None:
+    def __init__(self, prepared: PreparedLaws) -> None:
+        self._prepared = prepared
+
+    def attach(self, machine: ConnectedMachine) -> None:
         """DeclarationError with what is in the way."""
+        prepared = self._prepared
         self._machine, self._image = machine, machine.image
         found = translated_laws(machine.root, model_of(machine, prepared.wired))
         self._python, self._translation, self._known = found.laws, found.translation, found.translation.known
@@ -184,7 +189,7 @@ class CompiledLaws:
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
         """Comparisons of each law that are still to be made: one a period, in their order."""
-        inhibitions = machine.commands.inhibitions[: found.conditions]
+        inhibitions = machine.claims.inhibitions[: found.conditions]
         first, why = len(self._python), found.left_out
         self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)
         self._period = -1
@@ -391,7 +396,7 @@ class CompiledLaws:
     def _columns_of(self) -> ColumnPointers:
         columns = self._image.columns
         here = proxy(self)  # what C calls is not collected in a circle
-        address = getattr(self._machine.turn, "address", None)  # where umo's extension is built
+        address = getattr(self._machine.sequences.current, "address", None)  # where umo's extension is built
         return ColumnPointers(
             c_void_p(columns.values.ctypes.data),
             c_void_p(columns.raws.ctypes.data),
@@ -470,7 +475,7 @@ class CompiledLaws:
         return min(max(value, item.minimum), item.maximum)  # type: ignore[no-any-return]
 
     def _is_admitted(self, slot: int, value: float) -> bool:
-        command = self._machine.commands.by_slot.get(slot)
+        command = self._machine.claims.by_slot.get(slot)
         return command is None or command.admits(value, Source.PROGRAM)
 
     def _read_now(self, slot: int, out: Any) -> int:

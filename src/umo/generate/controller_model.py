@@ -189,7 +189,7 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
         objects=objects,
         inputs=sum(one.synchronous and not one.output for one in objects),
         outputs=outputs,
-        stop_order=[place[slot] for slot in machine.stop_order],
+        stop_order=[place[slot] for slot in machine.claims.order],
         timer=image.timer,
         interlocks=[
             ControllerInterlock(
@@ -199,7 +199,7 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
                 each.interlock.latched,
                 each.interlock.effect == "stop",
             )
-            for each in machine.commands.inhibitions
+            for each in machine.claims.inhibitions
         ],
         equipment=containing.described(),
         laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine.acting_laws.of(root)],

@@ -53,7 +53,7 @@ def _median(rounds: int, compiled: bool) -> float:
     connection = connect(machine, wired)
     with connection as m:
         if prepared is not None:
-            laws = CompiledLaws(prepared, connection.machine)
+            laws = connection.machine.attach(CompiledLaws(prepared))
             for _ in range(COMPARED + 1):
                 _period(m)
             if laws.state != "compiled":

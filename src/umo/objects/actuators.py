@@ -60,12 +60,12 @@ class Actuator(Atomic):
     def inhibited(self) -> str | None:
         """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
         has taken it. None: they are accepted."""
-        return self._image.commands.inhibited(self._slot)
+        return self._image.claims.inhibited(self._slot)
 
     @property
     def claim(self) -> Claim:
         """Who drives it now, and what comes next."""
-        return self._image.commands.claim(self._slot)
+        return self._image.claims.claim(self._slot)
 
     def update(self) -> bool:
         """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""

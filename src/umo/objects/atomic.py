@@ -103,7 +103,7 @@ class Atomic(Node):
         self._image.reset_some((self._slot,))
 
     def acknowledge(self) -> bool:
-        return self._image.commands.acknowledge(frozenset((self._slot,)))
+        return self._image.claims.acknowledge(frozenset((self._slot,)))
 
     def describe(self) -> str:
         """Range and units as a short text, for tables."""

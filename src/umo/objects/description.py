@@ -26,7 +26,7 @@ def described(item: Atomic) -> Described:
 def row_of(item: Atomic) -> TableRow:
     """A connected object with its value in the process image: no device is accessed."""
     image, slot = item._image, item._slot
-    note = restriction(image.commands.inhibited(slot))
+    note = restriction(image.claims.inhibited(slot))
     return TableRow(described(item), float(image.values[slot]), int(image.quality[slot]), int(image.raws[slot]), note)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from umo.cycle.image import ToDefault
+from umo.cycle.to_defaults import ToDefault
 from umo.objects import Actuator, Compound, atoms
 from umo.objects.paths import is_within
 
@@ -35,8 +35,8 @@ class Resting:
         image = self._image
         pending = {item._slot: image.pending[item._slot] for item in self._actuators if not item._holds}
         driven = {slot: value for slot, value in pending.items() if value != image.scales.defaults[slot]}
-        resting = {slot: value for slot, value in driven.items() if not image.commands.client_of(slot)}
-        image.commands.left.setdefault(self, {}).update(resting)
+        resting = {slot: value for slot, value in driven.items() if not image.claims.client_of(slot)}
+        image.claims.left.setdefault(self, {}).update(resting)
         image.settle(resting, ToDefault.SEND)
 
     def end(self) -> None:
@@ -49,4 +49,4 @@ class Resting:
 
     def forget(self) -> dict[int, float]:
         """The work has ended, or goes on: what it had left."""
-        return self._image.commands.left.pop(self, {}) if self._actuators else {}
+        return self._image.claims.left.pop(self, {}) if self._actuators else {}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
+from umo.cycle.capability import Capability
 from umo.cycle.equipment import Equipment
 from umo.cycle.not_awaited import expects_errors
 from umo.errors import forget_frames
@@ -33,7 +34,7 @@ class Supervisor(Protocol):
         """Its path, its states and its commands, as plain data."""
 
 
-class Supervisors:
+class Supervisors(Capability):
     """The laws of one machine that look after sequences."""
 
     def __init__(self, laws: Sequence[tuple[str, Supervisor]]) -> None:
@@ -50,16 +51,7 @@ class Supervisors:
             for node in outwards(law.part):
                 self._within.setdefault(id(node), []).append(law)
         machine.phases.commanding.append(self.act)
-        machine.fault_ends.noting.append(self.note_faults)
-
-    def begin(self) -> None:
-        """Nothing is to be done."""
-
-    def end(self) -> None:
-        """Nothing is to be done."""
-
-    def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """It reaches no device itself."""
+        machine.under_way.noting.append(self.note_faults)
 
     def note_faults(self, faults: Sequence[Equipment]) -> None:
         """This equipment has come into fault."""

@@ -17,7 +17,7 @@ from typing import Any, cast
 
 from starlette.websockets import WebSocketDisconnect
 
-from umo.cycle.client_commands import DEAD_MAN_TIME
+from umo.clients.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
 from umo.frames.client_memory import LEASE

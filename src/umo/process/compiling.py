@@ -35,7 +35,7 @@ def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say
     from umo.generate.compiled_laws import COMPARED, CompiledLaws
 
     try:
-        CompiledLaws(prepared, machine)
+        machine.attach(CompiledLaws(prepared))
         say(f"the laws are compiled: C drives when each was the same as in Python for {COMPARED} of its periods")
     except Exception as error:  # such as a class that has none below it, or a library that was removed
         say(f"the laws run in Python, not compiled: {text_of(error)}")

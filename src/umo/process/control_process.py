@@ -14,9 +14,9 @@ from time import monotonic, sleep
 from types import MappingProxyType
 from typing import IO, Any
 
+from umo.clients.client_commands import Mode
+from umo.clients.client_control import ClientControl
 from umo.cycle.cache_warming import wait_busily
-from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import ClientControl
 from umo.cycle.connect import connect
 from umo.cycle.events import CommandState
 from umo.cycle.frame import Frame
@@ -37,7 +37,7 @@ from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
 from umo.process.job_facts import job_facts
-from umo.process.kept_file import ALARMS, NUMBERS
+from umo.process.kept_file import NUMBERS
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.process.reset import DEATH_TIMEOUT
@@ -258,7 +258,7 @@ class Control:
         connection.device_claim = self._device_claim
         connection.on_step = self._run_state.beat
         connection.kept = self._kept.get(NUMBERS, {})
-        connection.alarm_states = self._kept.get(ALARMS, {})
+        connection.states = self._kept
         connection.laid_out = self._start_compiled
         with connection as machine:
             for text in kept_values.tell(connection):
@@ -317,7 +317,7 @@ class Control:
             return
         machine, cells = connection.machine, ClientMemory(self._frames[0].cells, ring.layout)
         mode = Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC
-        machine.clients = clients = ClientControl(machine, Receiver(cells), cells, mode)
+        clients = machine.attach(ClientControl(Receiver(cells), cells, mode))
         ring.show(clients)
         try:
             self._frames[1].listen()
@@ -358,7 +358,7 @@ class Control:
         wait_busily(self._plan.wired, busy_wait)
         self._stop_if_asked()
         if not connection.machine.stop.requested:
-            connection.machine.phases.skip_ticks()
+            connection.machine.skip_ticks()
         if threading.active_count() > 1:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from umo.cycle.client_commands import DEAD_MAN_TIME, LONGEST_LEASE, SHORTEST_LEASE
+from umo.clients.client_commands import DEAD_MAN_TIME, LONGEST_LEASE, SHORTEST_LEASE
 from umo.cycle.events import LET_GO, CommandState, Event
 from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError, LeaseHeld, RangeError, TaskFailed, UmoError

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from umo.cycle.client_commands import ClientCommand
+from umo.clients.client_commands import ClientCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
 from umo.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory

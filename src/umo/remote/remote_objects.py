@@ -8,7 +8,7 @@ from inspect import Parameter, Signature
 from math import isnan
 from typing import Any
 
-from umo.cycle.client_commands import DEAD_MAN_TIME
+from umo.clients.client_commands import DEAD_MAN_TIME
 from umo.errors import BadInput, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from umo.cycle.alarming import ALARM_COMMANDS
-from umo.cycle.client_control import COMMANDS
+from umo.alarms.alarming import ALARM_COMMANDS
+from umo.clients.client_control import COMMANDS
 from umo.cycle.events import CommandState, Event
 from umo.cycle.law_loops import NAMES as EXPERIMENTS
 from umo.frames.layout import Layout

@@ -16,8 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from umo.cycle.client_commands import ClientCommand, Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import ClientCommand, Mode
+from umo.clients.client_control import ClientControl
 from umo.cycle.connect import connect
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.run import drive
@@ -93,7 +93,7 @@ class Trial:
         if plan.wired.hardware or plan.wired.timer_wire is None:
             raise NotReplayable("the wiring of the recording has devices: --closed needs one with a plant alone")
         connection: connect[Any] = connect(plan.machine, replace(plan.wired, paced=False))
-        connection.kept, connection.alarm_states = fixed.get("kept", {}), fixed.get("alarms", {})
+        connection.kept, connection.states = fixed.get("kept", {}), fixed
         connection.seed = fixed.get("seed", 0)
         connection.pause = lambda seconds: None
         try:
@@ -102,7 +102,7 @@ class Trial:
                 if "until" in fixed:
                     machine.observers.append(TimeLimit(fixed["until"], connection.stop))
                 mode = Mode.MANUAL if job.manual else Mode.AUTOMATIC
-                machine.clients = ClientControl(machine, _Inbox(machine, self.commands), _Levels(), mode, _now)
+                machine.attach(ClientControl(_Inbox(machine, self.commands), _Levels(), mode, _now))
                 drive(m, plan.application)
         except KeyboardInterrupt:
             raise
@@ -185,7 +185,7 @@ class ClosedShrinking:
 
 
 class _Inbox:
-    """The commands, at their ticks (`umo.cycle.client_commands.Inbox`)."""
+    """The commands, at their ticks (`umo.clients.client_commands.Inbox`)."""
 
     def __init__(self, machine: ConnectedMachine, commands: Sequence[tuple[int, Mapping[str, Any]]]) -> None:
         self._clock, self._commands = machine.clock, commands
@@ -202,7 +202,7 @@ class _Inbox:
 
 
 class _Levels:
-    """Clients that are always alive, and ask for no stop (`umo.cycle.client_commands.Levels`)."""
+    """Clients that are always alive, and ask for no stop (`umo.clients.client_commands.Levels`)."""
 
     asked: Sequence[int] = (0,)
     stop: tuple[int, str] | None = None

@@ -11,6 +11,7 @@ import numpy as np
 from umo.cycle.frame import Frame
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.showing import frame_of
 from umo.drivers.contract import Direction
 from umo.frames.layout import ENTRY as ENTRY_ROW
 from umo.frames.layout import Layout
@@ -178,7 +179,7 @@ class Comparison:
 
     def _signals(self, period: TapedPeriod) -> list[str]:
         recorded = period.signals
-        frame = self._machine.frame
+        frame = frame_of(self._machine)
         replayed = {each.path: value for each, value in zip(frame.signals, frame.signal_values, strict=False)}
         found = []
         for about, value in zip(self._layout.described.signals, recorded, strict=False):

@@ -10,7 +10,7 @@ import signal
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from umo.cycle.client_commands import DEAD_MAN_REASON, ClientCommand
+from umo.clients.client_commands import DEAD_MAN_REASON, ClientCommand
 from umo.cycle.events import LET_GO, CommandState
 from umo.replay.player import Player
 
@@ -23,7 +23,7 @@ LONG = 1e6
 
 
 class TapeInbox:
-    """The commands of the recording (`umo.cycle.client_commands.Inbox`)."""
+    """The commands of the recording (`umo.clients.client_commands.Inbox`)."""
 
     def __init__(self, player: Player) -> None:
         self._player = player
@@ -45,7 +45,7 @@ class TapeInbox:
 
 
 class TapeLevels:
-    """The levels of the recording (`umo.cycle.client_commands.Levels`), and the clock of the signs of life."""
+    """The levels of the recording (`umo.clients.client_commands.Levels`), and the clock of the signs of life."""
 
     def __init__(self, player: Player, inbox: TapeInbox, events: Iterable[Any]) -> None:
         self._player, self._inbox = player, inbox

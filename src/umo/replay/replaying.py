@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
 
-from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import ClientControl
+from umo.clients.client_commands import Mode
+from umo.clients.client_control import ClientControl
 from umo.cycle.clock import WallClock
 from umo.cycle.connect import connect
 from umo.cycle.events import CommandState
@@ -86,7 +86,7 @@ class Replay:
         connection.kept = {
             path: value for path, value in initial.get("kept", {}).items() if path not in self.result.settings
         }
-        connection.alarm_states = initial.get("alarms", {})
+        connection.states = initial
         connection.seed = initial.get("seed", 0)
         connection.pause = lambda seconds: None
         connection.before_first_sample = self._play_first_sample
@@ -109,7 +109,7 @@ class Replay:
             with self.connection as machine, self._played(self.connection.machine):
                 self.on_connected()
                 if self.player.skipped > 0:
-                    self.connection.machine.phases.skip_ticks()
+                    self.connection.machine.skip_ticks()
                 if not self.player.over:
                     self.program.drive(machine)
         except KeyboardInterrupt:
@@ -146,7 +146,7 @@ class Replay:
         inbox = TapeInbox(player)
         levels = TapeLevels(player, inbox, events_of(self._tape))
         mode = Mode.MANUAL if self.program.manual else Mode.AUTOMATIC
-        machine.clients = ClientControl(machine, inbox, levels, mode, levels.now)
+        machine.attach(ClientControl(inbox, levels, mode, levels.now))
         self.comparison = comparison = Comparison(machine, journal, player, self.layout, result)
         player.wrong = comparison.tell
         comparison.compares = not self._open_loop

@@ -8,8 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from umo.cycle.capability import Capability
 from umo.cycle.machine import ConnectedMachine
-from umo.cycle.machine_view import GroupView
+from umo.cycle.part_periods import give_period
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
 from umo.drivers.optional import Looks
@@ -18,20 +19,19 @@ from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.generate.controller_generator import target_of
 from umo.generate.known_values import KnownName
 from umo.generate.known_watch import KnownWatch
-from umo.objects import Compound, walk
+from umo.objects import Compound
 from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
 from umo.split.link_stop import stop_controller
 from umo.split.part_mirror import PartMirror
 from umo.split.part_plan import PartPlan, plan_of
-from umo.wiring.rates import RateMap
 from umo.wiring.wired import Wired
 
 _DEFAULT = Host("127.0.0.1", 5327), Serial("", 115200, "none")
 TARGETS = {"double": "cortex-m", "float": "avr"}
 
 
-class Controller(Driver[Channel], Looks):
+class Controller(Driver[Channel], Looks, Capability):
     """A controller with generated code (`umo generate --controller`), which runs a part of the machine.
 
         [drivers.drive]
@@ -103,25 +103,27 @@ class Controller(Driver[Channel], Looks):
 
     def cycle_for(self, part: Compound, wired: Wired) -> float:
         """The controller's own period in s: by default that at which the part runs."""
-        return self._cycle or (wired.period or 0.0) * RateMap(wired.rates).every(part)
+        return self._cycle or (wired.period or 0.0) * wired.rates.every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
         """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
         target = target_of(TARGETS[self.real], self.real)
         cycle = self.cycle_for(part, wired)
+        self._part = part
         plan = self._plan = plan_of(part, wired, self, cycle, target, self.host_timeout, self.braking_timeout)
         channels = {each.item.path: each.channel.text for each in wired.wires}
         self._places = {channels[each.path]: n for n, each in enumerate(plan.model.objects[: plan.model.inputs])}
         return plan
 
-    def meet(self, part: Compound, machine: ConnectedMachine) -> None:
-        """The machine is being connected: the part's attributes are kept in step from now on. The period of its laws is
-        the controller's."""
-        assert self._plan is not None
-        for each in (part, *walk(part)):
-            if self._cycle is not None and isinstance(each, Compound):
-                vars(each)["_machine"] = GroupView(machine, machine.clock, self._cycle)
-        self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
+    def attach(self, machine: ConnectedMachine) -> None:
+        """The part's attributes are kept in step from now on. Its laws are not called here, and their period is the
+        controller's."""
+        part = self._part
+        assert self._plan is not None and part is not None
+        machine.acting_laws.leave_out(part)
+        if self._cycle is not None:
+            give_period(machine, part, self._cycle)
+        self._machine, self._mirror = machine, PartMirror(self._plan, machine, part)
         self._watch = KnownWatch(self._plan.translation.known, self._note_changes)
         self._ends = self._rested = False
 

@@ -53,7 +53,7 @@ class PartMirror:
         """Which outputs the host inhibits: by its interlocks, faults and clients, and all in manual mode."""
         if self._machine.is_manual:
             return [True] * len(self._outputs)
-        return [self._machine.commands.inhibited(slot) is not None for slot in self._outputs]
+        return [self._machine.claims.inhibited(slot) is not None for slot in self._outputs]
 
     def changes(self, inhibited: list[bool], *, all_of_it: bool = False) -> list[bytes]:
         """The items that bring the controller to what the host has; at the start also what actuators are to be is the

@@ -28,6 +28,7 @@ from umo.objects import Compound, walk
 from umo.presentation.durations import duration
 from umo.split.field_bytes import FieldBytes
 from umo.split.link_frames import CRC_BYTES
+from umo.wiring.rates import NO_RATES
 from umo.wiring.wired import ProcessSettings, Wired
 
 LONGEST_HEAD = 64
@@ -139,7 +140,7 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
     """The model of a part alone, on this controller with this period; its calibrations are those of the wiring, and are
     set. The machine is not connected."""
     wires = [each for each in wired.wires if bare(each.driver) is driver or each.item is wired.timer]
-    alone = replace(wired, wires=wires, period=period, rates=(), process=ProcessSettings())
+    alone = replace(wired, wires=wires, period=period, rates=NO_RATES, process=ProcessSettings())
     image = Image(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
     machine = ConnectedMachine(part, image, StopFlag())
     connect_compounds(machine)

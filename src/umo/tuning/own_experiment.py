@@ -14,6 +14,7 @@ from umo.cycle.connect import connect
 from umo.cycle.frame import Frame, signals_of
 from umo.cycle.law_loops import loop_at
 from umo.cycle.run import drive
+from umo.cycle.showing import frame_of
 from umo.errors import CommandRefused, OptionError
 from umo.frames.layout import describe_signals
 from umo.objects import Compound, Quality, atoms, described, numbers_of
@@ -76,7 +77,7 @@ def own_experiment(
 
     connection = connect(plan.machine, plan.wired)
     with connection as machine:
-        frame = connection.machine.frame
+        frame = frame_of(connection.machine)
         paths = [*(item.path for item in frame.items), *(signal.path for signal in frame.signals)]
         places = [paths.index(each) for each in facts.columns]
         connection.machine.observers.append(keep)

@@ -10,7 +10,6 @@ from umo.drivers.off_cycle import OffCycle
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.presentation.durations import duration
-from umo.wiring.rates import RateMap
 from umo.wiring.source import WiringSource
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 
@@ -100,11 +99,10 @@ def longest_period(wired: Wired) -> float:
     """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
     direction, of each part with a rate of its own as well, and a call for each asynchronous object. No period waits for
     a driver off the cycle."""
-    parts = RateMap(wired.rates)
     calls = {
         (
             id(wire.driver),
-            (wire.item.direction, parts.number(wire.item)) if wire.item.synchronous else wire.path,
+            (wire.item.direction, wired.rates.number(wire.item)) if wire.item.synchronous else wire.path,
         ): wire.driver.timeout
         for wire in wired.wires
         if wire.item is not wired.timer and not isinstance(wire.driver, OffCycle)

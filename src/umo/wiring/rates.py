@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from math import gcd
 from typing import NamedTuple
 
@@ -33,7 +34,32 @@ class Rate(NamedTuple):
     """Number of the first period in which it is due, from 0 to below `every`."""
 
 
-def rates_of(root: Compound, period: float | None, mistake: Callable[[str], object]) -> list[Rate]:
+class RateMap(tuple[Rate, ...]):
+    """The parts with rates of their own, the fastest first; and the one in which an object lies."""
+
+    @cached_property
+    def _numbers(self) -> dict[int, int]:
+        return {id(rate.part): number for number, rate in enumerate(self)}
+
+    def number(self, node: Node | None) -> int:
+        """The part's number; `WHOLE` if the object runs at the machine's own rate."""
+        while node is not None:
+            if (number := self._numbers.get(id(node))) is not None:
+                return number if self[number].every > 1 else WHOLE
+            node = node._parent
+        return WHOLE
+
+    def every(self, node: Node | None) -> int:
+        """The number of the machine's periods in one of the object's."""
+        number = self.number(node)
+        return 1 if number == WHOLE else self[number].every
+
+
+NO_RATES = RateMap()
+"""Those of a machine whose parts all run at its own rate."""
+
+
+def rates_of(root: Compound, period: float | None, mistake: Callable[[str], object]) -> RateMap:
     """The parts with rates of their own, the fastest first. `period` in s, None without a timer. `mistake` is told of
     each `every` that does not fit the period."""
     found: list[tuple[Compound, int]] = []
@@ -48,7 +74,7 @@ def rates_of(root: Compound, period: float | None, mistake: Callable[[str], obje
             look_below(child, own)
 
     look_below(root, 1)
-    return list(_spread(sorted(found, key=lambda each: each[1])))
+    return RateMap(_spread(sorted(found, key=lambda each: each[1])))
 
 
 def _multiple(part: Compound, period: float | None, mistake: Callable[[str], object]) -> int | None:
@@ -92,24 +118,3 @@ def _folded(phases: Counter[int], divisor: int) -> Counter[int]:
     for phase, load in phases.items():
         found[phase % divisor] += load
     return found
-
-
-class RateMap:
-    """The part with a rate of its own in which an object lies."""
-
-    def __init__(self, rates: Sequence[Rate]) -> None:
-        self._rates = rates
-        self._numbers = {id(rate.part): number for number, rate in enumerate(rates)}
-
-    def number(self, node: Node | None) -> int:
-        """The part's number; `WHOLE` if the object runs at the machine's own rate."""
-        while node is not None:
-            if (number := self._numbers.get(id(node))) is not None:
-                return number if self._rates[number].every > 1 else WHOLE
-            node = node._parent
-        return WHOLE
-
-    def every(self, node: Node | None) -> int:
-        """The number of the machine's periods in one of the object's."""
-        number = self.number(node)
-        return 1 if number == WHOLE else self._rates[number].every

@@ -52,7 +52,7 @@ from umo.wiring.linearization_table import from_table
 from umo.wiring.off_cycle_table import OFF_CYCLE, check_shared_devices, own_period, take_off_cycle
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
-from umo.wiring.rates import RateMap, rates_of
+from umo.wiring.rates import rates_of
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.source import SECTIONS, WiringSource, read
 from umo.wiring.wired import Parameter, Wire, Wired, mistake_of_parameters
@@ -111,8 +111,7 @@ class _Resolver:
         controllers = give_to_controllers(self.source, self.root, self.items)
         timer = self.items.get("timer")
         period = self._period(timer)
-        rates = rates_of(self.root, period, partial(self.source.mistake, 'wire."timer".period'))
-        self.rates = RateMap(rates)
+        self.rates = rates_of(self.root, period, partial(self.source.mistake, 'wire."timer".period'))
         watchdogs = self._make_drivers(period)
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
         self.hardware = self._hardware(drivers)
@@ -140,7 +139,7 @@ class _Resolver:
             parameters,
             watchdogs,
             self.hardware,
-            rates=rates,
+            rates=self.rates,
             faces=self.source.faces,
             record=self.source.record,
             controllers=controllers,

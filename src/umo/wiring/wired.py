@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from umo.objects.sensors import MAX_COUNTER
 from umo.objects.units import convert
 from umo.presentation.value_text import measure
 from umo.user_code import told_as
-from umo.wiring.rates import Rate
+from umo.wiring.rates import NO_RATES, RateMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +245,7 @@ class Wired:
     """Whether the option `realtime` paces a timer that runs in virtual time."""
     injection: Injection | None = None
     """The faults that are injected on purpose; None without any."""
-    rates: Sequence[Rate] = ()
+    rates: RateMap = NO_RATES
     """The parts with rates of their own, the fastest first."""
     faces: Mapping[str, Any] = field(default_factory=dict)
     """The table of the station's faces, as written (`umo.faces.face_settings` reads it)."""

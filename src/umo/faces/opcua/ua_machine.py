@@ -10,7 +10,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.server.address_space import AttributeValue
 
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
 from umo.faces.opcua.ua_values import is_switch, type_of, unit_of

@@ -82,7 +82,7 @@ static bool ask(umo_core *c, int16_t i)
     return !before && holds;
 }
 
-/* CommandStage._restrict. Equipment in fault refuses, and raises nothing. */
+/* Claims._restrict. Equipment in fault refuses, and raises nothing. */
 void umo_restrict(umo_core *c)
 {
     for (int16_t i = 0; i < c->plan->outputs; i++)
@@ -115,7 +115,7 @@ static void interlocked(umo_core *c)
     }
 }
 
-/* CommandStage._expired */
+/* Guards._expired */
 static void expire(umo_core *c)
 {
     for (int16_t i = 0; i < c->plan->outputs; i++) {
@@ -132,7 +132,7 @@ static void expire(umo_core *c)
     }
 }
 
-/* CommandStage.evaluate: after the sensors were read. */
+/* Guards.evaluate: after the sensors were read. */
 void umo_evaluate(umo_core *c)
 {
     interlocked(c);

@@ -9,7 +9,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from umo.cycle.client_commands import Mode
+from umo.clients.client_commands import Mode
 from umo.errors import text_of
 from umo.faces.face import Face
 from umo.faces.host import FaceHost

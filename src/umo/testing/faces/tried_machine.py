@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from umo.alarms import Alarm, High
+from umo.clients.client_commands import Mode
+from umo.clients.client_control import ClientControl
 from umo.control import wait
-from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import ClientControl
 from umo.cycle.connect import connect
 from umo.errors import FramesError
 from umo.frames import Reader, published
@@ -142,8 +142,8 @@ class TriedMachine:
         cells = ClientMemory(own.ends.cells, ring.layout)
         self._run.callback(cells.close)
         machine = self.connection.machine
-        machine.clients = ClientControl(machine, Receiver(cells), cells, self.mode)
-        ring.show(machine.clients)
+        self.clients = machine.attach(ClientControl(Receiver(cells), cells, self.mode))
+        ring.show(self.clients)
         self._path = ring.path
         self._stepping = asyncio.create_task(self._step())
 
@@ -184,7 +184,7 @@ class TriedMachine:
     @property
     def holder(self) -> str:
         """Who has the lease."""
-        return str(self.connection.machine.clients.lease.holder)
+        return str(self.clients.lease.holder)
 
 
 async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:

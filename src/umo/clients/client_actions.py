@@ -8,7 +8,7 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand
+from umo.clients.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand
 from umo.cycle.equipment import Equipment
 from umo.cycle.events import EVENT_TEXT_BYTES, LET_GO, CommandState, Event, around
 from umo.cycle.machine import ConnectedMachine
@@ -35,9 +35,8 @@ class _Action:
     started: Sequences
     task: Task | None = None
     """The sequence that carries it out; None: it has ended, or it is no sequence itself."""
-    progress: str = ""
-    """What it said last of its progress, and what was told of that, and when."""
     told: str = ""
+    """What was told last of its progress, and when."""
     told_at: float = -inf
 
     @property
@@ -75,8 +74,6 @@ class ClientActions:
 
     def __init__(self, machine: ConnectedMachine) -> None:
         self._machine = machine
-        self.at_work: Sequences | None = None
-        """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
         self._running: list[_Action] = []
         self._held: dict[str, _Held] = {}
         self._held_actions: set[str] = set()
@@ -153,24 +150,25 @@ class ClientActions:
 
     def within(self, sequences: Sequences, call: Callable[..., Any], *arguments: Any) -> Any:
         """Call it; the sequences that it starts join these."""
-        before, self.at_work = self.at_work, sequences
+        machine = self._machine
+        before, machine.at_work = machine.at_work, sequences
         try:
             return call(*arguments)
         finally:
-            self.at_work = before
+            machine.at_work = before
 
     # In each period ------------------------------------------------------------------------------------
 
     def end_unsigned(self, signed: Mapping[str, float], now: float) -> None:
         """End what is held without a sign of life. `signed`: the times of the last ones by path, until now."""
-        commands = self._machine.commands
+        claims = self._machine.claims
         lapsed: list[str] = []
         reset: dict[str, list[_Held]] = {}
         for path, held in self._held.items():
             if held.signed < signed[path] <= now:
                 held.signed = signed[path]
-            if held.slot >= 0 and not commands.client_of(held.slot):  # an interlock has reset it
-                reset.setdefault(commands.inhibited(held.slot) or "it was reset", []).append(held)
+            if held.slot >= 0 and not claims.client_of(held.slot):  # an interlock has reset it
+                reset.setdefault(claims.inhibited(held.slot) or "it was reset", []).append(held)
             elif now - held.signed > held.lasts:
                 lapsed.append(path)
         for why, each in reset.items():
@@ -210,21 +208,15 @@ class ClientActions:
             self.note(f"a sequence that {each.command.path} has started failed: {error}")
         if each.is_over:
             self._remove(each)
-        elif each.progress != each.told:
+        elif each.started.progress != each.told:
             self._tell_progress(each)
 
-    def progress(self, text: str) -> None:
-        """The action that is being carried out says this of its progress. It is told now and then."""
-        for each in self._running:
-            if each.started is self.at_work:
-                each.progress = text[:EVENT_TEXT_BYTES]
-
     def _tell_progress(self, each: _Action) -> None:
-        """As another event that it has begun: its end is still to come."""
+        """As another event that it has begun, now and then: its end is still to come."""
         now = self._machine.clock.now
         if each.task is not None and now - each.told_at >= PROGRESS_PAUSE:
-            each.told, each.told_at = each.progress, now
-            self.tell(each.command, CommandState.BEGUN, each.progress)
+            each.told, each.told_at = each.started.progress, now
+            self.tell(each.command, CommandState.BEGUN, each.told[:EVENT_TEXT_BYTES])
 
     # Ended ---------------------------------------------------------------------------------------------
 
@@ -291,7 +283,7 @@ class ClientActions:
     def _release_each(self, paths: Iterable[str], why: str) -> None:
         """The same of several, for one reason."""
         found = [held for path in paths if (held := self._held.pop(path, None)) is not None]
-        self._machine.commands.release_from_client([held.slot for held in found if held.slot >= 0])
+        self._machine.claims.release_from_client([held.slot for held in found if held.slot >= 0])
         for held in found:
             if held.slot < 0 and (failed := self._release_action(held, why)) is not None:
                 self.note(f"{held.command.path} could not be released: {failed}")

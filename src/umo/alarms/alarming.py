@@ -1,31 +1,31 @@
-"""Alarms in the cycle: those that the machine itself brings, the engine of a connected machine, commands of clients.
-
-`umo.alarms` is imported only for a machine that declares some.
-"""
+"""Alarms of a connected machine, a capability: those that the machine itself brings, and the commands of clients."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from umo.cycle.client_commands import ClientCommand
+from umo.alarms.alarm_log import AlarmLog
+from umo.alarms.alarm_states import Operation
+from umo.alarms.collecting import DeclaredAlarm, Free, InFault, alarms_of, joined, own_alarm
+from umo.alarms.conditions import FREE_PER_PERIOD, turns_of
+from umo.alarms.declaration import Priority
+from umo.alarms.engine import LONGEST_SHELF, AlarmEngine, AlarmRequest
+from umo.cycle.capability import Capability
+from umo.cycle.equipment import equipment_in
 from umo.cycle.events import ALARM, Event
-from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, owned_interlocks
+from umo.cycle.machine import ConnectedMachine
 from umo.errors import CommandRefused, PathError, RangeError, UmoError
-from umo.objects import Compound, walk
+from umo.objects import Compound
 from umo.objects.paths import is_pattern
 from umo.presentation.durations import duration
 from umo.text import some
 from umo.wiring.patterns import places_below
 
-if TYPE_CHECKING:
-    from umo.alarms import AlarmEngine, DeclaredAlarm
-    from umo.alarms.alarm_log import AlarmLog
-    from umo.cycle.command_stage import CommandStage
-    from umo.cycle.equipment import Equipment
-
+ALARMS = "alarms"
+"""The name of what is kept of alarms from one run to the next: their states by path (`ConnectedMachine.states`)."""
 ALARM_COMMANDS: Mapping[str, tuple[str, str]] = {
     "acknowledge alarm": ("ACKNOWLEDGE", "acknowledged"),
     "reset alarm": ("RESET", "reset"),
@@ -40,51 +40,58 @@ ALARM_COMMANDS: Mapping[str, tuple[str, str]] = {
 def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
     """Every alarm of a machine, in the order of frames: none if no class of it has the keyword `alarms`.
     DeclarationError for a declaration that fits nothing."""
-    compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
-    if not any(node._settings.alarms for node in compounds):
-        return []
-    from umo.alarms import alarms_of
-
     return alarms_of(root, partial(_own_alarms, root))
 
 
 def alarm_log(root: Compound) -> AlarmLog | None:
     """An observer that keeps when the alarms of a machine are active; None: it has none."""
-    if not (declared := declared_alarms(root)):
-        return None
-    from umo.alarms.alarm_log import AlarmLog
-
-    return AlarmLog([each.describe() for each in declared])
+    declared = declared_alarms(root)
+    return AlarmLog([each.describe() for each in declared]) if declared else None
 
 
-def engine_of(
-    declared: Sequence[DeclaredAlarm], image: Image, commands: CommandStage, equipment: Sequence[Equipment]
-) -> AlarmEngine | None:
+class AttachedAlarms(Capability):
+    """The alarms of one machine."""
+
+    engine: AlarmEngine
+
+    def __init__(self, declared: Sequence[DeclaredAlarm]) -> None:
+        self._declared = declared
+
+    def shown_rows(self) -> Mapping[str, int]:
+        return {"alarms": len(self._declared)}
+
+    def attach(self, machine: ConnectedMachine) -> None:
+        equipment, declared, clock, events = machine.equipment.all, self._declared, machine.clock, machine.events
+        in_fault = {each.path: equipment[each.test.number] for each in declared if isinstance(each.test, InFault)}
+        for each in declared:
+            if isinstance(call := getattr(each.test, "call", None), Latched):
+                call.inhibitions = machine.claims.inhibitions
+
+        def tell(path: str, text: str, who: str) -> None:
+            if path in in_fault and (reason := in_fault[path].fault):
+                text = f"{text}; {reason}"
+            events.add(Event(clock.now, path, text, who, asked=ALARM))
+
+        self.engine = AlarmEngine(declared, machine.image, lambda: clock.now, tell)
+        self.engine.restore(machine.states.get(ALARMS, {}))
+        machine.phases.showing.append(self.engine.look)
+
+
+def attached(root: Compound) -> AttachedAlarms | None:
+    """The capability of a machine; None: it declares no alarm."""
+    declared = declared_alarms(root)
+    return AttachedAlarms(declared) if declared else None
+
+
+def engine_of(machine: ConnectedMachine) -> AlarmEngine | None:
     """The alarms of a connected machine; None: it has none."""
-    if not declared:
-        return None
-    from umo.alarms import AlarmEngine
-    from umo.alarms.collecting import InFault
-
-    in_fault = {each.path: equipment[each.test.number] for each in declared if isinstance(each.test, InFault)}
-    for each in declared:
-        if isinstance(call := getattr(each.test, "call", None), Latched):
-            call.inhibitions = commands.inhibitions
-
-    def tell(path: str, text: str, who: str) -> None:
-        if path in in_fault and (reason := in_fault[path].fault):
-            text = f"{text}; {reason}"
-        commands.events.add(Event(image.clock.now, path, text, who, asked=ALARM))
-
-    return AlarmEngine(declared, image, lambda: image.clock.now, tell)
+    found = machine.find(AttachedAlarms)
+    return None if found is None else found.engine
 
 
 def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
     """The sentence that the functions among the conditions take turns, and how long that takes; "": each is called in
     every period. `period` in s."""
-    from umo.alarms.collecting import Free
-    from umo.alarms.conditions import FREE_PER_PERIOD, turns_of
-
     count = sum(isinstance(each.test, Free) for each in declared)
     if (turns := turns_of(count)) == 1:
         return ""
@@ -114,10 +121,6 @@ class Latched:
 
 def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
     """Of equipment in fault, and of latched interlocks that inhibit."""
-    from umo.alarms import DeclaredAlarm, Priority
-    from umo.alarms.collecting import Free, InFault, joined, own_alarm
-    from umo.cycle.equipment import equipment_in
-
     found = []
     for number, compound in enumerate(equipment_in(root)):
         alarm = own_alarm(f"{compound._path} is in fault", Priority.HIGH)
@@ -131,24 +134,21 @@ def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
     return found
 
 
-def operate(alarms: AlarmEngine | None, command: ClientCommand) -> str:
-    """Carry out a command for the alarms at its path: one alarm, those of an object or compound, or of a pattern; "":
-    all. Returns what it did. CommandRefused if the machine has no alarms, or one that is named by its own path is in no
-    state for it; PathError if there is none; RangeError for a wrong time of a shelf."""
+def operate(alarms: AlarmEngine | None, do: str, path: str, value: Any, who: str) -> str:
+    """Carry out a command of a client for the alarms at a path: one alarm, those of an object or compound, or of a
+    pattern; "": all. Returns what it did. CommandRefused if the machine has no alarms, or one that is named by its own
+    path is in no state for it; PathError if there is none; RangeError for a wrong time of a shelf."""
     if alarms is None:
         raise CommandRefused("the machine has no alarms")
-    from umo.alarms import Operation
-    from umo.alarms.engine import AlarmRequest
-
-    name, done = ALARM_COMMANDS[command.do]
+    name, done = ALARM_COMMANDS[do]
     operation = Operation[name]
-    seconds = _shelf(command.value) if operation is Operation.SHELVE else 0.0
+    seconds = _shelf(value) if operation is Operation.SHELVE else 0.0
     words = f"for {duration(seconds)}" if seconds else ""
-    rows = named(alarms, command.path)
+    rows = named(alarms, path)
     able = alarms.able(rows, operation)
-    if not able and command.path in alarms.paths:
-        raise CommandRefused(f"{command.path} is {alarms.state_of(rows[0])}: it cannot be {done}")
-    alarms.request(able, AlarmRequest(operation, command.who, seconds, words))
+    if not able and path in alarms.paths:
+        raise CommandRefused(f"{path} is {alarms.state_of(rows[0])}: it cannot be {done}")
+    alarms.request(able, AlarmRequest(operation, who, seconds, words))
     return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"no alarm there can be {done}"
 
 
@@ -164,8 +164,6 @@ def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
 
 def _shelf(value: Any) -> float:
     """The time of a shelf in s."""
-    from umo.alarms.engine import LONGEST_SHELF
-
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= LONGEST_SHELF:
         raise RangeError(f"an alarm is shelved for a time of up to {LONGEST_SHELF:g} s (7 days), not {value!r}")
     return float(value)

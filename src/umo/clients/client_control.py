@@ -18,18 +18,28 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from umo.cycle.alarming import ALARM_COMMANDS, operate
-from umo.cycle.client_actions import ClientActions, plain
-from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand, Inbox, Lease, Levels, Mode
-from umo.cycle.columns import Source
+from umo.alarms.alarming import ALARM_COMMANDS, engine_of, operate
+from umo.clients.client_actions import ClientActions, plain
+from umo.clients.client_commands import (
+    DEAD_MAN_REASON,
+    DEAD_MAN_TIME,
+    ClientCommand,
+    Commanding,
+    Inbox,
+    Lease,
+    Levels,
+    Mode,
+)
+from umo.cycle.columns import TAKEN_BY_CLIENT, Source
 from umo.cycle.equipment import Equipment
 from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences
 from umo.cycle.suspension import Suspension
 from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, TaskFailed, UmoError
-from umo.objects import Actuator, Atomic, Compound, atoms, walk
+from umo.objects import Actuator, Atomic, Compound, atoms, described, walk
 from umo.presentation.digits import setting_text
+from umo.presentation.run_facts import driven_text, facts_of
 from umo.text import some, without_search
 from umo.user_code import attempt
 
@@ -41,19 +51,17 @@ OF_MANY = frozenset(("give back", "mode", "acknowledge", "clear", "cancel", *ALA
 """The commands that may concern the whole machine: one of these is carried out in a period."""
 
 
-class ClientControl:
+class ClientControl(Commanding):
     """Carries out the commands of one connected machine, in COMMANDS. `clock` is that of the signs of life,
     s."""
 
     def __init__(
         self,
-        machine: ConnectedMachine,
         inbox: Inbox,
         levels: Levels,
         mode: Mode = Mode.AUTOMATIC,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._machine = machine
         self.inbox = inbox
         self._levels = levels
         self._asked = levels.asked
@@ -62,6 +70,15 @@ class ClientControl:
         """The client that has asked for a stop."""
         self._stopping = False
         self.lease = Lease()
+        self.mode = mode
+        self._active = False
+        self._next: ClientCommand | None = None
+        """A command that has come in and is carried out in the next period."""
+        self._changing: ClientCommand | None = None
+        """The change to automatic mode that has begun: `on_resume` runs."""
+
+    def attach(self, machine: ConnectedMachine) -> None:
+        self._machine = machine
         self._objects: dict[str, Atomic | Compound] = {
             node._path: node for node in (machine.root, *walk(machine.root)) if isinstance(node, Atomic | Compound)
         }
@@ -73,25 +90,23 @@ class ClientControl:
             machine.directory.actions,
             machine.directory.loops,
         )  # known from now on: they take long
-        self._active = False
         self._suspension = Suspension(machine)
-        self._next: ClientCommand | None = None
-        """A command that has come in and is carried out in the next period."""
-        self._changing: ClientCommand | None = None
-        """The change to automatic mode that has begun: `on_resume` runs."""
-        self.mode = mode
-        machine.sequences.paused = mode is Mode.MANUAL
+        machine.sequences.paused = machine.is_manual = self.mode is Mode.MANUAL
         machine.phases.commanding.insert(0, self.look)
-        machine.fault_ends.others.append(self.end_in)
+        machine.under_way.others.append(self.end_in)
+        machine.under_way.before_cancel.append(self.cancel)
+        machine.facts.append(self.facts)
 
-    @property
-    def at_work(self) -> Sequences | None:
-        """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
-        return self._actions.at_work
-
-    def progress(self, text: str) -> None:
-        """The action that is being carried out tells its progress."""
-        self._actions.progress(text)
+    def facts(self) -> dict[str, str]:
+        """The mode, the holder of the lease, and in manual mode what is driven."""
+        image, holder, driven = self._machine.image, self.lease.holder, ""
+        if self.mode is Mode.MANUAL:
+            slots = [slot for slot, item in enumerate(image.items) if isinstance(item, Actuator)]
+            taken = [image.restrictions[slot] == TAKEN_BY_CLIENT for slot in slots]
+            about = [described(image.items[slot]) for slot in slots]
+            driven = driven_text(zip(about, [image.values[slot] for slot in slots], taken, strict=True), holder)
+        found = facts_of("", self.mode, holder, driven=driven)
+        return {name: found[name] for name in ("mode", "lease", "driven")}
 
     # Once per period -----------------------------------------------------------------------------------
 
@@ -208,7 +223,7 @@ class ClientControl:
         except BaseException:  # a device that did not accept a value
             self._suspend()
             raise
-        self.mode = mode
+        self.mode, self._machine.is_manual = mode, False
         if not begun:
             return CommandState.DONE, ""
         self._changing = command
@@ -228,13 +243,13 @@ class ClientControl:
         value: float = item._from_plain(command.value)
         lasts = min(DEAD_MAN_TIME, item.expires or DEAD_MAN_TIME)
         signed = self._last_sign(item.path, lasts)
-        slot, commands = item._slot, self._machine.commands
-        if not commands.take_for_client(slot, command.who):
-            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+        slot, claims = item._slot, self._machine.claims
+        if not claims.take_for_client(slot, command.who):
+            raise CommandRefused(f"{item.path} is inhibited: {claims.inhibited(slot)}")
         self._actions.hold(command, lasts, signed, item, slot=slot)
         try:
             if not self._machine.image.command(slot, value, Source.CLIENT):
-                raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+                raise CommandRefused(f"{item.path} is inhibited: {claims.inhibited(slot)}")
         except BaseException:  # a linearization, or a device, may raise anything
             self._actions.release(item.path, "")
             raise
@@ -270,11 +285,11 @@ class ClientControl:
         """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while the
         condition of one still holds."""
         self.lease.check(command.key)
-        part, commands = self._object(command.path), self._machine.commands
+        part, claims = self._object(command.path), self._machine.claims
         slots = self._machine.parts.of(part).actuators
-        before = commands.inhibiting(slots, latched=True)
+        before = claims.inhibiting(slots, latched=True)
         part.acknowledge()
-        if left := commands.inhibiting(slots, latched=True):
+        if left := claims.inhibiting(slots, latched=True):
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {'; '.join(left)}")
         return CommandState.DONE, "" if before else plain("nothing was latched")
 
@@ -286,14 +301,16 @@ class ClientControl:
         text = f"cleared: {some(cleared)}" if cleared else "nothing was in fault"
         parts = [self._object(path) for path in cleared or [command.path]]
         slots = frozenset().union(*(self._machine.parts.of(part).actuators for part in parts))
-        if left := self._machine.commands.inhibiting(slots):
+        if left := self._machine.claims.inhibiting(slots):
             text += f"; still inhibited: {'; '.join(left)}"
         return CommandState.DONE, plain(text)
 
     def _operate_alarms(self, command: ClientCommand) -> tuple[CommandState, str]:
         """Told what was done with which alarms."""
         self.lease.check(command.key)
-        return CommandState.DONE, plain(operate(self._machine.alarms, command))
+        return CommandState.DONE, plain(
+            operate(engine_of(self._machine), command.do, command.path, command.value, command.who)
+        )
 
     def _object(self, path: str) -> Atomic | Compound:
         found: Atomic | Compound = _known(self._objects, path, "object", f" in {type(self._machine.root).__name__}")
@@ -302,7 +319,7 @@ class ClientControl:
     # Modes and ends ------------------------------------------------------------------------------------
 
     def _suspend(self) -> None:
-        self.mode = Mode.MANUAL
+        self.mode, self._machine.is_manual = Mode.MANUAL, True
         self._suspension.begin()
 
     def _resume(self, resuming: Sequences) -> None:

@@ -9,6 +9,7 @@ from enum import IntEnum
 from math import isfinite
 from typing import Any, Protocol
 
+from umo.cycle.capability import Capability
 from umo.errors import CommandRefused, LeaseHeld
 
 DEAD_MAN_TIME = 0.5
@@ -30,7 +31,7 @@ class Mode(IntEnum):
 
 @dataclass(frozen=True)
 class ClientCommand:
-    """One command of a client. `do` is a name of `umo.cycle.client_control.COMMANDS`; it decides which of the
+    """One command of a client. `do` is a name of `umo.clients.client_control.COMMANDS`; it decides which of the
     other fields are used."""
 
     number: int
@@ -135,3 +136,11 @@ class Lease:
 
     def end(self) -> None:
         self.holder = self._key = ""
+
+
+class Commanding(Capability):
+    """What takes commands from outside (`umo.clients.client_control`), as far as frames show it."""
+
+    mode: Mode
+    lease: Lease
+    inbox: Inbox

@@ -1,4 +1,4 @@
-"""What a fault of equipment ends: whatever is under way in it."""
+"""What is under way in a machine, by whomever: a fault of equipment ends what is in it, a stop all of it."""
 
 from __future__ import annotations
 
@@ -15,21 +15,28 @@ EndIn = Callable[[Equipment, Callable[[], EquipmentFault]], list[BaseException]]
 """A function that ends what somebody has under way in equipment, for this fault; the errors of the cleaning up."""
 
 
-class FaultEnds:
-    """What is under way in the equipment of one machine, by whomever."""
+class UnderWay:
+    """What is under way in one machine."""
 
     def __init__(self, equipment: Containment, sequences: Sequences) -> None:
-        self._sequences = sequences
+        self._equipment, self._sequences = equipment, sequences
         self.noting: list[Callable[[Sequence[Equipment]], None]] = []
         """What is told first which equipment has come into fault, while nothing of it has ended yet."""
         self.others: list[EndIn] = []
-        """What ends that which others have under way, such as clients."""
+        """What ends that which others have under way in equipment, such as clients."""
+        self.before_cancel: list[Callable[[], object]] = []
+        """What cancels all that others have under way, before the sequences of the application."""
         self._moving: dict[int, list[Compound]] = {}
         """What moves in each equipment by itself, by the id of the compound: told of its fault."""
         for each in equipment.all:
             nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
             moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]
             self._moving[id(each.compound)] = moving
+
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether a fault has ended sequences, which may have been about to await others."""
+        return any(each.in_fault for each in self._equipment.all)
 
     def note(self, faults: Sequence[Equipment]) -> None:
         """This equipment has come into fault."""
@@ -47,3 +54,12 @@ class FaultEnds:
         if not (raised or errors):
             return []
         return [Event(now, equipment.path, f"{CLEANING_UP}{each.text}") for each in [*raised, *map(told, errors)]]
+
+    def cancel(self) -> None:
+        """The machine stops: cancel it all, the sequences of the application last. The first error of the cleaning up
+        is raised."""
+        try:
+            for cancel in self.before_cancel:
+                cancel()
+        finally:
+            self._sequences.cancel()

@@ -1,0 +1,316 @@
+"""The claims of a machine: who drives each actuator (docs/decisions/0094-who-drives-an-output.md).
+
+A fault of its equipment or an interlock keeps an actuator at its default, a client has it alone, or else the program
+has it. The column `restrictions` says so to all who write, and belongs to this table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
+from umo.cycle.image import Image
+from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
+from umo.cycle.journal import Kind
+from umo.cycle.to_defaults import ToDefault
+from umo.errors import Failure, Interlocked
+from umo.objects import Actuator, Compound, atoms
+from umo.objects.claims import TAKEN, Claim, Rank
+from umo.objects.stop_order import stop_sequence
+
+ONE_BY_ONE = 64
+"""Number of actuators from which on the column `restrictions` is set as a whole."""
+A_TICK = 1e-9
+"""Tolerance in s of a sum of periods (rounding)."""
+
+
+def reason_of_client(who: str) -> str:
+    """Why the program cannot write an actuator that somebody has taken."""
+    return f"{TAKEN}{who}"
+
+
+@dataclass
+class Command:
+    """The command of one actuator and its limits."""
+
+    slot: int
+    path: str
+    default: float
+    synchronous: bool
+    expires: float
+    """Time in s without a write after which the default is sent; infinite: never."""
+    interlocks: list[Inhibition]
+    """The interlocks that name this actuator."""
+    faults: list[Inhibition]
+    """The faults of its equipment."""
+    written: float | None = None
+    """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
+    client: str = ""
+    """The client that has taken the actuator: the program cannot write it meanwhile."""
+
+    @property
+    def interlocked(self) -> str | None:
+        """The reason of the fault or interlock for which only the default may be sent."""
+        both = chain(self.faults, self.interlocks)
+        return next((each.reason for each in both if each.reason is not None), None)
+
+    @property
+    def rank(self) -> Rank:
+        """Who has it."""
+        if any(each.held for each in self.faults):
+            return Rank.FAULT
+        if any(each.reason is not None for each in self.interlocks):
+            return Rank.INTERLOCK
+        return Rank.CLIENT if self.client else Rank.PROGRAM
+
+    @property
+    def reason(self) -> str | None:
+        """Why the program cannot write another value than the default."""
+        return self.interlocked or (reason_of_client(self.client) if self.client else None)
+
+    def admits(self, value: float, source: Source) -> bool:
+        """Whether a value may be taken now; Interlocked where an interlock is declared to stop the program."""
+        if self.client and source is not Source.CLIENT:
+            return False
+        if value == self.default:
+            return True
+        for fault in self.faults:
+            if fault.held:  # before any interlock: equipment in fault refuses, and raises nothing
+                return False
+        free = True
+        for each in self.interlocks:
+            if each.reason is not None:
+                if each.interlock.effect == "stop":
+                    raise Interlocked(self.path, each.reason)
+                free = False
+        return free
+
+    def has_expired(self, now: float) -> bool:
+        return self.written is not None and not self.client and now - self.written >= self.expires - A_TICK
+
+
+class Claims:
+    """Those of one machine."""
+
+    def __init__(self, root: Compound, image: Image) -> None:
+        self._image = image
+        self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
+        """The actuators in stop order."""
+        self.place = {slot: number for number, slot in enumerate(self.order)}
+        """The place of each in this order."""
+        self.inhibitions = inhibitions_of(root, image.slot_of, self.order)
+        """The interlocks, as declared."""
+        self._interlocks_of = _by_slot(self.inhibitions)
+        self._faults: list[Inhibition] = []
+        """The inhibitions by faults of equipment: no condition is asked for these."""
+        self._faults_of = _by_slot(self._faults)
+        self._of_equipment: dict[int, Command] = {}
+        """The actuators of equipment: made beforehand, for its first fault."""
+        found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
+        self.by_slot = {command.slot: command for command in found if command.interlocks or command.expires < inf}
+        """The guarded actuators, as declared, and those that were taken by a client or inhibited by a fault since."""
+        self._taken_by_clients: set[int] = set()
+        """The actuators that a client has taken."""
+        self.left: dict[object, dict[int, float]] = {}
+        """What waiting work has left of its actuators, by slot, for each that lets work wait. A fault of equipment ends
+        the work in it, and with it what it has left."""
+        self._asks_all = False
+        """Whether writes of free actuators pass the command stage too."""
+        self._numbers: dict[str, int] = {}
+        asked = (slot for slot in self.order if image.deliveries[slot].at_once)
+        expiring = (slot for slot, command in self.by_slot.items() if command.expires < inf)
+        self._unrestricted = np.zeros(len(image.items), np.uint8)
+        """The column `restrictions` while nothing is inhibited and no client has taken an actuator."""
+        self._unrestricted[[*asked, *expiring]] = ASKED
+        self.know([])
+
+    def _command(self, item: Actuator) -> Command:
+        slot, default = self._image.slot_of[id(item)], item._default_value()
+        interlocks, faults = self._interlocks_of.get(slot, []), self._faults_of.get(slot, [])
+        return Command(slot, item.path, default, item.synchronous, item.expires or inf, interlocks, faults)
+
+    def _known(self, slot: int) -> Command:
+        """The command of an actuator, also of one without a guard."""
+        command = self.by_slot.get(slot)
+        if command is None:
+            command = self._of_equipment.get(slot) or self._command(self._image.items[slot])  # type: ignore[arg-type]
+            self.by_slot[slot] = command
+        return command
+
+    # Who has it ----------------------------------------------------------------------------------------
+
+    def claim(self, slot: int) -> Claim:
+        """Who drives an actuator."""
+        command = self.by_slot.get(slot)
+        return Claim(Rank.PROGRAM) if command is None else Claim(command.rank, command.reason or "")
+
+    def inhibited(self, slot: int) -> str | None:
+        command = self.by_slot.get(slot)
+        return None if command is None else command.reason
+
+    def acknowledge(self, slots: frozenset[int]) -> bool:
+        """Acknowledge latched interlocks of these actuators whose conditions are false. True if none of them is
+        inhibited."""
+        for each in self._inhibiting_some(slots, self.inhibitions):
+            each.acknowledge()
+        self._restrict()
+        return not self._inhibiting_some(slots, [*self.inhibitions, *self._faults])
+
+    def inhibiting(self, slots: frozenset[int], *, latched: bool = False) -> list[str]:
+        """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
+        found = self._inhibiting_some(slots, self.inhibitions)
+        asked = (each for each in found if each.interlock.latched or not latched)
+        return list(dict.fromkeys(each.reason for each in asked if each.reason))
+
+    def _inhibiting_some(self, slots: frozenset[int], among: Iterable[Inhibition]) -> list[Inhibition]:
+        """Those that inhibit one of these actuators now."""
+        return [each for each in among if each.reason is not None and not slots.isdisjoint(each.slots)]
+
+    # Clients -------------------------------------------------------------------------------------------
+
+    def client_of(self, slot: int) -> str:
+        """The client that has taken the actuator; empty: nobody."""
+        command = self.by_slot.get(slot)
+        return "" if command is None else command.client
+
+    def take_for_client(self, slot: int, who: str) -> bool:
+        """Give the actuator to this client alone. False while it is inhibited."""
+        command = self._known(slot)
+        if command.interlocked is not None:
+            return False
+        command.client = who
+        self._taken_by_clients.add(slot)
+        self._restrict_one(command)
+        return True
+
+    def release_from_client(self, slots: Sequence[int]) -> None:
+        """The program may write these actuators again. Their defaults are sent, within their rates."""
+        for slot in slots:
+            self.by_slot[slot].client = ""
+        self._taken_by_clients.difference_update(slots)
+        self._restrict(slots)
+        self._image.settle(slots, ToDefault.SEND)
+
+    def end_client(self, slot: int) -> None:
+        """The actuator is at its default: a client that had taken it has it no longer, which the client is told."""
+        if slot in self._taken_by_clients:
+            self._taken_by_clients.discard(slot)
+            self.by_slot[slot].client = ""
+            self._restrict_one(self.by_slot[slot])
+
+    # Interlocks and faults of equipment ----------------------------------------------------------------
+
+    def interlocked(self, begun: Sequence[Inhibition]) -> None:
+        """These have begun to inhibit, or others have ceased to: what a client had taken of their actuators does not
+        come back by itself."""
+        for each in begun:
+            self._taken_by_clients.difference_update(each.slots)
+            for slot in each.slots:
+                self.by_slot[slot].client = ""
+        self._restrict()
+
+    @property
+    def any_fault(self) -> bool:
+        """Whether a fault keeps any actuator at its default."""
+        return any(fault.held for fault in self._faults)
+
+    def know(self, faults: Sequence[Inhibition]) -> None:
+        """The inhibitions that `inhibit` and `free` will be given; before the first period."""
+        self._faults, self._faults_of = list(faults), _by_slot(faults)
+        for command in self.by_slot.values():
+            command.faults = self._faults_of.get(command.slot, [])
+        items: Any = self._image.items
+        self._of_equipment = {slot: self._command(items[slot]) for slot in self._faults_of if slot not in self.by_slot}
+        self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
+        self._restrict()
+
+    def hold(self, fault: Inhibition) -> None:
+        """Only the defaults of its actuators may be sent from now on, whoever has taken them: no fault around them
+        holds them yet."""
+        fault.held, fault.reason = True, fault.interlock.reason
+        number = self._numbers.get(fault.reason, len(self._numbers))
+        known, restrictions, any_taken = self.by_slot, self._image.restrictions, bool(self._taken_by_clients)
+        for slot in fault.slots:
+            if slot not in known:
+                self._known(slot)
+            elif any_taken:
+                known[slot].client = ""
+            restrictions[slot] = number
+        if any_taken:
+            self._taken_by_clients.difference_update(fault.slots)
+        for left in self.left.values():
+            for slot in left.keys() & fault.slots:
+                del left[slot]
+
+    def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
+        """The actuators of these, which are held, go to their defaults in stop order; those that failed, by slot."""
+        slots = sorted({slot for fault in faults for slot in fault.slots}, key=self.place.__getitem__)
+        self._image.transfer.note_each(slots, Kind.INTERLOCKED)
+        return self._image.settle(slots, ToDefault.RESET)
+
+    def free(self, faults: Sequence[Inhibition]) -> None:
+        """Their actuators may be written again, unless an interlock inhibits them."""
+        for fault in faults:
+            fault.held, fault.reason = False, None
+        self._restrict([slot for fault in faults for slot in fault.slots])
+
+    # The column `restrictions` -------------------------------------------------------------------------
+
+    def ask_all(self, yes: bool) -> None:
+        """Whether the command stage is asked before every write."""
+        self._asks_all = yes
+        self._restrict()
+
+    def _restrict(self, slots: Sequence[int] | None = None) -> None:
+        """Set the column `restrictions` of these actuators; None: of all."""
+        if slots is not None and len(slots) < ONE_BY_ONE:
+            for slot in slots:
+                self._restrict_one(self._known(slot))
+            return
+        found = self._unrestricted.copy()
+        if self._asks_all:
+            found[self.order] = ASKED
+        for each in reversed([*self._faults, *self.inhibitions]):
+            if each.reason is not None:
+                found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
+        found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
+        self._image.columns.restrictions[:] = found
+
+    def _restrict_one(self, command: Command) -> None:
+        """The same of one actuator."""
+        slot, both = command.slot, chain(command.faults, command.interlocks)
+        each = next((each for each in both if each.reason is not None), None)
+        if slot in self._taken_by_clients:
+            found = TAKEN_BY_CLIENT
+        elif each is not None:
+            found = self._numbers.get(each.brief, len(self._numbers))
+        else:
+            found = ASKED if self._asks_all else int(self._unrestricted[slot])
+        self._image.restrictions[slot] = found
+
+    @property
+    def reasons(self) -> list[str]:
+        """The reasons of interlocks, each once, in the order of their numbers, those of conditions that cannot be
+        evaluated, those of latched interlocks whose condition is over, and those of faults of equipment; more than fit
+        a byte share the last."""
+        interlocks = [each.interlock for each in self.inhibitions]
+        over = [latched(each) for each in interlocks if each.latched]
+        faults = (each.interlock.reason for each in self._faults)
+        declared = (each.reason for each in interlocks)
+        found = list(dict.fromkeys([*declared, *map(unevaluated, interlocks), *over, *faults]))
+        return found if len(found) < ASKED else [*found[: ASKED - 2], "one of many interlocks"]
+
+
+def _by_slot(inhibitions: Iterable[Inhibition]) -> dict[int, list[Inhibition]]:
+    """Those that name each actuator, as declared."""
+    found: dict[int, list[Inhibition]] = {}
+    for each in inhibitions:
+        for slot in each.slots:
+            found.setdefault(slot, []).append(each)
+    return found

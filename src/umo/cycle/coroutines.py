@@ -1,0 +1,69 @@
+"""What Python knows of a sequence: where it waits, whose code it is, what it was called with."""
+
+from __future__ import annotations
+
+import inspect
+from enum import Enum
+from types import CodeType, CoroutineType, FrameType
+from typing import Any
+
+from umo.objects import Node
+from umo.text import cut_repr, place_among
+
+
+def frames_of(sequence: Any) -> list[FrameType]:
+    """The frames in which it waits, the outermost first."""
+    frames: list[FrameType] = []
+    while isinstance(sequence, CoroutineType):
+        if sequence.cr_frame is not None:
+            frames.append(sequence.cr_frame)
+        sequence = sequence.cr_await
+    return frames
+
+
+def place_of(sequence: Any) -> str:
+    """The place at which it waits, in code that is not Python's own."""
+    frames = frames_of(sequence)
+    return place_among((each.f_code.co_filename, each.f_lineno, each.f_code.co_name) for each in frames)
+
+
+def code_of(sequence: Any) -> CodeType | None:
+    """That of its `async def` function; None: it is of another kind."""
+    return getattr(sequence, "cr_code", None)
+
+
+def given_to(sequence: Any) -> dict[str, Any]:
+    """What its function was called with, and what it uses of the functions around it; {} when it has ended."""
+    code, values = _running(sequence)
+    names = () if code is None else (*_parameters(code), *code.co_freevars)
+    return {name: values[name] for name in names if name in values}
+
+
+def arguments_text(sequence: Any) -> str:
+    """What an `async def` function was called with, as far as that is short: objects of the machine, numbers, texts."""
+    code, values = _running(sequence)
+    if code is None:
+        return ""
+    shown = {name: _argument(values[name]) for name in _parameters(code) if name in values}
+    return ", ".join(f"{name}={text}" for name, text in shown.items() if text)
+
+
+def is_new(sequence: Any) -> bool:
+    """Whether it is one, and has not begun."""
+    return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
+
+
+def _running(sequence: Any) -> tuple[CodeType | None, dict[str, Any]]:
+    """The code of a sequence that has not ended, and the values of its names; None: it has ended."""
+    frame: FrameType | None = getattr(sequence, "cr_frame", None)
+    return (None, {}) if frame is None else (frame.f_code, frame.f_locals)
+
+
+def _parameters(code: CodeType) -> tuple[str, ...]:
+    return code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+
+
+def _argument(value: object) -> str:
+    if isinstance(value, Node):
+        return value._path
+    return cut_repr(value) if isinstance(value, str | int | float | Enum) else ""

@@ -1,0 +1,121 @@
+"""The periods of parts that have rates of their own, a capability: GROUPS and OWED, and what their compounds see."""
+
+from __future__ import annotations
+
+from functools import partial
+from time import monotonic_ns
+
+from umo.cycle.capability import Capability
+from umo.cycle.clock import Clock
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine_view import MachineView
+from umo.cycle.period import then_guard
+from umo.cycle.rate_groups import PartGroup
+from umo.errors import DriverError, Failure
+from umo.objects import Compound, Node, walk
+
+
+class GroupView(MachineView):
+    """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
+    Default: the clock's."""
+
+    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
+        self.whole, self._clock = machine, clock
+        self.period = clock.period if period is None else period
+        self.task_clock = None if clock is machine.clock else clock
+
+    @property
+    def clock(self) -> Clock:  # type: ignore[override]
+        """In a sequence, whoever's it is, the clock by which that takes its steps."""
+        task = self.current_task
+        return self._clock if task is None else task.clock or self.whole.clock
+
+
+def give_period(machine: ConnectedMachine, part: Compound, period: float) -> None:
+    """The laws of a part act elsewhere, with this period in s, which its compounds see."""
+    for each in (part, *walk(part)):
+        if isinstance(each, Compound):
+            vars(each)["_machine"] = GroupView(machine, machine.clock, period)
+
+
+class PartPeriods(Capability):
+    """Those of one machine. The period of the whole moves its own blocks only."""
+
+    def attach(self, machine: ConnectedMachine) -> None:
+        self._image, self._claims, self._sequences = machine.image, machine.claims, machine.sequences
+        self._groups, self._laws, self._period = machine.groups, machine.acting_laws, machine.phases
+        self._sampled = False
+        """Whether a period was sampled and not updated yet."""
+        self._period.read, self._period.carry_out = self._read, self._carry_out
+        self._period.send = partial(self._image.update, self._groups.whole.outputs)
+        image = self._image
+        self._sent = frozenset(slot for block in image.outputs for slot in range(block.start, block.stop))
+        """The actuators that are sent in periods."""
+        self._urgent: set[int] = set()
+        """Those whose pending value is sent in this period, also where their part is not due."""
+        image.does_not_wait = self._hasten
+        self._views = {group.number: GroupView(machine, group.clock) for group in self._groups.all}
+
+    def view_of(self, part: Node) -> MachineView:
+        """The machine, seen from a compound: those of one rate share a view."""
+        return self._views[self._groups.of(part).number]
+
+    def _read(self) -> bool:
+        """Where nobody calls `update`, those of parts are read all the same."""
+        blocks = self._image.inputs if self._sampled else self._groups.whole.inputs
+        self._sampled = True
+        return self._image.sample(blocks)
+
+    def _carry_out(self) -> bool:
+        """GROUPS and OWED. A part that does not accept its outputs does not stop the others; they are sent at once also
+        where those of the whole wait for the next tick."""
+        self._sampled = False
+        settling = bool(self._period.settling)
+        if not (settling or self._groups.any_due):
+            return self._send_urgent()
+        due = self._groups.take_due()
+        late = [part for part in self._groups.parts if part not in due] if settling else []
+        for part in late:
+            part.clock.measure()
+        if self._laws.stale:
+            self._laws.choose()
+        sample = partial(self._image.sample, [block for part in (*due, *late) for block in part.inputs])
+        if self._claims.by_slot:
+            then_guard(sample, self._period.guards.evaluate)
+        else:
+            sample()
+        accepted = True
+        failed: list[Failure] = []
+        for part in (*due, *late):
+            self._control(part, in_turn=part not in late)
+            try:
+                accepted &= self._image.update(part.outputs, 0.0)  # a slew rate counts from the last step
+            except DriverError as error:
+                failed += error.failures
+        if self._period.settling:
+            self._period.settle()
+        if failed:
+            raise DriverError("could not be written", failed)
+        return self._send_urgent() and accepted
+
+    def _control(self, part: PartGroup, in_turn: bool) -> None:
+        """Its sequences, in its own periods only, then its laws."""
+        began = monotonic_ns()
+        try:
+            if in_turn:
+                self._sequences.advance(part.clock, part.clock)
+            self._laws.act(part)
+        finally:
+            part.took(monotonic_ns() - began)
+
+    def _send_urgent(self) -> bool:
+        """What does not wait for its part's period: defaults, and what an application had before it was suspended."""
+        image, urgent = self._image, self._urgent
+        if not urgent:
+            return True
+        urgent &= {slot for slot in urgent if image.values[slot] != image.pending[slot]}
+        return not urgent or image.update_some([slot for slot in self._claims.order if slot in urgent])
+
+    def _hasten(self, slot: int) -> None:
+        if slot in self._sent:
+            self._urgent.add(slot)

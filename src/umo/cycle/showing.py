@@ -1,0 +1,71 @@
+"""Frames: each period of a connected machine, shown to its observers, a capability."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from inspect import iscoroutine
+from time import monotonic_ns
+from typing import Any
+
+from umo.cycle.capability import Capability
+from umo.cycle.frame import Frame, Signal, signals_of, velocities
+from umo.cycle.machine import ConnectedMachine
+from umo.drivers.faults.wrapper import Injection
+from umo.errors import NotAwaited
+from umo.system.streams import log_without_waiting
+from umo.user_code import Raised, as_json, attempt, read_numbers
+
+log = logging.getLogger("umo")
+MAX_OBSERVER_TEXT = 200
+"""Length of an observer's name in the log at most, characters."""
+INJECTED = "injected_faults"
+"""The signal of a run with faults: how many are in effect."""
+
+
+class Showing(Capability):
+    """The frames of one machine, shown at the end of SHOW where somebody observes it."""
+
+    frame: Frame
+
+    def __init__(self, injection: Injection | None) -> None:
+        self._injection = injection
+
+    def attach(self, machine: ConnectedMachine) -> None:
+        image, injection, self._machine = machine.image, self._injection, machine
+        faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
+        self.frame = Frame(image, (*signals_of(machine.directory.numbers), *velocities(image.items), *faults))
+        self._axis_states: Any = image.columns.axes.data
+        machine.phases.show = self._show
+
+    def _show(self) -> None:
+        frame, machine = self.frame, self._machine
+        clock, began = machine.clock, machine.phases.began
+        frame.began = began
+        frame.execution = (monotonic_ns() - began) * 1e-9
+        frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
+        frame.progress = machine.progress
+        frame.signal_values = read_numbers(frame.signals)
+        for number, axis in enumerate(machine.directory.axes):
+            self._axis_states[number] = axis.shown_state()
+        show(frame, machine.observers)
+
+
+def frame_of(machine: ConnectedMachine) -> Frame:
+    """The frame of a connected machine: what was shown last."""
+    found = machine.find(Showing)
+    assert found is not None  # every connected machine has them (`umo.cycle.laid_out`)
+    return found.frame
+
+
+def show(frame: Frame, observers: list[Callable[[Any], object]]) -> None:
+    """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
+    for observer in tuple(observers):
+        result, error = attempt(observer, frame)
+        if result is not None and iscoroutine(result):
+            result.close()
+            error = Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")
+        if error is not None:
+            observers[:] = [each for each in observers if each is not observer]
+            name = as_json(observer, MAX_OBSERVER_TEXT)
+            log_without_waiting(log, f"observer {name} failed and was disabled: {error.text}")

@@ -1,0 +1,154 @@
+"""The ways of the image to the defaults: what moves an actuator there, and what a device does that was initialised."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from enum import Enum, auto
+from math import inf
+from typing import Protocol
+
+from umo.cycle.columns import Source
+from umo.cycle.deliveries import ImageOutputs
+from umo.cycle.readings import ImageInputs
+from umo.drivers.contract import Direction
+from umo.errors import Failure
+from umo.objects import Actuator, Quality, link
+from umo.objects.scaling import FloatArray
+
+
+class ToDefault(Enum):
+    """What moves an actuator when it is brought to its default."""
+
+    RESET = auto()
+    """The driver's `reset`, now and without a rate."""
+    INITIALIZE = auto()
+    """The driver's `initialize`, now and without a rate."""
+    SEND = auto()
+    """The outputs of the period, within the rate; an asynchronous actuator is written now."""
+    IS_THERE = auto()
+    """Nothing: its device has been initialised already."""
+
+
+class Taken(link.Claims, Protocol):
+    """The claims of the machine (`umo.cycle.claim_table`)."""
+
+    def end_client(self, slot: int) -> None:
+        """The actuator is at its default: a client that had taken it has it no longer."""
+
+
+class Gate(Protocol):
+    """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
+
+    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
+        """Whether a value within the range may be written; Interlocked where an interlock is to stop the program."""
+
+    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
+        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+
+    def rest(self, slot: int) -> None:
+        """The actuator is being brought to its default: no write of it is in force any more."""
+
+
+class ImageDefaults(ImageInputs, ImageOutputs):
+    """The slots of a connected machine, and what brings them to their defaults."""
+
+    claims: Taken
+    commands: Gate
+
+    def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
+        """Bring actuators to their defaults, which nothing else does: no write of them is in force any more, and their
+        defaults are pending, before the first is moved. The sensors among them are reset or initialised by their
+        driver. What failed, by slot: one failure never stops the rest."""
+        return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
+
+    def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
+        """The same, each as soon as it was moved: where it is interrupted it is known who waits still."""
+        slots = list(slots)
+        for slot in slots:
+            if self.items[slot].direction is Direction.OUTPUT:
+                self.commands.rest(slot)
+                self.set_default(slot)
+                if way is not ToDefault.SEND:
+                    self._give_default(slot)
+        return _MOVES[way](self, slots)
+
+    def _reset(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot, failure in self.segments.bring_to_default(slots):
+            self._was_reset(slot, failure)
+            yield slot, failure
+
+    def _initialize(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            failure = self.segments.initialize(slot)
+            self._was_reset(slot, failure)
+            if (conditioner := self.conditioners.get(slot)) is not None:
+                conditioner.begin()
+            yield slot, failure
+
+    def _send(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            yield slot, next(iter(self.deliveries[slot].written(slot)), None)
+
+    def _is_there(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            self.accepted(slot)
+            yield slot, None
+
+    def _was_reset(self, slot: int, failure: Failure | None) -> None:
+        if failure is not None:
+            self.set_quality(slot, Quality.BAD)
+        if self.items[slot].direction is not Direction.OUTPUT:
+            return
+        if failure is None:
+            self.accepted(slot)
+            return
+        if self.values[slot] != self.sent[slot]:
+            self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
+        self.deliveries[slot].refused(slot)
+
+    def stays_at_default(self, slot: int) -> str:
+        """The path of an actuator that is away from its default, and stays there once its device is initialised again:
+        nothing sends what it had. "" for any other object."""
+        item = self.items[slot]
+        stays = isinstance(item, Actuator) and not (self.deliveries[slot].survives(slot) or self.is_at_default(slot))
+        return item.path if stays else ""
+
+    def initialize_again(self, slot: int) -> Failure | None:
+        """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
+        actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
+        if (failure := self.segments.initialize(slot)) is None:
+            self.was_initialized_again(slot)
+        return failure
+
+    def was_initialized_again(self, slot: int) -> None:
+        """Its driver has initialised it."""
+        item = self.items[slot]
+        if isinstance(item, Actuator):
+            if self.deliveries[slot].survives(slot):
+                self._goes_on_from_default(slot)
+            else:
+                self.settle([slot], ToDefault.IS_THERE)
+                self.claims.end_client(slot)
+            return
+        if (conditioner := self.conditioners.get(slot)) is not None:
+            conditioner.begin()
+        if self.base[slot] is not Quality.UNREFERENCED and item._incremental:
+            self.set_referenced(slot, False)
+
+    def _goes_on_from_default(self, slot: int) -> None:
+        """The device has its default, and what is pending stays so."""
+        self._give_default(slot)
+        self.does_not_wait(slot)
+        self.accepted(slot)
+        self.deliveries[slot].goes_on(slot)
+
+    def initialize(self, slot: int) -> Failure | None:
+        return self.settle([slot], ToDefault.INITIALIZE).get(slot)
+
+
+_MOVES: Mapping[ToDefault, Callable[[ImageDefaults, Sequence[int]], Iterator[tuple[int, Failure | None]]]] = {
+    ToDefault.RESET: ImageDefaults._reset,
+    ToDefault.INITIALIZE: ImageDefaults._initialize,
+    ToDefault.SEND: ImageDefaults._send,
+    ToDefault.IS_THERE: ImageDefaults._is_there,
+}
