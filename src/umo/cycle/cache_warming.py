@@ -124,7 +124,7 @@ def _copy(item: Atomic) -> Any:
             if name != "__weakref__":
                 setattr(copy, name, getattr(item, name))
     copy._parent, copy._name = None, ""
-    if hasattr(copy, "_incremental"):
+    if copy._incremental:
         copy._incremental = False
     copy._disconnect()
     return copy
