@@ -12,7 +12,7 @@ from helpers.machines import Bench, bench
 from umo import Compound, Interlock, connect, run
 from umo.alarms import Alarm
 from umo.control import Lock, ServoAxis, timeout, together, unless, until, wait
-from umo.drivers import Channel, Driver
+from umo.drivers import Channel, Driver, HasWatchdog
 from umo.errors import DeclarationError, text_of
 from umo.operation import PackML, Procedure
 from umo.states import OnOff, PassFail
@@ -243,7 +243,7 @@ def test_a_function_of_a_driver_is_no_sequence(name: str):
         return 0
 
     with pytest.raises(DeclarationError, match=rf"Card.{name} is a sequence; .*{PLACE}"):
-        type("Card", (Driver,), {name: function, "channel": lambda self, text: Channel(text)})
+        type("Card", (Driver, HasWatchdog), {name: function, "channel": lambda self, text: Channel(text)})
 
 
 def test_the_condition_of_an_interlock_or_an_alarm_is_no_sequence():

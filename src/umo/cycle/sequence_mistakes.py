@@ -93,7 +93,7 @@ def check_condition(function: str, condition: object) -> None:
 
 def _compared(function: str, item: Atomic, source: str) -> str:
     if (states := item._states) is not None:
-        return f"write `{function}(lambda: {source}.read() is {shown(next(iter(states)))})`"
+        return f"write `{function}(lambda: {source}.read() is {shown(getattr(item, 'one', next(iter(states))))})`"
     return f"write such as `{function}(lambda: {source}.read() > 5.0)`"
 
 
