@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import Result
 
+import umo as package
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.cli.period_table import acting_in
 from umo.cycle.laid_out import laid_out
 from umo.cycle.machine_view import connect_compounds
 from umo.cycle.part_periods import PartPeriods
-from umo.cycle.period import PHASES
+from umo.cycle.period import PHASES, PeriodPhase
 from umo.states import OnOff
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
@@ -117,3 +119,10 @@ def test_the_command_shows_the_whole_machine_only(umo: Umo) -> None:
     result = umo("tree", "ztheta", "z", "--period")
     assert result.exit_code == 2
     assert "--period is about the whole machine" in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize("phase", PHASES, ids=lambda phase: phase.name)
+def test_the_modules_of_a_phase_are_there(phase: PeriodPhase) -> None:
+    room = Path(package.__file__).parent
+    for where in phase.where.split(", "):
+        assert any(path.exists() for path in (room / where, room / f"{where}.py", room / "cycle" / f"{where}.py"))

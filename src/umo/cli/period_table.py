@@ -48,12 +48,12 @@ def _every(period: float | None) -> str:
 
 def period_table(bound: dict[str, list[str]], title: str) -> Table:
     """The phases, with who is bound to each; one in which nobody acts is not called."""
-    table = Table("call", "phase", "what it does", "an error in it", "here", title=title, title_justify="left")
+    table = Table("call", "phase", "what it does (where)", "an error in it", "here", title=title, title_justify="left")
     for call, each in groupby(PHASES, lambda phase: phase.call):
         phases = list(each)
         for phase in phases:
             acting, is_first, is_last = bound[phase.name], phase is phases[0], phase is phases[-1]
-            cells = call if is_first else "", phase.name, phase.does, phase.error, _named(acting)
+            cells = call if is_first else "", phase.name, f"{phase.does} ({phase.where})", phase.error, _named(acting)
             table.add_row(*cells, style="" if acting else "dim", end_section=is_last)
     return table
 

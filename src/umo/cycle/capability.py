@@ -12,7 +12,7 @@ A capability has these calls, made in this order:
 
     machine.phases      a list for each phase: `before_tick`, `receiving`, `commanding`, `before_send`, `showing`; and
                         `before_laws`, which may replace the laws
-    machine.image       `items`, `slot_of`; `columns`: values, pending, quality of all objects by slot
+    machine.image       `items`, `slot_of`; `columns`: values, pending, quality of all objects by slot; `scales`
     machine.commands    `watch(call)`: the function is told of each write
     machine.claims      `claim(slot)`: who drives an actuator
     machine.clock       `now` and `dt`, s
@@ -57,7 +57,8 @@ class Capability:
     """What a machine may have beside objects, laws and sequences."""
 
     def shown_rows(self) -> Mapping[str, int]:
-        """The number of its rows in a column of the shown memory (`umo.cycle.columns`), by the column's name."""
+        """The number of its rows in a column of the shown memory (`umo.cycle.columns`), by the column's name: `alarms`
+        is the one column whose rows a capability brings. What is to be shown of a part is one of its `numbers`."""
         return {}
 
     def attach(self, machine: Any) -> None:

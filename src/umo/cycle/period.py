@@ -3,6 +3,7 @@
 `sample`, `control` and `update` are the interface of programs with loops of their own. In `sample` and `update` a
 DriverError of one phase does not stop the next; one error lists the failures of all. In `control` an error that no
 equipment contains ends the call. What a machine does not have is not called: each machine binds its own calls once.
+Whichever phase writes an actuator: who drives it is decided by the claims (`claim_table`, `umo.objects.claims`).
 """
 
 from __future__ import annotations
@@ -34,28 +35,41 @@ class PeriodPhase(NamedTuple):
     does: str
     error: str
     """What an error in it means."""
+    where: str
+    """The modules of umo in which it stands."""
 
 
 TICK, SAMPLE, CONTROL, UPDATE = "timer.read()", "sample()", "control()", "update()"
 CONTAINED = "a fault of its equipment; of the machine: raised"
-LISTED = "a fault of its equipment; of the machine: raised after the other phases"
+LISTED = "a fault of its equipment; of the machine: raised after the other phases of its call"
 UNREAD = f"BAD objects, {LISTED}"
 PHASES = (
-    PeriodPhase(TICK, "BEFORE TICK", "finish an unfinished period; exchange with drivers off the cycle", "raised"),
-    PeriodPhase(TICK, "TICK", "wait; the clock goes on; drivers that are away are looked for", "raised"),
-    PeriodPhase(SAMPLE, "SEND LATE", 'of `outputs = "at next tick"`: expire commands, then send what waits', LISTED),
-    PeriodPhase(SAMPLE, "RECEIVE", "judge the ages of what drivers off the cycle have brought", UNREAD),
-    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the whole; of all groups, where nobody calls `update`", UNREAD),
-    PeriodPhase(SAMPLE, "GUARD", "interlocks, expiries, defaults that asynchronous actuators owe", LISTED),
-    PeriodPhase(CONTROL, "COMMANDS", "what clients ask for, then the laws that look after sequences", CONTAINED),
-    PeriodPhase(CONTROL, "SEQUENCES", "a step of each of the whole", CONTAINED),
-    PeriodPhase(CONTROL, "LAWS", "those of the whole, a parent's before those of its parts", CONTAINED),
-    PeriodPhase(CONTROL, "SETTLE", "on demand: what nobody is in charge of goes to its default", "raised"),
-    PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED),
+    PeriodPhase(TICK, "BEFORE TICK", "finish an unfinished period; exchange with drivers off the cycle", "raised",
+        "cycle/off_cycle"),
+    PeriodPhase(TICK, "TICK", "wait; the clock goes on; drivers that are away are looked for", "raised",
+        "cycle/clock, drivers_away"),
+    PeriodPhase(SAMPLE, "SEND LATE", 'of `outputs = "at next tick"`: expire commands, then send what waits', LISTED,
+        "cycle/guards, image"),
+    PeriodPhase(SAMPLE, "RECEIVE", "judge the ages of what drivers off the cycle have brought", UNREAD,
+        "cycle/off_cycle"),
+    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the whole; of all groups, where nobody calls `update`", UNREAD,
+        "cycle/image, readings"),
+    PeriodPhase(SAMPLE, "GUARD", "interlocks (a condition that raises holds), expiries, defaults that asynchronous "
+        "actuators owe", LISTED, "cycle/guards, inhibition"),
+    PeriodPhase(CONTROL, "COMMANDS", "what clients ask for, then the laws that look after sequences", CONTAINED,
+        "clients, operation/supervisors"),
+    PeriodPhase(CONTROL, "SEQUENCES", "a step of each of the whole", CONTAINED, "cycle/sequences"),
+    PeriodPhase(CONTROL, "LAWS", "those of the whole, a parent's before those of its parts", CONTAINED,
+        "cycle/acting_laws"),
+    PeriodPhase(CONTROL, "SETTLE", "on demand: what nobody is in charge of goes to its default", "raised",
+        "cycle/suspension"),
+    PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED,
+        "cycle/image, deliveries"),
     PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD of all together, then "
-        "SEQUENCES, LAWS and SEND of each, the fastest first", "as in the phase of the whole"),
-    PeriodPhase(UPDATE, "OWED", "what does not wait for its group's period", LISTED),
-    PeriodPhase(UPDATE, "SHOW", "alarms, then events and logs, then frames, observers", "raised, after all outputs"),
+        "SEQUENCES, LAWS and SEND of each, the fastest first", "as in the phase of the whole", "cycle/part_periods"),
+    PeriodPhase(UPDATE, "OWED", "what does not wait for its group's period", LISTED, "cycle/part_periods"),
+    PeriodPhase(UPDATE, "SHOW", "alarms, then events and logs, then frames, observers", "raised, after all outputs",
+        "alarms, cycle/events, showing"),
 )  # fmt: skip
 """The phases in their order."""
 

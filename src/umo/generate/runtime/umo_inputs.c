@@ -1,4 +1,4 @@
-/* umo_inputs.c: raw integers become values with a quality, as in umo.cycle.slots, umo.cycle.conditioning and
+/* umo_inputs.c: raw integers become values with a quality, as in umo.cycle.readings, umo.cycle.conditioning and
  * umo.objects.interpolation. */
 #include "umo.h"
 
