@@ -234,10 +234,6 @@ ZTHETA = Trial(
             ("noise",),
             "a chattering valve keeps a vacuum that lifts the part, and is below the threshold of the pressure switch",
         ),
-        "timer": (
-            ("noise",),
-            "the timer is the only clock of the machine; a count of missed periods within its range is believed",
-        ),
     },
 )
 CONVEYOR = Trial(
