@@ -82,9 +82,9 @@ class Telling:
         waited longest, of equal ones the most important."""
         urgency, since = -self._urgency[rows], self._since[rows]
         by_urgency, by_wait = np.lexsort((rows, since, urgency)), np.lexsort((rows, urgency, since))
-        urgent = by_urgency[: room - room // 2]
-        waiting = by_wait[~np.isin(by_wait, urgent)]
-        chosen: NDArray[np.intp] = rows[np.concatenate([urgent, waiting[: room // 2]])]
+        first = by_urgency[: room - room // 2]
+        waiting = by_wait[~np.isin(by_wait, first)]
+        chosen: NDArray[np.intp] = rows[np.concatenate([first, waiting[: room // 2]])]
         return chosen
 
     def _begin_window(self, now: float) -> None:

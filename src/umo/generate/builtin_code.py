@@ -40,7 +40,7 @@ INEXACT: dict[Any, tuple[str, str]] = {
     math.sin: ("umo_sin", "!umo_is_finite({0})"), math.cos: ("umo_cos", "!umo_is_finite({0})"),
     math.tan: ("umo_tan", "!umo_is_finite({0})"), math.exp: ("umo_exp", ""), math.log: ("umo_log", "{0} <= 0"),
 }  # fmt: skip
-WHOLE: dict[Any, str] = {
+TO_WHOLE: dict[Any, str] = {
     math.floor: "umo_floor",
     math.ceil: "umo_ceil",
     math.trunc: "umo_trunc",
@@ -73,7 +73,7 @@ class BuiltinCode(VectorCode):
         if (
             isinstance(one, Known)
             and type(one.value) in NUMBERS
-            and (target in WHOLE or target in (abs, float, bool, math.sqrt))
+            and (target in TO_WHOLE or target in (abs, float, bool, math.sqrt))
         ):
             try:
                 return Known(target(one.value))
@@ -88,7 +88,7 @@ class BuiltinCode(VectorCode):
         if target is bool:
             truth = self.truth(one, node)
             return Known(truth) if isinstance(truth, bool) else Code(BOOL, f"({truth})")
-        known = target in WHOLE or target in (abs, float, math.isfinite, math.isnan, math.isinf, math.sqrt)
+        known = target in TO_WHOLE or target in (abs, float, math.isfinite, math.isnan, math.isinf, math.sqrt)
         if not (known or target in EXACT or target in INEXACT):
             return None
         code = self.number(one, node)
@@ -97,7 +97,7 @@ class BuiltinCode(VectorCode):
             kept = self.kept(code).text
             self.raises(ControllerLimit, node, f"{kept} == INT32_MIN")
             return Code(INT, f"({kept} < 0 ? -{kept} : {kept})")
-        if target in WHOLE:
+        if target in TO_WHOLE:
             return self._whole(target, code, node)
         text = self.as_type(code, REAL, node)
         if target is float:
@@ -137,7 +137,7 @@ class BuiltinCode(VectorCode):
             return Code(INT, self.as_type(code, INT, node))
         kept = self.kept(code).text
         self.raises(ValueError, node, f"umo_is_nan({kept})")
-        cut = self.kept(Code(REAL, f"{WHOLE[target]}({kept})")).text
+        cut = self.kept(Code(REAL, f"{TO_WHOLE[target]}({kept})")).text
         self.raises(OverflowError, node, f"!umo_is_finite({kept})")
         self.raises(ControllerLimit, node, f"!umo_fits_int({cut})")
         return Code(INT, f"(int32_t){cut}")

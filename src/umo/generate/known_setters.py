@@ -22,14 +22,14 @@ from umo.objects.numbers import numbers_of
 BEFORE = "setup", "__init__", "__post_init__", "__new__", "__set_name__", "__init_subclass__"
 """Functions that run before a machine is translated."""
 SETTERS = "setattr", "delattr", "__setattr__", "__delattr__"
-WHOLE = "vars", "globals", "locals"
+NAMESPACES = "vars", "globals", "locals"
 """Functions that give a namespace as a dict."""
 PARTS = "__dict__", "__class__", "__bases__", "__code__", "__defaults__", "__kwdefaults__", "cell_contents"
 """Attributes that change several names at once, or what a function does."""
 RUNNERS = "exec", "eval"
 UNFOLLOWED = *RUNNERS, "__set__", "__delete__", "__func__"
 """What may set any name, or calls a method with another object."""
-FOLLOWED_CALLED = (*SETTERS, *WHOLE)
+FOLLOWED_CALLED = (*SETTERS, *NAMESPACES)
 """What is followed where it is called, and only there."""
 ONLY_COMPARED = "isinstance", "issubclass", "super", "cast"
 """Functions that do nothing with a class that they are given."""
@@ -313,7 +313,7 @@ def _is_unfollowed(node: ast.AST, around: ast.AST) -> bool:
     if isinstance(node, ast.alias):
         return node.name in (*FOLLOWED_CALLED, *UNFOLLOWED)
     if isinstance(node, ast.Constant):
-        plain = (*WHOLE, *RUNNERS) if _called_name(around) == "getattr" else ()
+        plain = (*NAMESPACES, *RUNNERS) if _called_name(around) == "getattr" else ()
         return node.value in (*SETTERS, *UNFOLLOWED[len(RUNNERS) :], *PARTS, *plain)
     if not (isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load)):
         return False
@@ -366,5 +366,5 @@ def _only_reads(node: ast.AST) -> bool:
 def _is_whole(node: ast.AST) -> bool:
     """Whether this is a namespace as a dict."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        return node.func.id in WHOLE
+        return node.func.id in NAMESPACES
     return isinstance(node, ast.Attribute) and node.attr == "__dict__"
