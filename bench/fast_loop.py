@@ -78,7 +78,7 @@ def _with_looks(machine: Any, laws: Any) -> float:
     """A period with the looks at what compiled laws take as known, to one without them, in turns; without the timer."""
 
     def takes(look: Any) -> int:
-        laws._machine.phases.before_laws = look
+        laws._machine.phases.before_laws = [look]
         for each in laws._conditions._native[:1]:
             each.guard(look)
         begin = perf_counter_ns()

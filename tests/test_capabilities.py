@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NoReturn
 
 import pytest
@@ -250,3 +251,60 @@ sys.exit(" ".join(rooms & optional))
 """
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert done.stderr.strip() == ""
+
+
+# What fails in a capability -----------------------------------------------------------------------------
+
+
+class Failing(AttachedPart):
+    """Its functions fail where it is told to."""
+
+    where: str = ""
+
+    def attach(self, machine: Any) -> None:
+        machine.commands.watch(self.note)
+
+    def note(self, slot: int, value: float, source: str, taken: bool) -> None:
+        if self.where == source:
+            raise RuntimeError("it is broken")
+
+    def end(self) -> None:
+        if self.where == "end":
+            raise KeyboardInterrupt
+
+
+class Guarded(Compound):
+    pump: BinaryActuator[OnOff]
+    level: DigitalSensor
+    failing: Failing
+    beside: HourMeters
+    timer: DigitalSensor
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: self.level.read() > 8.0, [self.pump], reason="level above 8 V")
+
+
+@pytest.mark.parametrize("where", ["default", "end"])
+def test_a_capability_that_fails_keeps_no_output_from_its_default(where: str, box: Scripted) -> None:
+    machine = Guarded(pump=relay(), level=sensor(), failing=Failing(where=where), beside=HourMeters(), timer=timer())
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        m.pump.write(OnOff.ON)
+        periods(m, 2)
+        assert box.get("pump") == 1
+        if where == "default":
+            box.set("level", 18)
+            periods(m, 1)
+            assert box.get("pump") == 0
+    assert connection.reached
+    assert box.get("pump") == 0
+    (told,) = (event.text for event in connection.machine.events if "failed" in event.text)
+    assert ("it is broken" if where == "default" else "Failing.end failed") in told
+
+
+def test_who_calls_before_the_laws_do_so_beside_each_other(m: Any) -> None:
+    called: list[str] = []
+    for name in "ab":
+        m._machine.whole.phases.before_laws.append(partial(called.append, name))
+    periods(m)
+    assert called == ["a", "b"]

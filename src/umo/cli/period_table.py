@@ -75,7 +75,7 @@ def acting_in(machine: ConnectedMachine) -> dict[str, list[str]]:
         "GUARD": [count_of(number, noun) for number, noun in guards if number],
         "COMMANDS": [*map(_called, period.commanding)],
         "SEQUENCES": ["the application, actions, what these start"],
-        "LAWS": [*map(_called, filter(None, [period.before_laws])), *map(_acting, whole.laws)],
+        "LAWS": [*map(_called, period.before_laws), *map(_acting, whole.laws)],
         "SETTLE": [*map(_called, period.settling)],
         "SEND": [*map(_called, period.before_send), *(_moved(block, "actuator") for block in whole.outputs)],
         "GROUPS": [f"{part.path}, every {count_of(part.every, 'period')}" for part in parts],

@@ -5,7 +5,7 @@ A capability has these calls, made in this order:
     shown_rows()     its rows of the shown memory, by column; asked before the image is made
     attach(machine)  the machine is laid out, no driver was called yet: add to the phases of its period
     begin()          every object is initialised; the first sample follows
-    end()            the sequences are cancelled; nothing is reset yet
+    end()            the sequences are cancelled; nothing is reset yet; what it raises is told and hinders no reset
     refuse(instead)  this process is to reach no device any longer: call `instead`, which does not return, in its place
 
 `attach` may use:
@@ -13,12 +13,12 @@ A capability has these calls, made in this order:
     machine.phases      a list for each phase: `before_tick`, `receiving`, `commanding`, `before_send`, `showing`; and
                         `before_laws`, which may replace the laws
     machine.image       `items`, `slot_of`; `columns`: values, pending, quality of all objects by slot; `scales`
-    machine.commands    `watch(call)`: the function is told of each write
+    machine.commands    `watch(call)`: the function is told of each write; one that fails is called no more
     machine.claims      `claim(slot)`: who drives an actuator
     machine.clock       `now` and `dt`, s
     machine.directory   actions, numbers, axes, laws by their paths
     machine.events      `add(Event(time, path, text))`
-    machine.states      what capabilities had at the end of the last run, by their names
+    machine.states      what was kept of the last run, or what a recording has: alarms go on with theirs
 
 and, where it carries out what the machine itself would do:
 

@@ -19,6 +19,7 @@ from umo.cycle.image import Image
 from umo.errors import Interlocked
 from umo.objects import Atomic
 from umo.objects.scaling import FloatArray
+from umo.user_code import attempt
 
 WriteWatch = Callable[[int, float, str, bool], object]
 """A function that is told of a write: the slot, the value, the source, whether it was taken."""
@@ -42,8 +43,7 @@ class CommandStage:
         try:
             taken = command is None or command.admits(value, source)
         finally:
-            for watch in self._watching:
-                watch(slot, value, source.value, taken)
+            self._tell(slot, value, source, taken)
         if command is not None and taken:
             command.written = self._image.clock.now
         return taken
@@ -57,9 +57,9 @@ class CommandStage:
         free = [
             each is None or each.admits(value, Source.PROGRAM) for each, value in zip(commands, numbers, strict=True)
         ]
-        for watch in self._watching:
+        if self._watching:
             for slot, value, taken in zip(slots, numbers, free, strict=True):
-                watch(slot, value, Source.PROGRAM.value, taken)
+                self._tell(slot, value, Source.PROGRAM, taken)
         for command, admitted in zip(commands, free, strict=True):
             if command is not None and admitted:
                 command.written = self._image.clock.now
@@ -86,8 +86,17 @@ class CommandStage:
         """The actuator goes to its default."""
         if slot in self._by_slot:
             self._by_slot[slot].written = None
-        for watch in self._watching:
-            watch(slot, float(self._image.scales.defaults[slot]), Source.DEFAULT.value, True)
+        if self._watching:
+            self._tell(slot, float(self._image.scales.defaults[slot]), Source.DEFAULT, True)
+
+    def _tell(self, slot: int, value: float, source: Source, taken: bool) -> None:
+        """One that raises is told and called no more: it keeps no output from its default."""
+        for watch in tuple(self._watching):
+            _, error = attempt(watch, slot, value, source.value, taken)
+            if error is not None:
+                self._watching.remove(watch)
+                text = f"a function that is told of writes has failed, and is called no more: {error.text}"
+                self._image.events.add(Event(self._image.clock.now, "", text), logged=True)
 
     def watch(self, call: WriteWatch) -> None:
         """From now on this function is told of each write and each default that is sent: its slot, its value, the

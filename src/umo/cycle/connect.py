@@ -145,6 +145,7 @@ class connect(Generic[C]):
 
     def _enter(self) -> None:
         self._restore, self.started = ExitStack(), False
+        self._device_claim: DeviceClaim | None = None
         given = self._wiring
         if isinstance(given, Wired):
             distribute_options(self._options, wiring={})  # it has its options
@@ -159,7 +160,7 @@ class connect(Generic[C]):
             self.stop.stand_aside = partial(self._stand_aside, device_claim)
         self.stop.install()
         self._restore.callback(self.stop.restore)
-        undo = self._restore.callback
+        undo, machine = self._restore.callback, None
         try:
             undo(not_awaited.hear())
             for wire in self.wired.wires:
@@ -173,12 +174,14 @@ class connect(Generic[C]):
             if isinstance(timer, EndsWait):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, timer.stop_waiting)
-            self.machine = machine_of(self.root, self.wired, self.stop, self.states)
+            self.machine = machine = machine_of(self.root, self.wired, self.stop, self.states)
             self.machine.random = Random(self.seed)
             for each in taken:
                 self.machine.attach(each)
             self.laid_out(self.machine)
         except BaseException:
+            if machine is not None:
+                machine.disconnect()
             self._restore.close()
             if device_claim is not self.device_claim:
                 device_claim.abandon()
@@ -271,9 +274,9 @@ class connect(Generic[C]):
     def _leave_at_once(self) -> list[str]:
         """Reset and release everything in the midst of the user's code, which does not end: it is called no more. The
         paths of the actuators that were not reached."""
-        if not hasattr(self, "_device_claim"):  # it is not connected yet
+        if self._device_claim is None:  # it is not connected yet
             return []
-        self.machine.end()
+        self.machine.end(parts=False)
         unreached, _ = self._drivers.reset()
         self.image.transfer.callees.end_writing()
         self._drivers.close()
@@ -287,15 +290,16 @@ class connect(Generic[C]):
             self.afterwards.pop()()
 
     def _end_custody(self, unreached: list[Failure], cause: BaseException | None) -> None:
-        if self._device_claim is self.device_claim:  # its keeper looks after what was not reached
+        claim = self._device_claim
+        if claim is None or claim is self.device_claim:  # its keeper looks after what was not reached
             return
         if unreached:
             what = "the connection was closed" if cause is None else text_of(cause)
-            self._device_claim.stopped(what, [failure.path for failure in unreached])
+            claim.stopped(what, [failure.path for failure in unreached])
         elif self.started:
-            self._device_claim.finish()
+            claim.finish()
         else:
-            self._device_claim.abandon()
+            claim.abandon()
 
 
 def _moment(machine: ConnectedMachine) -> Moment | None:

@@ -44,7 +44,10 @@ STOPPING, HANDLER = f"{UMO}cycle{os.sep}stopping.py", "_caught"
 """File and name of the handler of signals."""
 LOOPS = ("cycle/run.py", "cycle/connect.py")
 """Files of umo whose functions end by themselves once a stop was asked for: what is around them is not interrupted."""
-ROOMS = ("alarms", "control", "cycle", "drivers", "objects", "operation", "plant", "testing", "user_code.py", "wiring")
+ROOMS = (
+    "alarms", "capabilities", "clients", "control", "cycle", "drivers", "objects", "operation", "plant", "testing",
+    "user_code.py", "wiring",
+)  # fmt: skip
 """The rooms of umo that the user's code calls while a machine is connected. What others are at work with ends by
 itself."""
 DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")

@@ -14,7 +14,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.directory import Directory
 from umo.cycle.equipment import Containment, Equipment
-from umo.cycle.events import Events
+from umo.cycle.events import Event, Events
 from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.part_slots import SlotsOfParts
@@ -25,6 +25,7 @@ from umo.cycle.stage import Progress
 from umo.cycle.stopping import StopFlag
 from umo.cycle.two_writers import TwoWriters
 from umo.cycle.under_way import UnderWay
+from umo.errors import text_of
 from umo.objects import Compound, walk
 from umo.wiring.wired import AT_ONCE
 
@@ -107,7 +108,7 @@ class ConnectedMachine:
 
     def attach(self, capability: K) -> K:
         """Attach it. One that is attached after the others adds to `commanding`, `before_laws` and `showing` only: the
-        other phases are bound."""
+        other phases are bound. Its `begin` is not called."""
         capability.attach(self)
         self.attached.append(capability)
         return capability
@@ -116,11 +117,18 @@ class ConnectedMachine:
         """The capability of a class; None: it has none."""
         return next((each for each in self.attached if isinstance(each, kind)), None)
 
-    def end(self) -> None:
-        """No period follows: from now on every driver is called again, and each call waits."""
+    def end(self, *, parts: bool = True) -> None:
+        """No period follows: from now on every driver is called again, and each call waits. What a capability raises
+        is told and keeps nothing from being reset. `parts`: whether those among them that are parts of the machine are
+        called, which are the user's code."""
         self.image.end()
         for each in self.attached:
-            each.end()
+            if parts or not isinstance(each, Compound):
+                try:
+                    each.end()
+                except BaseException as error:
+                    text = f"{type(each).__name__}.end failed: {text_of(error)}"
+                    self.events.add(Event(self.clock.now, "", text), logged=True)
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""

@@ -35,7 +35,7 @@ def give_period(machine: ConnectedMachine, part: Compound, period: float) -> Non
     """The laws of a part act elsewhere, with this period in s, which its compounds see."""
     for each in (part, *walk(part)):
         if isinstance(each, Compound):
-            vars(each)["_machine"] = GroupView(machine, machine.clock, period)
+            vars(each)["_machine"] = GroupView(machine, machine.groups.of(each).clock, period)
 
 
 class PartPeriods(Capability):

@@ -100,8 +100,8 @@ class Period:
         """What is called before SEND."""
         self.commanding: list[Callable[[], object]] = []
         """What is called in COMMANDS, in this order."""
-        self.before_laws: Callable[[], object] | None = None
-        """Called before the laws of the whole machine; it may replace them."""
+        self.before_laws: list[Callable[[], object]] = []
+        """What is called before the laws of the whole machine; it may replace them."""
         self.showing: list[Callable[[], object]] = []
         """What is called in SHOW, before events are told."""
         self.settling: list[Callable[[], object]] = []
@@ -178,8 +178,9 @@ class Period:
             for call in self.commanding:
                 call()
         self._sequences.advance(self._clock)
-        if self.before_laws is not None:
-            self.before_laws()
+        if self.before_laws:
+            for call in self.before_laws:
+                call()
         if self._laws.stale:
             self._laws.choose()
         self._laws.act(self._laws.whole)

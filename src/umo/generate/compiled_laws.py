@@ -194,6 +194,8 @@ class CompiledLaws(Capability):
         self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)
         self._period = -1
         self._shadow: Any = None
+        self._called: Callable[[], bool] | None = None
+        """What is called before the laws."""
         self._asked = False
         self._error: tuple[int, BaseException] | None = None
         self.state = "compared"
@@ -212,8 +214,14 @@ class CompiledLaws(Capability):
     def _look_first(self, look: Callable[[], bool]) -> None:
         """It is called before conditions and laws."""
         if self.state != "python":
-            self._machine.phases.before_laws = look
+            self._call_before_laws(look)
             self._conditions.look_first(look)
+
+    def _call_before_laws(self, look: Callable[[], bool] | None) -> None:
+        """In the place of the one before."""
+        phases, before = self._machine.phases, self._called
+        others = [each for each in phases.before_laws if each is not before]
+        phases.before_laws, self._called = [*([look] if look is not None else []), *others], look
 
     def _was_given(self, fields: BoundFields) -> None:
         """An object was given a list or an array: it is looked at before the laws."""
@@ -360,7 +368,7 @@ class CompiledLaws(Capability):
 
     def _release(self) -> None:
         self.state = "python"
-        self._machine.phases.before_laws = None
+        self._call_before_laws(None)
         self._conditions.release()
         for each in self._fields:
             each.release()
