@@ -35,9 +35,6 @@ RETURN_WINDOWS = 2.0
 digits in which the position is told."""
 
 
-_DISABLED, _STANDSTILL = AxisState.DISABLED, AxisState.STANDSTILL  # an attribute of an Enum is a call
-
-
 class Met(Enum):
     """The event that ended a search."""
 
@@ -58,6 +55,10 @@ class Interruption(Enum):
     """From the setpoint: whoever moves the axis has waited, and goes on."""
     INHIBITED = "inhibited"
     """From where the axis then stands: an interlock has inhibited it."""
+
+
+# An attribute of an Enum is a call.
+_DISABLED, _STANDSTILL, _FREE = AxisState.DISABLED, AxisState.STANDSTILL, Interruption.NONE
 
 
 @dataclass(eq=False)
@@ -246,7 +247,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return self._seen_state()
 
     def _seen_state(self) -> AxisState:
-        if self._machine.fault_of(self) is not None:
+        if self._state is _DISABLED and self._machine.fault_of(self) is not None:
             return AxisState.ERROR_STOP
         stops = self._state is _STANDSTILL and not self.profile.done
         return AxisState.STOPPING if stops else self._state
@@ -311,7 +312,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             tick = await one_period()
             self._check(motion)
             reading = self.reading
-            if self._interrupted is not Interruption.NONE:
+            if self._interrupted is not _FREE:
                 last, best, idle = reading, reading, 0.0
                 continue
             missed = (tick.ticks - 1) * tick.period  # s, in which the axis has moved on
@@ -347,15 +348,15 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
                 tick = await one_period()
                 self._check(motion)
                 period = tick.dt / tick.ticks  # in missed periods nothing was controlled, and nothing seen
-                if self._arrived(position):
+                if self._interrupted is not _FREE or not self.profile.done:
+                    late, steady = 0.0, -inf
+                elif self._arrived(position):
                     steady = max(steady + period, 0.0)
-                    continue
-                steady = -inf
-                if self._interrupted is not Interruption.NONE or not self.profile.done:
-                    late = 0.0
-                elif (late := late + period) > self.settling_time:
-                    late, corrections = 0.0, corrections + 1
-                    self._correct(position, corrections)
+                else:
+                    late, steady = late + period, -inf
+                    if late > self.settling_time:
+                        late, corrections = 0.0, corrections + 1
+                        self._correct(position, corrections)
         except BaseException:
             if self.enabled and self._motion is motion:
                 self._go(lambda: self.profile.at(0.0))
@@ -395,8 +396,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Come to rest: before and after homing."""
 
     def _arrived(self, position: float) -> bool:
-        there = self.profile.done and abs(position - self.reading) < self.window
-        return there and self._interrupted is Interruption.NONE
+        """Whether the axis is there, once its profile is done."""
+        return abs(position - self.reading) < self.window
 
     def _correct(self, position: float, corrections: int) -> None:
         """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
@@ -495,7 +496,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     def _check(self, motion: Motion | None) -> None:
         """AxisError, or the fault, if the axis was disabled since this motion has begun."""
-        if not self.enabled or self._motion is not motion:
+        if self._state is _DISABLED or self._motion is not motion:
             raise self._machine.fault_of(self) or AxisError(f"{self._path} was disabled during its motion")
 
     def _interrupt(self) -> None:

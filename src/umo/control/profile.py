@@ -41,10 +41,10 @@ _NONE = Segment(inf, 0.0, 0.0, 0.0, 0.0)
 """In the place of a segment that a motion does not have."""
 
 
-def _within(segment: Segment, time: float) -> Setpoint:
-    """The setpoint `time` s after the start of a segment."""
+def _within(segment: Segment, time: float) -> tuple[float, float, float]:
+    """Position, velocity and acceleration `time` s after the start of a segment."""
     _, p, v, a, j = segment
-    return Setpoint(p + time * (v + time * (a / 2.0 + time * j / 6.0)), v + time * (a + time * j / 2.0), a + time * j)
+    return p + time * (v + time * (a / 2.0 + time * j / 6.0)), v + time * (a + time * j / 2.0), a + time * j
 
 
 def _after(segment: Segment, time: float, acceleration: float, jerk: float) -> Segment:
@@ -206,18 +206,21 @@ class Profile:
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at
         the velocity. `dt` must not be negative; RangeError if it is not finite."""
-        elapsed = self.elapsed + dt
+        before = self.elapsed
+        elapsed = before + dt
         if not isfinite(elapsed):
             raise RangeError(f"no step of {dt!r} s: it must be finite")
         self.elapsed = elapsed
+        if before > self.duration and not self.setpoint.velocity:
+            return self.setpoint  # it stands
         at = self.segments[0]
         for each in self.segments:
             if elapsed < each.start:
                 break
             at = each
         position, velocity, acceleration = _within(at, elapsed - at.start)
-        self.setpoint = Setpoint(position + self.origin, velocity, acceleration)
-        return self.setpoint
+        self.setpoint = setpoint = Setpoint(position + self.origin, velocity, acceleration)
+        return setpoint
 
 
 def _segments(trajectory: Any, scale: float) -> list[Segment]:

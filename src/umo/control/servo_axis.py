@@ -90,7 +90,8 @@ class ServoAxis(Axis, numbers=_numbers):
         if clock.ticks > 1:
             dt = clock.period
             self._resume(clock.ticks, dt)
-        taken = servo.control(*self.profile.step(dt), dt=dt, accept=self._accept)
+        position, velocity, acceleration = self.profile.step(dt)
+        taken = servo.control(position, velocity, acceleration, dt=dt, accept=self._accept)
         beyond = abs(servo.error) > self.following_error and self._state is not _HOMING
         if (beyond or not taken) and self.motor.inhibited is not None:
             self._interrupt()

@@ -47,7 +47,6 @@ class StepperAxis(Axis):
         check_numbers(self, above_0=("step_size",), not_negative=("rest_time",))
         self.stepping = Stepping(self.step, self.direction)
         self._offset = 0.0  # the position at which the step count is 0
-        self._error = 0.0
         self._ramp = 0.0  # s until a motor that has started with a ramp has its speed again
 
     @property
@@ -66,11 +65,12 @@ class StepperAxis(Axis):
         clock = self._machine.clock
         if clock.ticks > 1:
             self._resume((clock.ticks - 1) * clock.period)
-        self._ramp -= clock.period
+        if self._ramp > 0.0:
+            self._ramp -= clock.period
         position = self.profile.step(clock.period).position
         self.stepping.control((position - self._offset) / self.step_size)
-        self._error = self.commanded - reading
-        beyond = not abs(self._error) <= self.following_error and self._state is not _HOMING  # NaN is beyond
+        near = abs(self.commanded - reading) <= self.following_error  # NaN is not
+        beyond = not near and self._state is not _HOMING
         if (beyond or self.stepping.refused) and self._inhibited:
             self._interrupt()
         elif beyond:
@@ -98,7 +98,8 @@ class StepperAxis(Axis):
 
     @property
     def error(self) -> float:
-        return self._error
+        """As of the last reading."""
+        return self.commanded - self.encoder.read()
 
     async def _settle(self) -> None:
         await wait(self.rest_time)

@@ -8,6 +8,8 @@ from umo.errors import RangeError
 from umo.objects import BinaryActuator
 from umo.states import Rotation, UpDown
 
+_UP, _DOWN, _CW, _CCW = UpDown.UP, UpDown.DOWN, Rotation.CW, Rotation.CCW  # an attribute of an Enum is a call
+
 STEPS_PER_PERIOD = 0.4
 """Largest step rate of a profile, in steps per period: a step takes two periods, a reversal one more."""
 
@@ -34,16 +36,16 @@ class Stepping:
         if due - due != 0.0:  # NaN, or infinite
             raise RangeError(f"{self.step.path}: {position} is no position to step to")
         self.refused = False
-        if self.step.read() is UpDown.UP:
-            self.step.write(UpDown.DOWN)
+        if self.step.read() is _UP:
+            self.step.write(_DOWN)
             return False
         if abs(due) <= 0.5:
             return True
-        wanted = Rotation.CW if due > 0 else Rotation.CCW
+        wanted = _CW if due > 0 else _CCW
         if self.direction.read() is not wanted:
             self.refused = not self.direction.write(wanted)
             return False
-        self.refused = not self.step.write(UpDown.UP)
+        self.refused = not self.step.write(_UP)
         if not self.refused:
             self.count += 1 if due > 0 else -1
         return False
