@@ -165,7 +165,10 @@ class Containment:
 
     def fault_of(self, node: Node) -> EquipmentFault | None:
         """The error for what is to be done with an object of equipment in fault."""
-        return next((each.error() for each in self.around(node) if each.in_fault), None)
+        for each in self.around(node):
+            if each.in_fault:
+                return each.error()
+        return None
 
     def around(self, node: Node | None) -> tuple[Equipment, ...]:
         """The equipment around an object, the innermost first."""

@@ -71,7 +71,7 @@ class FaultLog:
 
     def add_new(self, events: Events) -> None:
         """The events of a machine in this process that were not added yet, as far as they are kept."""
-        if new := min(events.number - self.next, len(events)):
+        if new := events.number - self.next:
             self.next = events.number
             for event in list(events)[-new:]:
                 self.add(event)

@@ -81,7 +81,8 @@ class Trace:
         row[0], row[1], row[2] = frame.time, frame.missed, frame.execution * 1e6
         values = row[3 : 3 + len(self.items)]
         values[:] = frame.values
-        values[np.asarray(frame.quality) >= Quality.BAD] = np.nan
+        if Quality.BAD in frame.quality.tobytes():  # quicker than a comparison of arrays
+            values[np.asarray(frame.quality) == Quality.BAD] = np.nan
         row[3 + len(self.items) :] = frame.signal_values
         self._used += 1
 
