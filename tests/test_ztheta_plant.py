@@ -443,7 +443,7 @@ def test_a_part_9_mm_off_centre_is_not_sealed() -> None:
     machine = opened(seed=BALANCED)
     deliver(machine)
     first = machine.physics.parts.places[0]
-    machine.physics._qpos[first : first + 2] = (0.009, 0.0)
+    machine.physics.data.qpos[first : first + 2] = (0.009, 0.0)
     assert not grip(machine, ms=300)
     assert machine.physics.gripper.vacuum < 10e3
 
