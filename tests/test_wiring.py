@@ -486,6 +486,15 @@ def test_a_timer_is_an_asynchronous_sensor_in_sampling_periods_that_does_not_hol
         assert "a held value would stop the clock" in one_fault(Odd(timer=held), None)[1]
 
 
+@pytest.mark.parametrize("more", [{"resolution": 2}, {"zero_offset": 1}, {"filter": 1}, {"invalid_raws": [7]}])
+def test_a_timer_counts_periods_and_no_scale_or_filter_changes_that(more: dict[str, Any]):
+    odd = DigitalSensor("sampling_period", synchronous=False, **{"minimum": 0, "maximum": 9, "resolution": 1, **more})
+    assert "timer counts missed periods: its resolution is 1" in one_fault(Law(timer=odd, motor=actuator()), None)[1]
+    plain = Law(timer=timer(), motor=actuator())
+    wired = simulated(plain, timer={"resolution": 0.5})
+    assert one_fault(plain, wired)[0] == 'wire."timer"'
+
+
 # Parameters ------------------------------------------------------------------------------------------
 
 

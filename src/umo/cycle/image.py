@@ -177,7 +177,9 @@ class Image(ImageDefaults):
                 self.accept(slot, raw, failures)
             elif self._least_ticks <= raw <= self._most_ticks:
                 self.clock.advance(raw)
-                self.accept(slot, raw, failures)
+                self.values[slot], self.times[slot] = raw, self.clock.now
+                if self.quality[slot]:
+                    self.set_quality(slot, Quality.GOOD)
             else:  # the clock must not jump: every law and every timeout counts on it
                 self.fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
         self._log_marked()

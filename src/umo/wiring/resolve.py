@@ -33,7 +33,7 @@ from umo.objects import (
     atoms,
     walk,
 )
-from umo.objects.atomic import Calibration
+from umo.objects.atomic import LEVEL, Calibration
 from umo.objects.compound import check_machine
 from umo.objects.linearization import fitted
 from umo.objects.numbers import MachineNumber, numbers_of
@@ -294,6 +294,9 @@ class _Resolver:
         wire = Wire(item, driver, channel, calibration, path)
         self._check_raws(key, item, wire)
         self._check_scale(key, item, wire)
+        if path == "timer" and item.units == "sampling_period" and not _is_count(wire):
+            what = "its resolution is 1 and its zero offset 0, and nothing filters, linearizes or refuses it"
+            self.source.mistake(key, f"timer counts missed periods: {what}")
         return wire
 
     def _check_place(self, wire: Wire) -> None:
@@ -558,6 +561,13 @@ class _Resolver:
             return str(error).removeprefix(f"{path}: ")
         found.append(Parameter(number, checked))
         return ""
+
+
+def _is_count(wire: Wire) -> bool:
+    """Whether the value of a sensor is its raw integer, whatever that is."""
+    item = wire.item
+    conditioned = item._incremental or item._filter is not None or item._velocity is not None
+    return wire.calibration[2:] == LEVEL[2:] and not conditioned
 
 
 def _fault_of_period(period: float, node: Node) -> str:
