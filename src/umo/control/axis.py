@@ -23,7 +23,7 @@ from umo.objects.link import Task
 from umo.presentation.digits import digits_of, number_text
 from umo.presentation.value_text import measure, span
 from umo.text import cut_repr, some
-from umo.user_code import attempt
+from umo.user_code import told
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
 """Quality that is accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The
@@ -255,8 +255,11 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     def shown_state(self) -> AxisState:
         """The state that others see, of the axis's own: a `state` of a subclass is asked by nobody but the program. An
         error, as with a `profile` that is none, is ERROR_STOP."""
-        found, error = attempt(self._seen_state)
-        return AxisState.ERROR_STOP if error else found
+        try:  # not by `attempt`: a call for each in every period is too dear
+            return self._seen_state()
+        except BaseException as error:
+            told(error)
+            return AxisState.ERROR_STOP
 
     def describe_axis(self) -> Mapping[str, Any]:
         """What others must know of it, as plain data: its states, the paths of what belongs to it, its limits in units

@@ -87,9 +87,9 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     check_machine("drive", m)
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})
-    timer = _timer_of(m)
+    timer, cycle = _timer_of(m), m.cycle
     task = None if application is None else m.cycle.start(_sequence_of(application, m, shares.application))
-    while m.cycle.running and not (task is not None and task.done):
+    while cycle.running and not (task is not None and task.done):
         if timer.read() < 0:
             break
         m.sample()

@@ -14,7 +14,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import NotAwaited
 from umo.system.streams import log_without_waiting
-from umo.user_code import Raised, as_json, attempt, read_numbers
+from umo.user_code import Raised, as_json, read_numbers, told
 
 log = logging.getLogger("umo")
 MAX_OBSERVER_TEXT = 200
@@ -61,7 +61,11 @@ def frame_of(machine: ConnectedMachine) -> Frame:
 def show(frame: Frame, observers: list[Callable[[Any], object]]) -> None:
     """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
     for observer in tuple(observers):
-        result, error = attempt(observer, frame)
+        result, error = None, None
+        try:  # not by `attempt`: a call for each in every period is too dear
+            result = observer(frame)
+        except BaseException as raised:
+            error = told(raised)
         if result is not None and iscoroutine(result):
             result.close()
             error = Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")
