@@ -270,6 +270,22 @@ def test_a_unit_that_is_misspelt_is_told_the_nearest(unit: str, near: str) -> No
         check_unit(unit)
 
 
+def test_a_sample_or_update_of_a_class_is_refused_as_the_whole_moves_its_parts_without_it() -> None:
+    class Counted:
+        def sample(self) -> bool:
+            return True
+
+    with pytest.raises(DeclarationError, match=r"Mixed\.sample would never be called.*written in `control`"):
+
+        class Mixed(Counted, Compound): ...
+
+    with pytest.raises(DeclarationError, match=r"Odd\.update would never be called"):
+
+        class Odd(Compound):
+            def update(self) -> bool:
+                return True
+
+
 def test_a_law_with_a_yield_or_without_self_is_refused_with_its_place() -> None:
     with pytest.raises(DeclarationError, match=r"Odd\.control has a `yield` in it.*test_mistakes_of_beginners\.py:\d"):
 

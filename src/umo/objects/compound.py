@@ -228,13 +228,13 @@ class Compound(Node):
     def sample(self) -> bool:
         """Read every synchronous sensor below; True if all are GOOD. DriverError lists what failed. With `outputs = "at
         next tick"` that of the whole machine first sends what `update` left, and lists what was not accepted."""
-        return self._sample()
+        return self._machine.sample(self)
 
     def update(self) -> bool:
         """Send every synchronous actuator below; True when all were accepted, else DriverError. With
         `outputs = "at next tick"` in the wiring's `[process]` that of the whole machine leaves them to the next
         `sample`."""
-        return self._update()
+        return self._machine.update(self)
 
     def reset(self) -> None:
         """Reset every object below at once: actuators to their defaults in stop order, then sensors clear the faults
@@ -272,18 +272,12 @@ class Compound(Node):
     ) -> None:
         """The calls are what moves this compound: in every period they are made without a look-up."""
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
-        vars(self).update(_machine=machine, _sample=sample, _update=update, control=control)
+        vars(self).update(_machine=machine, sample=sample, update=update, control=control)
 
     def _disconnect(self) -> None:
         self._machine = cast("Machine", Unconnected(self))
-        for name in ("_sample", "_update", "control"):
+        for name in ("sample", "update", "control"):
             vars(self).pop(name, None)
-
-    def _sample(self) -> bool:
-        return self._machine.sample(self)
-
-    def _update(self) -> bool:
-        return self._machine.update(self)
 
     def _is_below(self, other: object) -> bool:
         """Whether the other object is this one, its parent, or further up: a part may have its parent as an
@@ -300,6 +294,10 @@ class Compound(Node):
 
 def _check_hooks(cls: type[Compound]) -> None:
     check_overrides(cls)
+    for name in ("sample", "update"):
+        if getattr(cls, name) is not getattr(Compound, name):
+            what = f"{cls.__name__}.{name} would never be called: umo moves all objects of a part together"
+            raise DeclarationError(f"{what}; what it does in each period is written in `control`")
     for name in ("control", "setup", "interlocks"):
         code = getattr(vars(cls).get(name), "__code__", None)
         if code is None:

@@ -58,7 +58,7 @@ class DebuggedReplay:
         signal.signal(signal.SIGINT, self._interrupt)
         program = self.replay.program
         root: dict[str, Any] = vars(program.machine)
-        root["_sample"] = partial(self._sample, root["_sample"])
+        root["sample"] = partial(self._sample, root["sample"])
         program.drive = partial(self._drive, program.drive)
         self._snapshot(START, 0.0)
 
