@@ -42,7 +42,6 @@ class Image(ImageDefaults):
     writes: ImageWrites | None
     """The way of what control code writes; None: it stores it by itself."""
     write: Callable[[int, float], bool]
-    gate: Sequence[int]
     before_tick: Callable[[], object] = staticmethod(bool)
     """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
@@ -57,8 +56,7 @@ class Image(ImageDefaults):
     def connect(self, claims: Taken, commands: Gate, writes: ImageWrites | None) -> None:
         """The objects find their values here from now on."""
         self.claims, self.commands, self.writes = claims, commands, writes
-        self.write = self.command if writes is None else writes.write
-        self.gate = self.restrictions if writes is None else [True] * len(self.items)
+        self.write = self._store if writes is None else writes.write
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
@@ -216,6 +214,13 @@ class Image(ImageDefaults):
         if failures:
             self.fail("could not be written", failures)
         return not failures
+
+    def _store(self, slot: int, value: float) -> bool:
+        """A value within its range was written; without the extension, which otherwise does this."""
+        if self.restrictions[slot]:
+            return self.command(slot, value)
+        self.pending[slot] = value
+        return True
 
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator for which the command stage is to be asked; or by a

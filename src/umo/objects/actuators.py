@@ -139,12 +139,8 @@ class BinaryActuator(Actuator, Binary[S]):
         a state of another type and changes nothing. Asynchronous: also DriverError.
         """
         level = 1.0 if value is self._one else 0.0 if value is self._zero else float(self._level(value))
-        image, slot = self._image, self._slot
-        if image.gate[slot]:
-            write = image.write  # a local name: calling an attribute takes longer
-            return write(slot, level)
-        image.pending[slot] = level
-        return True
+        write = self._image.write  # a local name: calling an attribute takes longer
+        return write(self._slot, level)
 
     def read(self) -> S:
         """The state last accepted by the hardware."""
@@ -232,12 +228,8 @@ class DigitalActuator(Actuator, Digital):
             value = self._number(value)
         if not self._minimum <= value <= self._maximum:
             return self._write_beyond(value)
-        image, slot = self._image, self._slot
-        if image.gate[slot]:
-            write = image.write  # a local name: calling an attribute takes longer
-            return write(slot, value)
-        image.pending[slot] = value
-        return True
+        write = self._image.write  # a local name: calling an attribute takes longer
+        return write(self._slot, value)
 
     def read(self) -> float:
         """The value last accepted by the hardware, in `units`, as written (not as quantised)."""

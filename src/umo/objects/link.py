@@ -39,9 +39,6 @@ class Image(Protocol):
 
     write: Callable[[int, float], bool]
     """Write a value within its range to the actuator with this slot; whether it was taken."""
-    gate: Sequence[int]
-    """0 where an actuator may store a value within its range in `pending` by itself; otherwise `write` is called."""
-
     values: memoryview[float]
     """Values: of sensors as last kept, of actuators as last accepted by the hardware."""
     pending: memoryview[float]
