@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,11 @@ from hypothesis import strategies as st
 
 from helpers.machines import Bench, Board, actuator, bench, failed, relay, sensor, switch, timer, wired
 from helpers.tiers import first
-from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.cycle.events import LIMIT_COUNT, EventLimit, limited
 from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal, Kind
-from umo.drivers import DeviceTimeout, Driver, DriverError
+from umo.drivers import DeviceTimeout, Driver, DriverError, Looks
 from umo.drivers.off_cycle import NEVER, DeviceServer, Exchange, OffCycle
 from umo.drivers.off_cycle.shared_memory import Cell, Row
 from umo.errors import ChannelsFailed, WiringError
@@ -634,6 +635,25 @@ def test_the_place_of_a_worker_is_taken_also_while_the_device_is_away() -> None:
     assert shared.cells[Cell.AWAY_SINCE] == NEVER
 
 
+def test_between_two_initialisations_that_time_out_the_worker_waits_at_intervals_that_grow() -> None:
+    """Each lasts longer than the interval."""
+    time = [0]
+    box, proxy, _ = served(time)
+    begun: list[tuple[int, int]] = []
+
+    def times_out(*args: Any) -> None:
+        began, time[0] = time[0], time[0] + 10**9
+        begun.append((began, time[0]))
+        raise DeviceTimeout("no answer")
+
+    box.read_many = box.initialize = times_out  # type: ignore[method-assign]
+    while time[0] < 15 * 10**9:
+        time[0] += 10**7
+        proxy.server.work()
+    gaps = [round((later - ended) * 1e-9, 2) for (_, ended), (later, _) in pairwise(begun)]
+    assert gaps[1:7] == pytest.approx([0.05, 0.1, 0.2, 0.4, 0.8, 1.0], abs=0.1)
+
+
 @given(
     connecting=st.permutations(["a", "b", "c", "d"]),
     stopping=st.permutations(["a", "b", "c", "d"]),
@@ -841,6 +861,127 @@ def test_a_write_that_a_device_refuses_fails_with_its_cause_and_is_no_absence(in
             period(m, 3000)
         assert m.now - written < 3 * MAX_AGE + 1.0
         assert moved(box, "initialize") - begun <= len(m.motor._image.items)  # once at most
+
+
+RETRIED = {"on_error": "retry", "max_age": "60 s"}
+
+
+class TakesNoPeriod(Scripted):
+    """It reads well and carries orders out, but takes no outputs of a period while `error` is set."""
+
+    error: Exception | None = None
+
+    def write_many(self, channels: Any, raws: Any) -> None:
+        if self.error is not None:
+            raise self.error
+        super().write_many(channels, raws)
+
+
+class LooksAndTakesNoPeriod(TakesNoPeriod, Looks):
+    def look(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("inputs", [True, False], ids=["with inputs", "outputs alone"])
+@pytest.mark.parametrize("box_class", [TakesNoPeriod, LooksAndTakesNoPeriod])
+@pytest.mark.parametrize("error", [DriverError("refused"), ValueError("crc"), DeviceTimeout("no answer")])
+def test_an_asynchronous_output_is_reset_though_the_device_takes_no_other_output(
+    box_class: type[TakesNoPeriod], error: Exception, inputs: bool
+) -> None:
+    class Out(Compound):
+        timer: DigitalSensor
+        motor: DigitalActuator
+        valve: BinaryActuator
+
+    box, outputs = box_class(), {"motor": actuator(**RETRIED), "valve": relay(synchronous=False)}
+    machine: Any = bench(**outputs) if inputs else Out(timer=timer(), **outputs)
+    wiring = slow(bench(), box)
+    if not inputs:
+        del wiring["wire"]["encoder"], wiring["wire"]["limit"]
+    connection = connect(machine, wiring)
+    with connection as m:
+        period(m, 60)
+        m.motor.write(3.0)
+        m.valve.write(OnOff.ON)
+        period(m, 100)
+        assert (box.get("motor"), box.get("valve")) != (0, 0)
+        box.error = error
+        period(m, 200)
+        m.valve.reset()
+        read = moved(box, "read_many")
+        for _ in range(3000):
+            with suppress(DriverError):  # a device without inputs is away until it is initialised again
+                period(m)
+        assert box.get("valve") == 0
+        if inputs:
+            assert moved(box, "read_many") - read >= 59  # in each of its periods
+            assert m.encoder.quality is Quality.GOOD
+
+
+@pytest.mark.parametrize("error", [DriverError("refused"), DeviceTimeout("no answer")])
+def test_a_device_that_reads_and_takes_no_output_says_so_and_its_outputs_have_the_cause(error: Exception) -> None:
+    box = LooksAndTakesNoPeriod()
+    connection = connect(bench(motor=actuator()), slow(bench(), box))
+    with connection as m:
+        period(m, 60)
+        m.motor.write(3.0)
+        period(m, 100)
+        box.error = error
+        with pytest.raises(DriverError, match=f"box: {error} "):
+            period(m, 3000)
+
+
+def test_a_device_that_reads_and_takes_no_output_is_told_and_so_is_its_return() -> None:
+    box = LooksAndTakesNoPeriod()
+    connection = connect(bench(motor=actuator(**RETRIED), valve=relay(**RETRIED)), slow(bench(), box))
+    with connection as m:
+        period(m, 100)
+        begun, box.error = moved(box, "initialize"), DriverError("refused")
+        period(m, 5000)
+        texts = [event.text for event in connection.machine.events]
+        assert texts == ["takes no output: refused"]
+        box.error = None
+        period(m, 1500)
+        assert [event.text for event in connection.machine.events] == [*texts, "is back"]
+        assert moved(box, "initialize") == begun
+
+
+def test_until_a_device_is_initialised_again_its_outputs_are_reset_and_not_written() -> None:
+    time = [0]
+    box, proxy, channels = served(time)
+    box.has["a"] = 1
+
+    def times_out(*args: Any) -> None:
+        raise DeviceTimeout("no answer")
+
+    box.initialize = box.write_many = times_out  # type: ignore[method-assign]
+    proxy.write_many((channels["sync"],), np.array([500]))
+
+    def go_on() -> None:
+        for _ in range(200):
+            time[0] += 10**7
+            proxy.server.work()
+
+    go_on()
+    proxy.accept_generation(proxy.exchange.arrivals.read()[1])
+    assert proxy.generation > 1
+    proxy.write(channels["b"], 2)
+    proxy.reset(channels["a"], 0)
+    time[0] += 10**7
+    proxy.server.work()
+    assert (box.has["a"], box.has["b"]) == (0, 0)
+    assert "not initialised again" in proxy.cause(proxy.exchange.place["b"])
+
+
+def test_a_device_whose_writing_times_out_for_long_is_initialised_again() -> None:
+    box = TakesNoPeriod()
+    with running(box, bench(motor=actuator(**RETRIED), valve=relay(**RETRIED))) as (m, _):
+        period(m, 100)
+        begun, box.error = moved(box, "initialize"), DeviceTimeout("no answer")
+        period(m, 400)
+        assert moved(box, "initialize") == begun
+        period(m, 600)
+        assert moved(box, "initialize") == begun + 4
 
 
 def test_what_was_wanted_is_not_sent_when_the_machine_has_ended_during_the_reading() -> None:

@@ -493,3 +493,27 @@ def test_a_machine_without_a_timer_is_replayed_with_the_recorded_times() -> None
     tape = each.record()
     result = each.replay(tape)
     assert result.identical and result.periods == 100, str(result)
+
+
+@pytest.mark.parametrize("error", [ValueError("crc"), DriverError("gone")])
+def test_an_absence_in_which_each_call_failed_at_once_is_repeated(error: Exception) -> None:
+    """The tape has no classes of errors."""
+    box, keep = Scripted(), {"max_age": "60 s"}
+
+    def make() -> Bench:
+        return bench(
+            motor=actuator(on_error="retry", **keep),
+            encoder=sensor(on_error="hold", **keep),
+            valve=relay(on_error="retry", **keep),
+            limit=switch(on_error="hold", **keep),
+        )
+
+    def run(m: Any) -> None:
+        for number in range(2000):
+            box.broken = error if 200 <= number < 1200 else None
+            with suppress(DriverError):
+                periods(m)
+
+    each = Case(make, lambda machine: wired(machine, box), run)
+    result = each.replay(each.record())
+    assert result.identical and result.periods == 2000, str(result)

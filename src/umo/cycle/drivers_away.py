@@ -86,7 +86,7 @@ class DriversAway(NobodyAway):
                 self._on_tick, self._clock.on_tick = self._clock.on_tick, self._look
             away = self._away[id(driver)] = DriverAway(name, driver)
         away.cause = text_of(error)
-        self._let_call(away, away.absence.failed(self._clock.now, error, timed_out, write))
+        self._let_call(away, away.absence.failed(self._clock.now, timed_out, write))
 
     def end(self) -> None:
         for away in self._away.values():

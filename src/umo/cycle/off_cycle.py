@@ -69,14 +69,26 @@ class Remote:
         """Asynchronous actuators whose last order is not carried out yet: its number, and the time in s of the first
         one that was not."""
         self.told_away = False
-        """Whether it counts as away, since no value came for long."""
+        """Whether it counts as away, or as not written, since no value came for long."""
         self.tells_end = False
         """Whether that was told, so that its end is to be told."""
         self.told_again = False
         """Whether an initialisation was told since."""
         self.limits = {text: EventLimit() for text in ("away", "initialised")}
-        self.last = 0.0
-        """Time in s at which a value was taken last."""
+        self.last = np.zeros(len(self.stamps))
+        """Time in s at which a value of each channel was taken last, by place."""
+        written = [self.place[slot] for block in self.outputs for slot in range(block.start, block.stop)]
+        self.written = np.array(written, np.int64)
+        """The places of the outputs that each transfer writes."""
+
+    def silence(self, now: float) -> str:
+        """What is told where no value has come for long, or none of its outputs was confirmed; "" else."""
+        since = now - max(LONG_ABSENCE, BAD_AGES * self.driver.max_age)
+        if self.last.max() < since:
+            return f"is away: {self.driver.cause(-1)}"
+        if self.written.size and self.last[self.written].max() < since:
+            return f"takes no output: {self.driver.cause(int(self.written[0]))}"
+        return ""
 
 
 class OffCycleDrivers(Capability):
@@ -199,7 +211,8 @@ class OffCycleDrivers(Capability):
         for block in remote.outputs:
             self._confirm(remote, block, rows)
         remote.until = -np.inf
-        if remote.told_away and arrived and driver.exchange.cells[Cell.AWAY_SINCE] == NEVER:
+        away = driver.exchange.cells[Cell.AWAY_SINCE] != NEVER
+        if remote.told_away and arrived and not away and not remote.silence(now):
             remote.told_away = remote.told_again = False
             if remote.tells_end:
                 self._image.events.add(Event(now, remote.path, "is back"), logged=True)
@@ -211,10 +224,9 @@ class OffCycleDrivers(Capability):
             return False
         remote.times[new] = remote.driver.times(new, stamps[new], now, self._now_ns)
         remote.stamps = stamps.copy()
-        arrived = bool((stamps[new] != NEVER).any())
-        if arrived:
-            remote.last = now
-        return arrived
+        arrived = new[stamps[new] != NEVER]
+        remote.last[arrived] = now
+        return bool(arrived.size)
 
     def _convert_arrivals(self, remote: Remote, block: Block, rows: IntArray, now: float) -> None:
         places = remote.driver.places(block.channels)
@@ -297,12 +309,12 @@ class OffCycleDrivers(Capability):
                 failed.append(slot)
         if failed:
             self._too_old(remote, failed)
-        if not fresh.all() and not remote.told_away and now - remote.last > max(LONG_ABSENCE, BAD_AGES * max_age):
+        if not fresh.all() and not remote.told_away and (silence := remote.silence(now)):
             remote.told_away = True
             left_out = remote.limits["away"].admit(now)
             remote.tells_end = left_out is not None
             if left_out is not None:
-                self._image.events.add(partial(_away, now, remote.path, remote.driver.cause(-1), left_out), logged=True)
+                self._image.events.add(partial(limited, now, remote.path, silence, left_out), logged=True)
 
     def _set_stale(self, slot: int) -> None:
         if self._image.quality[slot] == Quality.GOOD:  # what was not good is no better for being old
@@ -415,11 +427,6 @@ def off_cycle_drivers(image: Image, wired: Wired) -> list[OffCycleDrivers]:
     """Those of a machine, as one capability; none where it has no driver off the cycle."""
     drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
     return [OffCycleDrivers(image, wired, drivers)] if drivers else []
-
-
-def _away(now: float, path: str, cause: str, left_out: int) -> Event:
-    """No value of a driver has come for long."""
-    return limited(now, path, f"is away: {cause}", left_out)
 
 
 def _renewed(now: float, path: str, lost: Sequence[str], left_out: int) -> Event:

@@ -73,6 +73,8 @@ class Absence:
         """Whether it is known that the device is away: a write has failed, or it was not found."""
         self.was_initialized = False
         """Whether the device was initialised in this absence."""
+        self.refuses = False
+        """Whether the device is there and refuses: it has answered the last look, and calls have failed at once."""
         self._since = inf
         """Time since which the device is not known to answer."""
         self._undecided = inf
@@ -80,8 +82,6 @@ class Absence:
         self._interval = FIRST_INTERVAL
         self._accepted = False
         """Whether the device has accepted some of an initialisation: it is there."""
-        self._renewed = False
-        """Whether it was initialised and has answered ever since, though calls fail."""
 
     @property
     def is_away(self) -> bool:
@@ -105,20 +105,18 @@ class Absence:
         """Nothing is known of the device: it is initialised before anything is sent."""
         self.state, self.began, self.due, self._since = AbsenceState.AWAY, now, now, -inf
 
-    def failed(
-        self, now: float, error: BaseException, timed_out: bool, write: bool = False, began: float | None = None
-    ) -> AbsenceStep:
-        """A call has failed by this error: one of the whole driver, or one that timed out. `began`: the time at which
-        the call has begun, if that is not now."""
+    def failed(self, now: float, timed_out: bool, write: bool = False, began: float | None = None) -> AbsenceStep:
+        """A call has failed: one of the whole driver, or one that timed out. `began`: the time at which the call has
+        begun, if that is not now."""
         if self.state is AbsenceState.THERE:
             self.began = self.due = self._since = now if began is None else began
-        answered = not timed_out and (self._answers or not isinstance(error, OSError))  # others are of the code
+        answered = not timed_out and self._answers
         self.known |= write
-        self._renewed &= answered
+        self.refuses &= answered
         refuse = timed_out or not self._manner.calls_on
         if self.state is AbsenceState.TRIED:
             if answered:
-                self._since = now  # it was not switched off meanwhile
+                self.refuses, self._since = True, now  # it was not switched off meanwhile
             if refuse or self.was_initialized:
                 return self._wait(now)
         if self.state is not AbsenceState.AWAY:
@@ -135,9 +133,9 @@ class Absence:
                 return AbsenceStep.REFUSE
         self._undecided = inf
         if not found:
-            self._renewed = False
+            self.refuses = False
             return self._wait(now)
-        if now - self._since >= LONG_ABSENCE - ROUNDING and not self._renewed:
+        if now - self._since >= LONG_ABSENCE - ROUNDING and not self.refuses:
             return AbsenceStep.INITIALIZE
         return self._try()
 
@@ -151,7 +149,7 @@ class Absence:
         """It was initialised again, or not completely."""
         if not complete:
             return self._wait(now)
-        self.was_initialized = self._renewed = True
+        self.was_initialized = True
         self._since = now
         return self._try()
 

@@ -53,6 +53,8 @@ class DeviceServer:
         self._followed = -1
         """The count of what is wanted up to which orders were carried out."""
         self._due = 0
+        self._reads = False
+        """Whether readings have come in the last transfer: they go on while writing fails, and orders are tried."""
         self._held_until = 0
         """Time in ns on its clock up to which the outputs are kept at their defaults."""
         self._absence = Absence(OFF_CYCLE, answers_for_device(driver))
@@ -177,12 +179,12 @@ class DeviceServer:
 
     def work(self) -> None:
         """What is due now: orders, the transfer of a period."""
-        if self._absence.state is AbsenceState.THERE and not self._is_held:
+        if (self._reads or self._absence.refuses or not self._absence.is_away) and not self._is_held:
             self._follow_orders()
         if self.ns() >= self._due:
             self._transfer()
             self._due = max(self._due + self._period, self.ns())
-            if self._absence.is_away:
+            if self._absence.is_away and not self._reads:
                 self._due = max(self._due, round(self._absence.due * 1e9))
 
     def seconds_left(self) -> float:
@@ -192,21 +194,21 @@ class DeviceServer:
     def _transfer(self) -> None:
         began, rows = self.ns(), self.exchange.arrivals.read()[1]
         try:
-            if self._absence.state is not AbsenceState.THERE and not self._found(rows):
+            found = not self._absence.is_away or self._found(rows)
+            if not found and not self._reads:
                 return
             self._read(rows, began)
-            if self._groups[0]:  # it answers: a refused write is no absence, after which it would be initialised
-                self._back()
-            if self.in_charge():
-                self._write(rows)
+            if found:
+                decided = not self.in_charge() or self._write(rows)
+                self._cells[Cell.AWAY_SINCE] = NEVER
+                if decided:
+                    self._back()
         except FAILURES as error:
             self._failed(began, error)
-        else:
-            self._back()
         self._post(rows)
 
     def _read(self, rows: IntArray, began: int) -> None:
-        channels = self._groups[0]
+        self._reads, channels = False, self._groups[0]
         if not channels:
             return
         out, causes = np.full(len(channels), UNREAD), {}
@@ -219,6 +221,7 @@ class DeviceServer:
         for number, channel, raw, age in zip(self._inputs, channels, out.tolist(), ages, strict=True):
             cause = causes.get(channel.text, "the driver returned no value" if raw == UNREAD else "")
             self._judge(rows, number, raw, began - round(age * 1e9), cause)
+        self._reads, self._cells[Cell.AWAY_SINCE] = True, NEVER
 
     @property
     def _is_held(self) -> bool:
@@ -234,10 +237,12 @@ class DeviceServer:
         numbers = [number for number in self._outputs if current[number]]
         return numbers, wanted[Wanted.RAW, numbers]
 
-    def _write(self, rows: IntArray) -> None:
+    def _write(self, rows: IntArray) -> bool:
+        """Whether the device was sent what is wanted, or has no outputs; not, before anything is wanted of those that
+        were initialised again."""
         numbers, raws = self._to_write()
         if not numbers:
-            return
+            return not self._outputs
         complete = len(numbers) == len(self._outputs)
         channels = self._groups[1] if complete else tuple(self._channels[number] for number in numbers)
         causes: Mapping[str, str] = {}
@@ -247,8 +252,13 @@ class DeviceServer:
             self.driver.write_many(channels, raws)
         except ChannelsFailed as error:
             causes = error.causes
+        except FAILURES as error:
+            for number in numbers:
+                self.exchange.set_cause(number, text_of(error))
+            raise
         for number, channel, raw in zip(numbers, channels, raws.tolist(), strict=True):
             self._judge(rows, number, raw, began, causes.get(channel.text, ""))
+        return True
 
     def _judge(self, rows: IntArray, number: int, raw: int, began: int, cause: str) -> None:
         """One channel was transferred, or failed."""
@@ -296,6 +306,8 @@ class DeviceServer:
         self.on_call()
         default = self._initialized[channel.text][1]
         if call == Order.WRITE:
+            if self._cells[Cell.INITIALIZED] != self._cells[Cell.GENERATION]:
+                raise DriverError("its device was not initialised again yet")
             self.driver.write(channel, raw)
             return raw
         if call == Order.RESET:
@@ -307,10 +319,10 @@ class DeviceServer:
     # A device that is away ---------------------------------------------------------------------------------------
 
     def _failed(self, began: int, error: BaseException) -> None:
-        """A call of the whole driver has failed, or one timed out: nothing is written until the device is found."""
-        if self._cells[Cell.AWAY_SINCE] == NEVER:
+        """A call of the whole driver has failed, or one timed out: no period is written until the device is found."""
+        if self._cells[Cell.AWAY_SINCE] == NEVER and not self._reads:
             self._cells[Cell.AWAY_SINCE] = began
-        self._absence.failed(self._now, error, isinstance(error, TimeoutError), began=began * 1e-9)
+        self._absence.failed(self._now, isinstance(error, TimeoutError), began=began * 1e-9)
         self._set_cause(error)
 
     def _set_cause(self, error: BaseException) -> None:
@@ -333,7 +345,8 @@ class DeviceServer:
         found = self._look()
         step = self._absence.looked(self._now, found, self.driver.timeout)
         if step is AbsenceStep.INITIALIZE:
-            step = self._absence.initialized(self._now, self._initialize_again(rows))
+            complete = self._initialize_again(rows)  # takes its time
+            step = self._absence.initialized(self._now, complete)
         return step is AbsenceStep.TRY
 
     def _look(self) -> bool | None:
@@ -378,7 +391,7 @@ class DeviceServer:
         outputs stay at their defaults, whatever is wanted."""
         self._held_until = self.ns() + round(hold * 1e9)
         self._initialized = {text: (self._channel(text), raw) for text, raw in defaults.items()}
-        self._watchdog = watchdog
+        self._watchdog, self._reads = watchdog, False
         self._cells[Cell.AWAY_SINCE] = self._due = self.ns()
         self._absence.assume(self._now)
         rows = self.exchange.arrivals.read()[1]
