@@ -17,7 +17,7 @@ from helpers.tiers import some
 from umo import published
 from umo.control import EndStop, ServoAxis, next_period, wait
 from umo.control.axis_state import FOLLOWED_BY, AxisState
-from umo.errors import EquipmentFault, TaskFailed, UmoError
+from umo.errors import AxisError, BadInput, Busy, EquipmentFault, HomingError, TaskFailed, UmoError
 from umo.faces.face_declaration import declaration_of
 from umo.frames import Reader
 
@@ -91,6 +91,90 @@ def test_an_axis_in_fault_is_in_error_stop() -> None:
     assert seen == [AxisState.ERROR_STOP]
 
 
+async def tried(motion: Any) -> None:
+    with suppress(UmoError):
+        await motion
+
+
+class LostItsSwitch:
+    async def find(self, axis: Any) -> None:
+        await next_period()
+        axis.disable()
+        raise HomingError("x: no switch")
+
+
+class NotReady(ServoAxis, equipment=True):
+    def enable(self) -> None:
+        raise AxisError("x: the drive is not ready")
+
+
+class DriveFault(ServoAxis, equipment=True):
+    async def travel(self, position: float, **keys: Any) -> None:
+        await wait(0.05)
+        self.disable()
+        raise AxisError("x: the drive has reported E42")
+
+
+class HomedEquipment(ServoAxis, equipment=True):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("kind", "error"),
+    [(HomedEquipment, "no switch"), (NotReady, "the drive is not ready"), (DriveFault, "the drive has reported E42")],
+)
+def test_an_axis_of_equipment_that_fails_is_in_fault_though_it_is_not_enabled(kind: Any, error: str) -> None:
+    axis = servo()
+    axis.__class__ = kind
+    axis.homing = LostItsSwitch()
+    seen: list[Any] = []
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.encoder.referenced(at=40.0)
+        with pytest.raises((AxisError, HomingError, EquipmentFault), match=error):
+            await (m.x.home() if kind is HomedEquipment else m.x.move_to(60.0))
+        seen.append((m.x.state, error in str(m.x.cycle.fault)))
+
+    run(machine(axis), Slide(), work)
+    assert seen == [(AxisState.ERROR_STOP, True)]
+
+
+def test_an_axis_of_equipment_that_others_disable_is_in_no_fault_nor_is_one_that_is_busy() -> None:
+    axis = servo()
+    axis.__class__ = HomedEquipment
+
+    async def work(m: Machine) -> None:
+        await next_period()
+        m.x.encoder.referenced(at=40.0)
+        motion = m.cycle.start(tried(m.x.move_to(60.0)))
+        await wait(0.05)
+        with pytest.raises(Busy):
+            await m.x.move_to(50.0)
+        m.x.disable()
+        await motion
+        assert (m.x.state, m.x.cycle.fault) == (AxisState.DISABLED, None)
+
+    run(machine(axis), Slide(), work)
+
+
+def test_an_axis_that_is_disabled_while_homing_accepts_no_more_than_any_other() -> None:
+    class Search:
+        async def find(self, axis: Any) -> None:
+            await axis.search(5.0)
+
+    async def work(m: Machine) -> None:
+        m.x.homing = Search()
+        motion = m.cycle.start(tried(m.x.home()))
+        await wait(0.1)
+        m.x.disable()
+        with pytest.raises(BadInput):
+            m.x.enable()
+        await motion
+
+    run(machine(servo()), Slide(), work)
+
+
 def test_a_motion_ends_with_the_axis_disabled_although_it_is_enabled_again_in_the_same_period() -> None:
     async def work(m: Machine) -> None:
         motion = m.x.cycle.start(m.x.move_to(60.0))
@@ -133,10 +217,6 @@ def test_states_follow_one_another_as_the_table_says(seed: int) -> None:
         lambda: m.x.enable(),
         lambda: m.x.disable(),
     ]
-
-    async def tried(motion: Any) -> None:
-        with suppress(UmoError):
-            await motion
 
     async def work(m: Machine) -> None:
         await next_period()

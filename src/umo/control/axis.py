@@ -71,6 +71,8 @@ class Motion:
     """The sequence that has begun a jog; None: another caller has."""
     awaited: bool = False
     """Whether a sequence awaits its end."""
+    was_disabled: bool = False
+    """Whether it ends because others have disabled the axis: an error of whoever awaits it, and no fault."""
 
 
 class Homing(Protocol):
@@ -235,6 +237,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Stop following: the actuators go to their defaults. A motion under way ends with AxisError, which
         is no fault."""
         self._enter(_DISABLED)
+        self._accept = ACCEPTED_WHEN_REFERENCED
 
     @property
     def enabled(self) -> bool:
@@ -431,14 +434,19 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             raise Busy(f"{self._path} is busy with {busy}; {wanted} was not started")
 
     def _prepare(self, state: AxisState, accept: Accept) -> None:
-        """Enable the axis for a motion. Busy during another one; BadInput if these qualities are not enough."""
+        """Enable the axis for a motion. Busy during another one; BadInput if these qualities are not enough; AxisError,
+        a fault of equipment, if it cannot be enabled."""
         self._check_free(state)
         if self.enabled:
             value_of(self.encoder, accept)
         self._accept = accept
-        self.enable()
-        if not self.enabled:
-            raise AxisError(f"{self._path} was not enabled")
+        try:
+            self.enable()
+            if not self.enabled:
+                raise AxisError(f"{self._path} was not enabled")
+        except AxisError as error:
+            self._machine.fail(self, error)
+            raise
 
     def _begin(self, motion: Motion) -> None:
         """The axis carries out this motion from now on."""
@@ -465,21 +473,16 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         try:
             yield
         except BaseException as error:
-            if self.enabled and self._motion is motion:
-                self._fail(state, error)
+            if state is AxisState.HOMING and self.enabled and self._motion is motion:
+                self._let_go()
+            if isinstance(error, AxisError | HomingError) and not motion.was_disabled:
+                self._machine.fail(self, error)
             raise
         finally:
             motion.awaited = False
             if self._motion is motion:
                 self._end()
                 self._accept = ACCEPTED_WHEN_REFERENCED
-
-    def _fail(self, state: AxisState, error: BaseException) -> None:
-        """A motion was cancelled, or has failed."""
-        if state is AxisState.HOMING:
-            self._let_go()
-        if isinstance(error, AxisError | HomingError):
-            self._machine.fail(self, error)
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""
@@ -500,6 +503,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     def _check(self, motion: Motion | None) -> None:
         """AxisError, or the fault, if the axis was disabled since this motion has begun."""
         if self._state is _DISABLED or self._motion is not motion:
+            if motion is not None:
+                motion.was_disabled = True
             raise self._machine.fault_of(self) or AxisError(f"{self._path} was disabled during its motion")
 
     def _interrupt(self) -> None:
