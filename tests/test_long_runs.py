@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import Result
 
@@ -36,7 +37,13 @@ class Frames:
     def __init__(self) -> None:
         self.number = 0
         self.frame = SimpleNamespace(
-            items=[], values=[], quality=[], missed=0, execution=1e-4, progress=Progress("running"), signals=[]
+            items=[],
+            values=[],
+            quality=np.zeros(0, np.uint8),
+            missed=0,
+            execution=1e-4,
+            progress=Progress("running"),
+            signals=[],
         )
         self.frame.signals = [SimpleNamespace(path=f"tank.level{number}", unit="mm") for number in range(3)]
         self.frame.signal_values = [1.0, 2.0, 3.0]
