@@ -5,6 +5,10 @@ from __future__ import annotations
 from functools import partial
 from random import Random
 
+import numpy as np
+
+from umo.drivers.contract import UNREAD, Direction
+from umo.errors import ChannelsFailed
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
@@ -23,15 +27,17 @@ from umo.testing.conformance.spoiling import (
 
 CHECKSUM_SIZES = (1, 2, 4)
 """Bytes that a checksum has."""
+MANY_LATE = (2, 4)
+"""Answers that are late one after the other: a number that counts to so many is that of the next request then."""
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
     "(`steady` of an Input, --steady)"
 )
 
 
-@rule(Cost(each=6, calls=44, connects=40, waits=40, settles=2))
+@rule(Cost(each=6, calls=46, connects=48, waits=48, settles=2))
 def late_answer(context: RuleContext) -> str | None:
-    """After a timeout, the late answer is never taken for that of a later request."""
+    """After a timeout, or several, a late answer is never taken for that of a later request."""
     # The answer to the later request gets lost: if the call succeeds, it took the late one
     tried = False
     with context.opened() as probe:
@@ -40,6 +46,9 @@ def late_answer(context: RuleContext) -> str | None:
                 for later in _calls(context, probe):
                     tried |= _comes_late(context, probe, behind, asked, later)
             tried |= _late_level(context, probe, behind)
+        for times in MANY_LATE:
+            for call in _calls(context, probe)[:1]:
+                _comes_late(context, probe, False, call, call, times)
         recovers(context, probe, values(context, probe), "late answers")
     if not tried:
         raise NotTried(NO_ANSWER)
@@ -55,17 +64,19 @@ def _calls(context: RuleContext, probe: Probe) -> list[DriverCall]:
     return [*(partial(probe.read, text) for text in context.readable[:MAX_CHANNELS]), *_writes(context, probe)]
 
 
-def _comes_late(context: RuleContext, probe: Probe, behind: bool, asked: DriverCall, later: DriverCall) -> bool:
-    """Whether the first call had an answer, which came after its timeout."""
+def _comes_late(
+    context: RuleContext, probe: Probe, behind: bool, asked: DriverCall, later: DriverCall, times: int = 1
+) -> bool:
+    """Whether the first call, made so many times, had an answer, which came after its timeout."""
     line = context.line
     _alive(context, probe)
     before = line.spoiled
     with line.late(behind=behind):
-        error = context.failure(asked)
+        errors = [context.failure(asked) for _ in range(times)]
     first = context.watch.doing
     if line.spoiled == before:
         return False
-    if error is None:
+    if None in errors:
         raise RuleBroken(f"{first} succeeded before its answer came", MADE_UP)
     error, lost = context.unanswered(later)
     if error is None and lost:
@@ -191,10 +202,11 @@ def short_answer(context: RuleContext) -> str | None:
     return whole
 
 
-@rule(Cost(opens=2, each=6, calls=180, connects=40, waits=12, settles=28))
+@rule(Cost(opens=3, each=6, calls=210, connects=50, waits=16, settles=28))
 def garbled_answer(context: RuleContext) -> str | None:
     """An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or
-    register in a sound answer cannot be noticed; it is tried only where answers have a checksum."""
+    register in a sound answer cannot be noticed; it is tried only where answers have a checksum, also in one that
+    says that a channel failed."""
     random = Random(1998)
 
     def noise(count: int) -> bytes:
@@ -218,7 +230,32 @@ def garbled_answer(context: RuleContext) -> str | None:
             Spoilt(f"a changed answer that ends with {size} bytes of 0, as without a checksum", _unchecked(size))
             for size in CHECKSUM_SIZES
         ]
+        _garbled_refusals(context, ways)
     return each_spoiled(context, ways, structured=True)
+
+
+def _garbled_refusals(context: RuleContext, ways: list[Spoilt]) -> None:
+    """An answer that says that a channel failed is checked as any other: it must not tell a wrong value of another."""
+    with context.opened() as probe:
+        refused = [text for text in context.subject.refused if Direction.INPUT in probe.channel(text).direction]
+        for bad, text in zip(refused, context.known[:1], strict=False):
+            for way in ways:
+                _garbled_refusal(context, probe, (bad, text), way)
+
+
+def _garbled_refusal(context: RuleContext, probe: Probe, block: tuple[str, str], way: Spoilt) -> None:
+    bad, text = block
+    probe.timeout = context.patience
+    known, out = context.insist(probe.read, text), np.full(2, UNREAD)
+    probe.timeout = context.haste
+    found, changed = context.spoiled(way.change, way.hangup, probe.read_many, block, out)
+    if not changed or (isinstance(found, OSError) and not isinstance(found, ChannelsFailed)):
+        return
+    if not isinstance(found, ChannelsFailed):
+        raise RuleBroken(f"{context.watch.doing} succeeded with {way.words}; the device refuses {bad}")
+    raw = out.tolist()[1]
+    if text not in found.causes and raw != UNREAD and not context.alike(text, known, raw):
+        raise RuleBroken(f"{text} read {raw} from {way.words}, which says that {bad} failed; it is at {known}")
 
 
 def _unchecked(size: int) -> Change:

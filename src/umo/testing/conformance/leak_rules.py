@@ -63,7 +63,8 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 @rule(Cost(opens=15, each=12, calls=100, connects=48, waits=14, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
     """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
-    garbled answers, and calls without an answer, nor by a `close` that fails. No child process inherits one."""
+    garbled answers, and calls without an answer, nor by a `close` that fails or ends a look. No child process inherits
+    one."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before = _counts(context, None)
@@ -127,13 +128,16 @@ def _open_in_silence(context: RuleContext) -> Probe:
 
 
 def _close_in_silence(context: RuleContext) -> Probe:
-    """Left while nobody answers: what was opened is closed, whatever `close` says of that."""
+    """Left while nobody answers, and while it looks for its device: what was opened is closed, whatever `close` says of
+    that."""
     probe, line = context.new(), context.subject.line
     context.bring_up(probe)
     probe.timeout = context.haste
     with line.silent() if line is not None else nullcontext():
+        context.failure(context.transfers(probe)[0])
         for text in tuple(probe.opened):
             context.failure(probe.finalize, text)
+        context.look(probe)
         context.failure(probe.close)
     return probe
 

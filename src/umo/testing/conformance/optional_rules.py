@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from math import isfinite, isnan
 from time import monotonic, sleep
 from typing import Any
+
+import numpy as np
 
 from umo.drivers.optional import HasWatchdog, Inspects, PhysicalScale, Reports, ages_of, inspection_of, scale_of
 from umo.errors import DeclarationError, text_of
@@ -14,7 +17,7 @@ from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import clock_set_back
 from umo.text import some
@@ -41,6 +44,8 @@ NO_TIMES = (1e9, -1.0)
 """Times in s that no watchdog has: 31 years, and one that is over."""
 QUIET_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
+REPORTS = 4
+"""Times that a report is asked for twice in a row."""
 FEEDS = 6
 """Requests within the time of a watchdog that is not to run out."""
 
@@ -217,11 +222,11 @@ def _time(seconds: float) -> str:
     return duration(round(seconds, 3)) if isfinite(seconds) else f"{seconds} s"
 
 
-@rule(Cost(each=4, calls=8, connects=2, waits=3))
+@rule(Cost(each=4, calls=28, connects=2, waits=3))
 def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
     moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
-    away."""
+    away. Asked again, a report still has what it had."""
     if not isinstance(context.new().driver, Reports | Inspects):
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
@@ -238,9 +243,32 @@ def report(context: RuleContext) -> str | None:
                     raise RuleBroken(f"inspect of {text} returned {said!r}, not a line of text")
         for output, raw in goals.items():
             context.expect(probe, output, raw, "report")
+        _reports_again(context, probe)
         _inspects_aside(context, probe)
         _reports_while_away(context, probe)
     return context.remark() if context.subject.outputs else None
+
+
+def _reports_again(context: RuleContext, probe: Probe) -> None:
+    """Results so far do not go because somebody has asked for them; by itself one may come to zero now and then."""
+    driver, gone = probe.driver, None
+    if not isinstance(driver, Reports):
+        return
+    for _ in range(REPORTS):
+        context.use(probe)
+        first, second = (dict(probe.call("report", driver.report)) for _ in range(2))
+        now = {name for name, value in first.items() if _holds(value) and not _holds(second.get(name))}
+        gone = now if gone is None else gone & now
+    if gone:
+        lost = some(sorted(map(repr, gone)))
+        raise RuleBroken(f"report has lost {lost} when it is asked again right after, {REPORTS} times of {REPORTS}")
+
+
+def _holds(value: Any) -> bool:
+    """Whether there is anything but zeros in it."""
+    if isinstance(value, Mapping):
+        return any(map(_holds, value.values()))
+    return any(map(_holds, value)) if isinstance(value, list | tuple) else bool(np.any(value))
 
 
 def _inspects_aside(context: RuleContext, probe: Probe) -> None:
@@ -288,11 +316,12 @@ def _is_plain(value: Any) -> bool:
     return value is None or isinstance(value, str | bool | int | float) or hasattr(value, "dtype")
 
 
-@rule(Cost(each=1, calls=1, watchdogs=9, sleeps=0.1))
+@rule(Cost(each=1, calls=3, waits=1, connects=1, watchdogs=9, sleeps=0.1))
 def watchdog(context: RuleContext) -> str | None:
     """Armed with a time, the watchdog of the circuit lets go of the outputs after that time without a request, and not
     before, also if the driver has connected again since; each call of `watchdog` sets the time anew, and makes no
-    requests come by themselves. `check_watchdog` refuses what the circuit cannot take."""
+    requests come by themselves, and fails if its answer gets lost. `check_watchdog` refuses what the circuit cannot
+    take."""
     seconds = context.subject.watchdog
     if not isinstance(context.new().driver, HasWatchdog):
         raise NotTried("the driver has no watchdog of its circuit")
@@ -319,6 +348,7 @@ def watchdog(context: RuleContext) -> str | None:
             if context.subject.line is not None:
                 _connects_again(context, probe, seconds)
                 _check_let_go(context, probe, seconds, beats, " and connected again since")
+                _arms_in_vain(context, probe, seconds)
         finally:
             _arm(probe, 0.0)
     return context.remark(*(() if longer else (f"it does not take {duration(long)}, so it was armed once",)))
@@ -364,6 +394,17 @@ def _connects_again(context: RuleContext, probe: Probe, seconds: float) -> None:
     if context.failure(_drive, context, probe) is not None:
         context.insist(_drive, context, probe)
         _arm(probe, seconds)
+
+
+def _arms_in_vain(context: RuleContext, probe: Probe, seconds: float) -> None:
+    """Nobody must rely on a watchdog of which it is not known whether it was armed."""
+    _drive(context, probe)
+    with context.in_haste(probe):
+        armed = partial(probe.call, f"watchdog({seconds:g})", _watched(probe).watchdog, seconds)
+        error, lost = context.unanswered(armed)
+    if error is None and lost:
+        raise RuleBroken(f"{context.watch.doing} succeeded without an answer", MADE_UP)
+    context.failure(_drive, context, probe)
 
 
 def _drive(context: RuleContext, probe: Probe) -> None:

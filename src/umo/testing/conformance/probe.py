@@ -98,6 +98,7 @@ class Probe:
         self.opened: list[str] = []
         """Channels that were initialised and not finalised."""
         self._channels: dict[str, Channel] = {}
+        self._whole: tuple[Channel, ...] = ()
         self._timeout = driver.timeout
 
     @property
@@ -143,17 +144,24 @@ class Probe:
 
     def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
         """Into `out`, or into an array as umo hands it over."""
-        channels = tuple(map(self.channel, texts))
+        channels = self._block(texts)
         out = np.full(len(texts), UNREAD) if out is None else out
         self.call(f"read_many of {', '.join(texts)}", self.driver.read_many, channels, out)
         return [self._checked(channel, raw) for channel, raw in zip(channels, out.tolist(), strict=True)]
 
     def write_many(self, texts: Sequence[str], raws: Sequence[int] | IntArray) -> None:
-        channels = tuple(map(self.channel, texts))
+        channels = self._block(texts)
         array = np.array(raws, np.int64) if not isinstance(raws, np.ndarray) else raws
         array = array.view()
         array.setflags(write=False)  # as the image hands it over
         self.call(f"write_many to {', '.join(texts)}", self.driver.write_many, channels, array)
+
+    def _block(self, texts: Sequence[str]) -> tuple[Channel, ...]:
+        """The same object for as long as one block is transferred, as for a whole machine; else an equal one."""
+        channels = tuple(map(self.channel, texts))
+        if channels != self._whole:
+            self._whole = channels
+        return self._whole
 
     def call(self, what: str, function: Callable[..., T], *arguments: Any) -> T:
         """Any call of the driver."""

@@ -86,6 +86,7 @@ def state() -> State:
             "sys.unraisablehook": sys.unraisablehook,
             "threading.excepthook": threading.excepthook,
         },
+        "automatic garbage collection": gc.isenabled(),
         "thresholds of the garbage collector": gc.get_threshold(),
         "errors of numpy": np.geterr(),
         "functions of the standard library": _functions(),

@@ -159,6 +159,10 @@ class Relay(ABC):
         """A connection waits to be taken."""
         raise NotImplementedError
 
+    def _ended(self, tapped: Tapped, by: int) -> None:
+        """The driver or the device, whose descriptor this is, has ended the connection."""
+        self._close(tapped)
+
     def _mirror(self, tapped: Tapped) -> None:
         """A request is about to be passed on."""
         return
@@ -205,7 +209,7 @@ class Relay(ABC):
         except OSError:
             data = b""
         if not data:
-            self._close(tapped)
+            self._ended(tapped, ready)
         elif ready == tapped.driver:
             self._requested(tapped, data)
         else:

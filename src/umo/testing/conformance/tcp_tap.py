@@ -28,7 +28,27 @@ class TcpTap(Tap):
         self._device = (host, port)
         self._listener: socket.socket | None = None
         self._full: list[socket.socket] = []
+        self._silent = False
+        self._ignored: list[int] = []
+        """Descriptors of connections whose end the silent device has not noticed."""
         self.host, self.port = "127.0.0.1", 0
+
+    @contextmanager
+    def silent(self) -> Iterator[None]:
+        """Requests reach the device, answers get lost. Nor is it noticed that the driver ends its connection."""
+        self._silent = True
+        try:
+            with super().silent():
+                yield
+        finally:
+            with self._lock:
+                self._silent = False
+                while self._ignored:
+                    os.close(self._ignored.pop())
+
+    @property
+    def descriptors(self) -> int:
+        return super().descriptors + len(self._ignored)
 
     @contextmanager
     def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
@@ -60,6 +80,11 @@ class TcpTap(Tap):
             self._selector.unregister(self._listener)
             self._listener.close()
             self._listener = None
+
+    def _ended(self, tapped: Tapped, by: int) -> None:
+        if self._silent and by == tapped.driver:
+            self._ignored.append(os.dup(by))
+        super()._ended(tapped, by)
 
     def _reset(self, tapped: Tapped) -> None:
         with socket.socket(fileno=os.dup(tapped.driver)) as driver:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from time import monotonic, sleep
+from types import ModuleType
 from typing import Any, TypeVar
 
 from umo.errors import text_of
@@ -117,13 +119,25 @@ def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 @contextmanager
 def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
-    """The clock of the day is set back by so much, as seen by `time.time`."""
+    """The clock of the day is set back by so much, as seen by `time.time`, also where it was imported by a name."""
     right = time.time
-    time.time = lambda: right() - seconds()
+
+    def wrong() -> float:
+        return right() - seconds()
+
+    _replace(right, wrong)
     try:
         yield
     finally:
-        time.time = right
+        _replace(wrong, right)
+
+
+def _replace(old: object, new: object) -> None:
+    """Another function in the place of one, in all modules that have it."""
+    for module in tuple(sys.modules.values()):
+        names = vars(module) if isinstance(module, ModuleType) else {}
+        for name in [name for name, value in tuple(names.items()) if value is old]:
+            setattr(module, name, new)
 
 
 def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
