@@ -56,7 +56,6 @@ class Slots:
         self.segments = DriverSegments(self.transfer, wired)
         self.scales = scales = Scales(self.wires, self.transfer.defaults)
         self._defaults = scales.defaults.data
-        self._resolution, self._zero_offset = scales.resolution.data, scales.zero_offset.data
         self.base = [Quality.UNREFERENCED if item._incremental else Quality.GOOD for item in self.items]
         inputs, outputs = self._blocks(Direction.INPUT, parts), self._blocks(Direction.OUTPUT, parts)
         self.blocks = [*inputs, *outputs]
@@ -99,15 +98,16 @@ class Slots:
 
     def value_of(self, slot: int, raw: int) -> float:
         """The value that a raw integer stands for."""
-        value = to_value(raw, self._resolution[slot], self._zero_offset[slot])
-        linearization = self.scales.linearizations[slot]
+        scales = self.scales
+        value = to_value(raw, scales.resolution.item(slot), scales.zero_offset.item(slot))
+        linearization = scales.linearizations[slot]
         return value if linearization is None else linearization.to_value(value)
 
     def nearest(self, slot: int, value: float) -> int:
         """The raw integer nearest to a value, also outside the range."""
-        linearization = self.scales.linearizations[slot]
+        scales, linearization = self.scales, self.scales.linearizations[slot]
         quantity = value if linearization is None else linearization.to_input(value)
-        return to_raw(quantity, self._resolution[slot], self._zero_offset[slot])
+        return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))
 
     def set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)

@@ -11,7 +11,7 @@ from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
 """Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
-FINAL_SHARE = 0.03
+FINAL_SHARE = 0.04
 """Share of the budget that is kept for the end: the last rules may take longer than planned too."""
 SAFETY_FACTOR = 1.15
 """Factor on times that were measured from a few calls: they are no more exact than this."""
