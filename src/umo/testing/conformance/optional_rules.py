@@ -44,7 +44,7 @@ NO_TIMES = (1e9, -1.0)
 """Times in s that no watchdog has: 31 years, and one that is over."""
 QUIET_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
-REPORTS = 4
+REPORTS = 3
 """Times that a report is asked for twice in a row."""
 FEEDS = 6
 """Requests within the time of a watchdog that is not to run out."""
@@ -222,7 +222,7 @@ def _time(seconds: float) -> str:
     return duration(round(seconds, 3)) if isfinite(seconds) else f"{seconds} s"
 
 
-@rule(Cost(each=4, calls=28, connects=2, waits=3))
+@rule(Cost(each=4, calls=24, connects=2, waits=3))
 def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
     moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
