@@ -13,7 +13,7 @@ demo: $(STAMP)
 # Twice as many workers as processors: half of the time tests wait for processes.
 PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
 
-# Four to five minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
+# Three to five minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
 test: $(COMPILED)
 	$(PYTEST) -m "not full" $(ARGS)
 

@@ -55,10 +55,14 @@ class Command:
     """The client that has taken the actuator: the program cannot write it meanwhile."""
 
     @property
+    def inhibition(self) -> Inhibition | None:
+        """The fault or interlock for which only the default may be sent."""
+        return next((each for each in chain(self.faults, self.interlocks) if each.reason is not None), None)
+
+    @property
     def interlocked(self) -> str | None:
-        """The reason of the fault or interlock for which only the default may be sent."""
-        both = chain(self.faults, self.interlocks)
-        return next((each.reason for each in both if each.reason is not None), None)
+        """The reason of that."""
+        return None if (found := self.inhibition) is None else found.reason
 
     @property
     def rank(self) -> Rank:
@@ -284,8 +288,7 @@ class Claims:
 
     def _restrict_one(self, command: Command) -> None:
         """The same of one actuator."""
-        slot, both = command.slot, chain(command.faults, command.interlocks)
-        each = next((each for each in both if each.reason is not None), None)
+        slot, each = command.slot, command.inhibition
         if slot in self._taken_by_clients:
             found = TAKEN_BY_CLIENT
         elif each is not None:
