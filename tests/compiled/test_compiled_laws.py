@@ -10,10 +10,14 @@ from typing import Any
 
 import pytest
 
+from helpers.compiling import CompiledRun
 from helpers.controllers import MACHINES, Tried
 from helpers.generating import Fragile, needs_a_compiler, random_inputs, set_inputs, told_by
+from helpers.machines import actuator, sensor, timer
 from helpers.tiers import first
+from umo import Compound, DigitalActuator, DigitalSensor
 from umo.cycle.connect import connect
+from umo.errors import BadInput
 from umo.generate.bound_fields import BoundList
 from umo.generate.compiled_laws import CompiledLaws, prepare
 from umo.generate.controller_model import laid_out
@@ -130,3 +134,22 @@ def test_thousands_of_random_periods_are_the_same(name: str) -> None:
                 two.clear()
             assert (number, two.difference()) == (number, "")
         assert two.laws.state == "compiled"
+
+
+class Moved(Compound):
+    timer: DigitalSensor
+    slide: DigitalSensor
+    speed: DigitalActuator
+
+    def control(self) -> None:
+        self.speed.write(self.slide.velocity)
+
+
+def test_the_velocity_of_a_sensor_that_is_bad_raises_as_in_python() -> None:
+    slide = sensor(on_error="mark", velocity=0.0)
+    with CompiledRun(Moved(timer=timer(), slide=slide, speed=actuator(minimum=-1e6, maximum=1e6))) as run:
+        set_inputs(run.box, ["slide"], [0], [True])
+        run.m.timer.read()
+        run.m.sample()
+        with pytest.raises(BadInput, match="slide"):
+            run.m.control()

@@ -35,7 +35,8 @@ from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import CFunction, Translation
 
 ON_HOST = Path(__file__).parent / "on_host"
-HEADERS = "umo.h", "umo_scaling.h", "umo_python.h"
+SHARED = "umo.h", "umo_scaling.h", "umo_python.h", "umo_access.c", "umo_sums.c"
+"""The files of the runtime of controllers that laws beside Python have, too."""
 NOT_ON_COLUMNS = "umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"
 """What translated code cannot do on the memory of Python."""
 TAKEN = POINTER(c_bool)
@@ -173,7 +174,7 @@ def _is_sound(path: Path) -> bool:
 
 
 def _files() -> list[Path]:
-    return [*(RUNTIME / name for name in HEADERS), *sorted(ON_HOST.iterdir()), RUNTIME / "umo_sums.c"]
+    return [*(RUNTIME / name for name in SHARED), *sorted(ON_HOST.iterdir())]
 
 
 def _version(cc: str) -> str:
