@@ -131,6 +131,11 @@ class Calculation:
     def remainder(self) -> None:
         self.out = self.a % self.b
 
+    def powers(self) -> None:
+        """Where the exponent is written down, compilers would take a product or a quotient."""
+        self.out = self.a**2.0
+        self.last = self.b**-1.0 + self.b**2
+
     def whole_floor_division(self) -> None:
         self.out = self.i // self.j
 
@@ -373,6 +378,20 @@ def number(random: Random) -> float:
     if kind == 0:
         return random.choice(WORDS)
     return random.uniform(-4.0, 4.0) if kind < 3 else random.uniform(-1e10, 1e10)
+
+
+@needs_a_compiler
+def test_a_square_is_the_power_of_the_library(methods: CompiledMethods) -> None:
+    """It is not always the product, which an optimizing compiler would take in its place."""
+    random = Random(2)
+    odd = [x for x in (random.uniform(-10.0, 10.0) for _ in range(50_000)) if x**2.0 != x * x]
+    assert odd
+    with methods.chosen("powers") as (law, memory, step):
+        for law.a in odd:
+            law.b = 1.0
+            memory.push()
+            assert step() is None
+            assert memory.read("out") == law.a**2.0
 
 
 def whole(random: Random) -> int:

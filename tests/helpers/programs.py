@@ -204,7 +204,7 @@ class Writer:
             lambda: f"float(self.array[{self.pick('0', '1', '-1')}])",
             lambda: f"float(self.array.{self.pick('sum', 'max', 'min')}())",
             lambda: f"({self.pick('self.maybe', 'self.last')} or {r()})",
-            lambda: f"({r()} ** {self.pick('2.0', '0.5', '-1.0', r())})",
+            lambda: f"({r()} ** {self.pick('2', '3', '-1', '2.0', '0.5', '-1.0', r())})",
             lambda: f"self.helped({r()})",
             lambda: f"round({r()}) * 0.5",
         ]
@@ -230,6 +230,10 @@ class Writer:
             lambda: f"sum({self.pick('self.cells', 'self.marks')})",
             lambda: f"({w()} + ({b()}))",
             lambda: "self.bump()",
+            lambda: f"({w()} {self.pick('&', '|', '^')} {w()})",
+            lambda: f"({w()} {self.pick('<<', '>>')} {self.pick('1', '3', '40', w(), f'({w()} & 7)')})",
+            lambda: f"(~{self.pick(w(), b())})",
+            lambda: f"({w()} ** {self.pick('0', '1', '2', '3', '5')})",
             lambda: f"self.pairs({self.real(depth - 1)}, {w()})[1]",
         ]
         return self.random.choice(options)()
@@ -248,6 +252,7 @@ class Writer:
             lambda: f"({b()} {self.pick('and', 'or')} {b()})",
             lambda: f"({b()} {self.pick('and', 'or')} {b()} {self.pick('and', 'or')} {b()})",
             lambda: f"(not {b()})",
+            lambda: f"({b()} {self.pick('&', '|', '^')} {b()})",
             lambda: f"bool({self.pick(r(), w())})",
             lambda: f"(self.mode {self.pick('is', 'is not', '==', '!=')} Mode.{self.pick('OFF', 'HEAT', 'COOL')})",
             lambda: f"(self.side {self.pick('is', 'is not', '==', '!=')} {self.pick('Mode.OFF', 'Mode.COOL', 'None')})",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from umo.generate.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
 from umo.generate.c_types import (
     BOOL,
     INT,
@@ -23,6 +24,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
+from umo.generate.power_code import MOST_POWER, is_whole_power, whole_power
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Term
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
@@ -40,7 +42,6 @@ SIGNS: dict[type[ast.AST], str] = {
 CHECKED: dict[type[ast.AST], str] = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 NUMBERS = (bool, int, float)
 CONSTANTS = (*NUMBERS, str, type(None))
-MOST_POWER = 64
 
 
 class ExpressionCode(FunctionScope):
@@ -199,12 +200,14 @@ class ExpressionCode(FunctionScope):
             return Known(not truth) if isinstance(truth, bool) else Code(BOOL, f"!({truth})")
         if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
             return Known(FOLDED[type(node.op)](term.value))
+        if isinstance(term, Known) and type(term.value) in NUMBERS:
+            return inverted_known(self, term.value, node)
         self.check_sure([term], node)
         if self.is_array(term):
             return self.of_array(node.op, term, node)
-        if isinstance(node.op, ast.Invert):
-            raise self.refused(node, "~ does not translate", "`not`")
         code = self.number(term, node.operand)
+        if isinstance(node.op, ast.Invert):
+            return inverted(self, term, code, node)
         if isinstance(node.op, ast.UAdd):
             return code if code.type != BOOL else Code(INT, code.text)
         of = term.type if isinstance(term, Code) and is_of_numpy(term) else code.type
@@ -225,6 +228,8 @@ class ExpressionCode(FunctionScope):
             except ArithmeticError as error:
                 self.raises(type(error), node)
                 return Known(0.0)
+        if len(numbers) == 2 and is_of_bits(node.op):
+            return of_known(self, node.op, numbers, node)
         if self.is_array(left) or self.is_array(right):
             return self.of_arrays(node.op, left, right, node)
         return self.of_numbers(node.op, left, right, (node.left, node.right), node)
@@ -237,6 +242,10 @@ class ExpressionCode(FunctionScope):
         if not isinstance(sign, ast.Div):
             self.check_sure([left, right], node)
         if not (is_of_numpy(left) or is_of_numpy(right)):
+            if is_of_bits(sign):
+                return of_bits(self, sign, (left, right), (a, b), node)
+            if is_whole_power(sign, a, right):
+                return whole_power(self, a, right.value, node)  # type: ignore[union-attr]
             return self.arithmetic(sign, a, b, node)
         if {a.type, b.type} == {BOOL}:
             raise self.refused(node, "arithmetic of bools, of which one is of numpy", "int(...), and, or")
@@ -268,7 +277,11 @@ class ExpressionCode(FunctionScope):
             if isinstance(sign, ast.FloorDiv):
                 self.raises(ControllerLimit, node, f"{b} == -1 && {a} == INT32_MIN")
             return Code(INT, f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int({a}, {b})")
-        raise self.refused(node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /")
+        if isinstance(sign, ast.Pow) and right.text.startswith("-") and right.text[1:].isdigit():
+            return self._power(self.as_type(left, REAL, node), self.as_type(right, REAL, node), node)
+        raise self.refused(
+            node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /, ** with a known exponent"
+        )
 
     def _of_reals(self, sign: ast.operator, a: str, b: str, stable: bool, node: ast.AST) -> Code:
         if type(sign) in CHECKED:

@@ -25,30 +25,34 @@ typedef struct {
 } umo_optional_state;
 
 #ifdef UMO_FLOAT
-#define umo_fmod fmodf
-#define umo_sqrt sqrtf
-#define umo_ceil ceilf
-#define umo_trunc truncf
-#define umo_pow powf
-#define umo_sin sinf
-#define umo_cos cosf
-#define umo_tan tanf
-#define umo_exp expf
-#define umo_log logf
-#define umo_atan2 atan2f
+#define UMO_OF_LIBRARY(name) name##f
 #else
-#define umo_fmod fmod
-#define umo_sqrt sqrt
-#define umo_ceil ceil
-#define umo_trunc trunc
-#define umo_pow pow
-#define umo_sin sin
-#define umo_cos cos
-#define umo_tan tan
-#define umo_exp exp
-#define umo_log log
-#define umo_atan2 atan2
+#define UMO_OF_LIBRARY(name) name
 #endif
+#define umo_fmod UMO_OF_LIBRARY(fmod)
+#define umo_sqrt UMO_OF_LIBRARY(sqrt)
+#define umo_ceil UMO_OF_LIBRARY(ceil)
+#define umo_trunc UMO_OF_LIBRARY(trunc)
+
+/* A number that the compiler does not know: it would compute pow(x, 2.0), and functions of constants, by itself, and
+ * other bits than the library. */
+static inline umo_real umo_unknown(umo_real x)
+{
+    volatile umo_real kept = x;
+    return kept;
+}
+
+#define umo_sin(x) UMO_OF_LIBRARY(sin)(umo_unknown(x))
+#define umo_cos(x) UMO_OF_LIBRARY(cos)(umo_unknown(x))
+#define umo_tan(x) UMO_OF_LIBRARY(tan)(umo_unknown(x))
+#define umo_asin(x) UMO_OF_LIBRARY(asin)(umo_unknown(x))
+#define umo_acos(x) UMO_OF_LIBRARY(acos)(umo_unknown(x))
+#define umo_atan(x) UMO_OF_LIBRARY(atan)(umo_unknown(x))
+#define umo_exp(x) UMO_OF_LIBRARY(exp)(umo_unknown(x))
+#define umo_log(x) UMO_OF_LIBRARY(log)(umo_unknown(x))
+#define umo_log10(x) UMO_OF_LIBRARY(log10)(umo_unknown(x))
+#define umo_atan2(y, x) UMO_OF_LIBRARY(atan2)(umo_unknown(y), umo_unknown(x))
+#define umo_pow(x, y) UMO_OF_LIBRARY(pow)(umo_unknown(x), umo_unknown(y))
 
 /* max(a, b) and min(a, b): the first one of equal ones, and of those that cannot be compared. */
 static inline umo_real umo_max(umo_real a, umo_real b)
@@ -144,6 +148,21 @@ static inline int32_t umo_floor_div_int(int32_t a, int32_t b)
 {
     int32_t quotient = a / b;
     return a % b != 0 && (a < 0) != (b < 0) ? quotient - 1 : quotient;
+}
+
+/* a >> b and a << b, b not negative. False: it does not fit. */
+static inline int32_t umo_shift_right(int32_t a, int32_t b)
+{
+    if (b > 31)
+        b = 31;
+    return a >= 0 ? a >> b : ~(~a >> b);
+}
+
+static inline bool umo_shift_left(int32_t a, int32_t b, int32_t *out)
+{
+    int64_t shifted = a == 0 ? 0 : (int64_t)a * ((int64_t)1 << (b > 31 ? 31 : b));
+    *out = (int32_t)shifted;
+    return a == 0 || (b <= 31 && shifted >= INT32_MIN && shifted <= INT32_MAX);
 }
 
 /* Whether a float is a whole number of 32 bits after it was cut; NaN and infinity are not. */
