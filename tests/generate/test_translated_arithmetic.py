@@ -198,6 +198,64 @@ class PowerThatIsNotKnown(Numbers):
         self.c = self.n**self.i
 
 
+# Functions of math -----------------------------------------------------------------------------------------
+
+
+@equal
+class Angles(Numbers):
+    def control(self) -> None:
+        self.k = math.atan(self.u)
+        self.r = math.degrees(self.u) + math.radians(self.n)
+        self.s = math.asin(self.v) - math.acos(self.v)
+
+
+@equal
+class Logarithms(Numbers):
+    def control(self) -> None:
+        self.k = math.log10(self.u)
+        self.r = math.log10(abs(self.n))
+
+
+@equal
+class Lengths(Numbers):
+    def control(self) -> None:
+        self.k = math.hypot(self.u, self.v)
+        self.r = math.hypot(self.u, self.n, 3.0) + math.hypot(self.u) + math.hypot(self.u * 1e-300, self.v * 1e-300)
+
+
+@equal
+class Remainders(Numbers):
+    def control(self) -> None:
+        self.k = math.fmod(self.u, self.v)
+
+
+@equal
+class RemaindersOfZero(Numbers):
+    def control(self) -> None:
+        self.k = math.fmod(self.u, self.i)
+
+
+@equal
+class Digits(Numbers):
+    def control(self) -> None:
+        self.k = round(self.u, 2)
+        self.r = round(self.v, 0) + round(self.u, 9)
+        self.s = round(self.u, 1)
+        self.c = round(self.n, 2)
+
+
+@refused("a number of digits that is not known")
+class DigitsThatAreNotKnown(Numbers):
+    def control(self) -> None:
+        self.k = round(self.u, self.n)
+
+
+@refused("a whole number at one time and a float at another")
+class DigitsOfWhatMayBeWhole(Numbers):
+    def control(self) -> None:
+        self.k = round(max(0, self.u), 1) * 1.0
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
     kinds, inputs = [*CASES.equal, *CASES.refused], list(trials())

@@ -207,6 +207,9 @@ class Writer:
             lambda: f"({r()} ** {self.pick('2', '3', '-1', '2.0', '0.5', '-1.0', r())})",
             lambda: f"self.helped({r()})",
             lambda: f"round({r()}) * 0.5",
+            lambda: f"round({r()}, {self.pick('0', '1', '3')})",
+            lambda: f"math.{self.pick('hypot', 'fmod')}({r()}, {r()})",
+            lambda: f"math.{self.pick('asin', 'acos', 'atan', 'log10', 'degrees', 'radians')}({r()})",
         ]
         return self.random.choice(options)()
 

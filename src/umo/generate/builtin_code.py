@@ -30,6 +30,7 @@ from umo.generate.c_types import (
 from umo.generate.condition_code import calls_in
 from umo.generate.expression_code import NUMBERS, is_of_numpy
 from umo.generate.function_scope import TELLS
+from umo.generate.math_code import OF_MATH, of_math, rounded
 from umo.generate.terms import Code, Known, Many, Term, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
@@ -39,6 +40,8 @@ EXACT: dict[Any, str] = {math.fabs: "umo_fabs"}
 INEXACT: dict[Any, tuple[str, str]] = {
     math.sin: ("umo_sin", "!umo_is_finite({0})"), math.cos: ("umo_cos", "!umo_is_finite({0})"),
     math.tan: ("umo_tan", "!umo_is_finite({0})"), math.exp: ("umo_exp", ""), math.log: ("umo_log", "{0} <= 0"),
+    math.asin: ("umo_asin", "umo_fabs({0}) > 1"), math.acos: ("umo_acos", "umo_fabs({0}) > 1"),
+    math.atan: ("umo_atan", ""), math.log10: ("umo_log10", "{0} <= 0"),
 }  # fmt: skip
 TO_WHOLE: dict[Any, str] = {
     math.floor: "umo_floor",
@@ -68,6 +71,8 @@ class BuiltinCode(VectorCode):
             if target is sum and self.is_array(one) and plain_number(self.of(self.array(one, node))) == BOOL:
                 raise self.refused(node, "sum of an array of bools", "np.sum, np.count_nonzero")
             return self._added(terms, node) if target is sum else self._any_or_all(target, terms, node)
+        if target in OF_MATH:
+            return of_math(self, target, arguments, node)
         if one is None:
             return self._of_two(target, arguments, node)
         if (
@@ -146,7 +151,7 @@ class BuiltinCode(VectorCode):
         if len(arguments) != 2:
             return None
         if target is round:
-            raise self.refused(node, "`round` to a number of digits", "round(x / 0.1) * 0.1")
+            return rounded(self, *arguments, node)
         if target is math.copysign:
             a, b = (self.as_type(self.number(each, node), REAL, node) for each in arguments)
             return Code(REAL, f"umo_copysign({a}, {b})")

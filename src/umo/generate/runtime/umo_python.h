@@ -194,4 +194,6 @@ static inline bool umo_is_nan(umo_real x)
     return isnan(x);
 }
 
+#include "umo_digits.h"
+
 #endif
