@@ -52,7 +52,7 @@ PLANTED = (
     Planted("one list at two places is not seen", "translation_memory.py",
             "if each != text and (one is value or _overlap(one, value)):", "if False:"),
     Planted("names after a loop of no turns", "loop_code.py",
-            "self._end([start, *ways])\n        return None", "self.known.clear()\n        return None"),
+            "self._end([*ways, *left.ways])", "self.known.clear()"),
     Planted("what is not None is still so after a call", "function_scope.py",
             '.startswith("Name(")}  # it may assign any field', "}"),
     Planted("None that is assigned counts as a number", "assignment_code.py",

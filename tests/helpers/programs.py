@@ -88,6 +88,7 @@ class Frozen:
 
 
 ROW = [1.0, 2.0]
+TABLE, STEPS, GAINS = (0.5, -2.0, 4.0), [3, 1, -7], {Mode.OFF: 1.5, Mode.HEAT: -0.0}
 
 
 def doubled(function: Any) -> Any:
@@ -207,6 +208,9 @@ class Writer:
             lambda: f"({r()} ** {self.pick('2', '3', '-1', '2.0', '0.5', '-1.0', r())})",
             lambda: f"self.helped({r()})",
             lambda: f"round({r()}) * 0.5",
+            lambda: f"TABLE[{self.pick('self.n % 3', w(), b())}]",
+            lambda: "GAINS[self.mode]",
+            lambda: f"(1.0, {r()} * 1.0)[{w()}]",
             lambda: f"round({r()}, {self.pick('0', '1', '3')})",
             lambda: f"math.{self.pick('hypot', 'fmod')}({r()}, {r()})",
             lambda: f"math.{self.pick('asin', 'acos', 'atan', 'log10', 'degrees', 'radians')}({r()})",
@@ -233,6 +237,7 @@ class Writer:
             lambda: f"sum({self.pick('self.cells', 'self.marks')})",
             lambda: f"({w()} + ({b()}))",
             lambda: "self.bump()",
+            lambda: f"STEPS[{w()} % 3]",
             lambda: f"({w()} {self.pick('&', '|', '^')} {w()})",
             lambda: f"({w()} {self.pick('<<', '>>')} {self.pick('1', '3', '40', w(), f'({w()} & 7)')})",
             lambda: f"(~{self.pick(w(), b())})",
@@ -255,6 +260,7 @@ class Writer:
             lambda: f"({b()} {self.pick('and', 'or')} {b()})",
             lambda: f"({b()} {self.pick('and', 'or')} {b()} {self.pick('and', 'or')} {b()})",
             lambda: f"(not {b()})",
+            lambda: f"({b()} {self.pick('is', 'is not')} {self.pick('True', 'False')})",
             lambda: f"({b()} {self.pick('&', '|', '^')} {b()})",
             lambda: f"bool({self.pick(r(), w())})",
             lambda: f"(self.mode {self.pick('is', 'is not', '==', '!=')} Mode.{self.pick('OFF', 'HEAT', 'COOL')})",
@@ -389,7 +395,7 @@ def _loop(w: Writer, head: str, name: str, whole: bool) -> list[str]:
         body += [f"    if {w.truth(1)}:", f"        {w.pick('break', 'continue')}"]
         body += w.block(1)
     w.reals, w.wholes = reals, wholes
-    return [head, *body]
+    return [head, *body, "else:", *w.block(1)] if w.chance(0.2) else [head, *body]
 
 
 def _range(w: Writer) -> list[str]:

@@ -151,7 +151,7 @@ class BuiltinCode(VectorCode):
         if len(arguments) != 2:
             return None
         if target is round:
-            return rounded(self, *arguments, node)
+            return rounded(self, arguments[0], arguments[1], node)
         if target is math.copysign:
             a, b = (self.as_type(self.number(each, node), REAL, node) for each in arguments)
             return Code(REAL, f"umo_copysign({a}, {b})")

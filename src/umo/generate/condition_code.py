@@ -112,7 +112,7 @@ class ConditionCode(ExpressionCode):
                 return Known(not equal)
             return self._equal(a, b, equal)
         if identity:
-            raise self.refused(left_node, "`is` of numbers", "==")
+            return self._same_bools(left, right, equal, left_node)
         if isinstance(sign, ast.Eq | ast.NotEq) and any(map(_is_optional_number, (left, right))):
             a, b = (self.code(each, at) for each, at in ((left, left_node), (right, right_node)))
             if not all(is_number(plain_number(plain(each.type))) for each in (a, b)):
@@ -186,6 +186,15 @@ class ConditionCode(ExpressionCode):
         if alike and not (type(one) is bool and type(other) is bool):
             raise self.refused(node, "`is` of numbers or texts", "==")
         return Known((one is other) is equal)
+
+    def _same_bools(self, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
+        """`is` of bools of Python, of which there are two, or of one that may be None."""
+        a, b = (self.code(each, node) for each in (left, right))
+        if not all(plain(each.type) == BOOL for each in (a, b)):
+            raise self.refused(node, "`is` of numbers", "==")
+        if a.text == b.text:  # compilers warn of a comparison with itself
+            a = self.kept(Code(a.type, a.text))
+        return self._equal(a, b, equal)
 
     def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
         """A state beside something else, or in an order: those with numbers are compared by these."""

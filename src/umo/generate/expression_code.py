@@ -24,6 +24,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
+from umo.generate.known_tables import element_of, element_of_terms, is_dict, is_table, value_of
 from umo.generate.power_code import MOST_POWER, is_whole_power, whole_power
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Term
 from umo.generate.translation import ControllerLimit
@@ -158,28 +159,57 @@ class ExpressionCode(FunctionScope):
         index = self.term(node.slice)
         if self.impure != found:
             text = base.text if isinstance(base, Code) else ""
+            if isinstance(base, Many) or (isinstance(base, Code) and isinstance(plain(base.type), TupleType)):
+                raise self.refused(node, "the place changes what has the element", "a name for the place first")
             if found != before or text in self.world.memory.rebound or text in self.sole:
                 raise self.refused(node, "the place changes what has the element", "a name for the place first")
         return base, index
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
+        if isinstance(index, Known) and type(index.value) in (int, bool):
+            count = self._count_of(base)
+            if count and not -count <= index.value < count:
+                self.raises(IndexError, node)
+                index = Known(0)
         if isinstance(base, Known) and isinstance(index, Known):
             if is_container(base.value):
                 self.world.memory.place_known(base.value)
                 return Known(base.value[index.value])
             raise self.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
+        if isinstance(base, Known) and isinstance(index, Code):
+            if is_table(base.value):
+                return element_of(self, base.value, index, node)
+            if is_dict(base.value):
+                return value_of(self, base.value, index, node)
         if isinstance(base, Many) and isinstance(index, Known):
             found: Term = base.terms[index.value]
             return found
         if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
             name, of = base.type.members[index.value]
             return Code(of, f"{self.place(base).text}.{name}")
+        if isinstance(index, Code) and (terms := self._terms_of_tuple(base)):
+            return element_of_terms(self, terms, index, node)
         if isinstance(base, Code) and isinstance(base.type, ArrayType):
             self.check_length(base.type, node)
             place = self.kept(base).text if isinstance(base, Elements) else base.text
             return Code(of_element(base.type), f"{place}.at[{self.index(base.type, index, node)}]")
         raise self.refused(node, "an element of something that is not a list of numbers")
+
+    def _terms_of_tuple(self, base: Term) -> list[Term]:
+        """The elements of a tuple of values, or of a list that is written down; none of anything else."""
+        if isinstance(base, Many):
+            return list(base.terms)
+        if isinstance(base, Code) and isinstance(base.type, TupleType):
+            place = self.place(base).text
+            return [Code(of, f"{place}.{name}") for name, of in base.type.members]
+        return []
+
+    def _count_of(self, base: Term) -> int:
+        """The number of elements of a tuple, or of a list that is known or written down; 0 of anything else."""
+        if isinstance(base, Known):
+            return len(base.value) if is_table(base.value) else 0
+        return len(self._terms_of_tuple(base))
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> str:
         """A place in an array; IndexError beyond it."""

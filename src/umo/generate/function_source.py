@@ -93,7 +93,44 @@ def sourced(function: FunctionType) -> SourcedFunction:
 
 @cache
 def _functions(text: str) -> list[ast.FunctionDef | ast.Lambda]:
-    return [each for each in ast.walk(ast.parse(text)) if isinstance(each, ast.FunctionDef | ast.Lambda)]
+    return [each for each in ast.walk(parsed(text)) if isinstance(each, ast.FunctionDef | ast.Lambda)]
+
+
+def parsed(text: str) -> ast.Module:
+    """The tree of a module, in which private names (`self.__count`) are what they are at run time."""
+    tree = ast.parse(text)
+    PrivateNames().visit(tree)
+    return tree
+
+
+class PrivateNames(ast.NodeVisitor):
+    """Within a class `__name` is `_Class__name`."""
+
+    def __init__(self) -> None:
+        self._kind = ""
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        before, self._kind = self._kind, node.name.lstrip("_")
+        self.generic_visit(node)
+        self._kind = before
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
+        node.attr = self._private(node.attr)
+        self.generic_visit(node)
+
+    def visit_Name(self, node: ast.Name) -> None:
+        node.id = self._private(node.id)
+
+    def visit_arg(self, node: ast.arg) -> None:
+        node.arg = self._private(node.arg)
+
+    def visit_keyword(self, node: ast.keyword) -> None:
+        node.arg = node.arg and self._private(node.arg)
+        self.generic_visit(node)
+
+    def _private(self, name: str) -> str:
+        hidden = self._kind and name.startswith("__") and not name.endswith("__")
+        return f"_{self._kind}{name}" if hidden else name
 
 
 def _is(tree: ast.FunctionDef | ast.Lambda, code: CodeType) -> bool:

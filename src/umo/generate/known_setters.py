@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from umo.generate.function_source import shown_file
+from umo.generate.function_source import parsed, shown_file
 from umo.generate.known_values import KnownName, KnownValues, is_installed
 from umo.generate.translation import Untranslatable
 from umo.objects import Compound
@@ -155,7 +155,7 @@ def _files(machine: Any, known: KnownValues) -> Iterator[tuple[str, str]]:
 
 @cache
 def _parsed(path: str, changed: float) -> Read:
-    tree = ast.parse(Path(path).read_text("utf-8"))
+    tree = parsed(Path(path).read_text("utf-8"))
     classes = frozenset(each.name for each in ast.walk(tree) if isinstance(each, ast.ClassDef))
     renamed = (each for each in ast.walk(tree) if isinstance(each, ast.alias) and each.asname is not None)
     imported = frozenset((str(each.asname), each.name) for each in renamed)

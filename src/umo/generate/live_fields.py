@@ -83,7 +83,7 @@ class LiveFields:
         """The type of an attribute as a field; None: it is none. It tells reals that may be whole numbers."""
         key = id(owner), name
         assigned = key in self._memory.assigned
-        if name.isupper():
+        if name.isupper() and not assigned:
             return None
         if name == ACCEPTED:
             return MASK

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from umo.generate.assignment_code import AssignmentCode
 from umo.generate.c_types import INT, LONG, ArrayType
@@ -18,6 +18,13 @@ MOST_UNROLLED = 256
 """Turns of a loop over objects, each written out."""
 
 
+class Left(NamedTuple):
+    """Where `break` leads, and what is known there."""
+
+    label: str
+    ways: list[Way]
+
+
 class LoopCode(AssignmentCode):
     """The part of a function that is loops."""
 
@@ -25,8 +32,6 @@ class LoopCode(AssignmentCode):
         raise NotImplementedError
 
     def _While(self, node: ast.While) -> bool | None:
-        if node.orelse:
-            raise self.refused(node, "`else` of a loop", "a flag")
         self._forget(node.body)
         start, ways = dict(self.names), []
         with self.block("for (;;)"):
@@ -38,11 +43,8 @@ class LoopCode(AssignmentCode):
                 self.line("    break;", pure=True)
             if truth is not True:
                 ways.append(self.way())
-            ways += self._turns(node, start)
-        if not ways:
-            return False
-        self._end(ways)
-        return None
+            left = self._turns(node, start)
+        return self._after_loop(node, ways, left)
 
     def _turn(self, statements: Sequence[ast.stmt], on: str, out: str) -> bool:
         """One turn, with the labels to which `continue` and `break` lead. Whether its end is reached."""
@@ -51,17 +53,35 @@ class LoopCode(AssignmentCode):
         self.loops.pop()
         return goes_on is not False
 
-    def _turns(self, node: ast.For | ast.While, start: dict[str, Any]) -> list[Way]:
-        """The turns of a loop in C, whose first one begins with these names; what is known where it is left."""
-        on, out = self.label("turn"), self.label("left")
-        goes_on = self._turn(node.body, f"{on} ", f"{out} ")
+    def _turns(self, node: ast.For | ast.While, start: dict[str, Any]) -> Left:
+        """The turns of a loop in C, whose first one begins with these names; what is known where `break` leaves
+        it."""
+        on, out = self.label("turn"), self._out_of(node)
+        goes_on = self._turn(node.body, f"{on} ", out)
         again = [*([self.way()] if goes_on else []), *self.left.pop(f"{on} ", [])]
         for each in again:
             for name, of in each.names.items():
                 if name in start and start[name] != of:
                     told = f"{name!r} stands for another object in the next turn"
                     raise self.refused(node.body[0], told, "a name for each")
-        return self.left.pop(f"{out} ", [])
+        return Left(out, self.left.pop(out, []))
+
+    def _out_of(self, node: ast.For | ast.While) -> str:
+        """Where `break` leads: past the `else`, if there is one."""
+        return self.label("left") + ("" if node.orelse else " ")
+
+    def _after_loop(self, node: ast.For | ast.While, ends: Sequence[Way], left: Left) -> bool | None:
+        """What follows where the loop ends, its `else`, and where `break` leaves it. False: nothing is reached."""
+        ways = list(ends)
+        if node.orelse and ends:
+            self._end(ends)
+            ways = [self.way()] if self.body(node.orelse) is not False else []
+        if node.orelse and left.ways:
+            self.line(f"{left.label}:;", pure=True)
+        if not (ways or left.ways):
+            return False
+        self._end([*ways, *left.ways])
+        return None
 
     def _end(self, ways: Sequence[Way]) -> None:
         """After a loop: nothing is known to be there that a turn may change."""
@@ -80,14 +100,11 @@ class LoopCode(AssignmentCode):
         self.known.clear()
 
     def _For(self, node: ast.For) -> bool | None:
-        if node.orelse:
-            raise self.refused(node, "`else` of a loop", "a flag")
         if self._is_range(node.iter):
             return self._count(node)
         term = self.term(node.iter)
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
-            self._each(node, self.kept(term) if isinstance(term, Elements) else term)
-            return None
+            return self._each(node, self.kept(term) if isinstance(term, Elements) else term)
         return self._unroll(node, [self.settled(each) for each in self.elements(term, node.iter)])
 
     def _is_range(self, node: ast.AST) -> bool:
@@ -119,11 +136,10 @@ class LoopCode(AssignmentCode):
         start = self.way()
         with self.block(head):
             self.store(node.target, Code(INT, turn if one_by_one else f"(int32_t){turn}"), node)
-            ways = self._turns(node, start.names)
-        self._end([start, *ways])
-        return None
+            left = self._turns(node, start.names)
+        return self._after_loop(node, [start], left)
 
-    def _each(self, node: ast.For, values: Code) -> None:
+    def _each(self, node: ast.For, values: Code) -> bool | None:
         assert isinstance(values.type, ArrayType)
         self.check_length(values.type, node)
         turn = self.temporary(INT, "i")
@@ -131,9 +147,9 @@ class LoopCode(AssignmentCode):
         start, at, rebound = self.way(), len(self.lines), len(self.rebound)
         with self.block(f"for ({turn} = 0; {turn} < {values.type.length}; {turn}++)"):
             self.store(node.target, Code(of_element(values.type), f"{values.text}.at[{turn}]"), node)
-            ways = self._turns(node, start.names)
+            left = self._turns(node, start.names)
         self._check_same_array(values, at, rebound, node)
-        self._end([start, *ways])
+        return self._after_loop(node, [start], left)
 
     def _check_same_array(self, values: Code, at: int, rebound: int, node: ast.For) -> None:
         """Python goes through the array that was there at the beginning."""
@@ -159,6 +175,8 @@ class LoopCode(AssignmentCode):
             goes_on = self._meet(on, goes_on)
             if not goes_on:
                 break
+        if goes_on and node.orelse:
+            goes_on = self.body(node.orelse) is not False
         if any(f"goto {out};" in line for line in self.lines[at:]):
             self.line(f"{out}:;", pure=True)
         return None if self._meet(out, goes_on) else False

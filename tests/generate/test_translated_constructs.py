@@ -1,0 +1,268 @@
+"""Constructs of Python beside arithmetic: each program is equal to Python in every period, or it is refused."""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+from typing import Any
+
+import pytest
+
+from helpers.generating import needs_a_compiler
+from helpers.side_by_side import Played
+from helpers.written_programs import Cases, Program, check_equal, check_refused
+
+CASES = Cases()
+equal, refused = CASES.is_equal, CASES.is_refused
+
+
+class Side(Enum):
+    LEFT = "left"
+    RIGHT = "right"
+
+    @property
+    def sign(self) -> float:
+        return -1.0 if self is Side.LEFT else 1.0
+
+
+class Level(IntEnum):
+    NONE = 0
+    SOME = 5
+    MORE = 2
+
+
+GAINS = (0.5, -1.0, 4.0)
+COUNTS = [3, 1, 2]
+MIXED = (1, 2.5)
+ROUTES = ((1.0, 2), (3.0, -4), (-0.0, 7))
+SIDES = (Side.LEFT, Side.RIGHT, Side.LEFT)
+SPEEDS = {Side.LEFT: -2.0, Side.RIGHT: 3.0}
+STEPS = {0: 5, 2: 7, -3: 1}
+PART = {Side.LEFT: 1}
+
+
+# Truth -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class IsTrue(Program):
+    flag: bool | None
+
+    def begin(self) -> None:
+        self.flag: bool | None = None
+
+    def control(self) -> None:
+        hot = self.u > 1.0
+        self.c = int(hot is True) + 2 * int(hot is not False) + 4 * int(self.yes is hot)
+        self.yes = self.flag is True
+        self.c += 8 * int(self.flag is not False) + 16 * int(True is not self.yes)
+        self.flag = None if self.n > 3 else hot
+
+
+@refused("`is` of numbers")
+class IsTrueOfANumber(Program):
+    def control(self) -> None:
+        self.yes = self.n is True
+
+
+# Names -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class UpperCase(Program):
+    def begin(self) -> None:
+        self.PV = 1.0
+
+    def control(self) -> None:
+        self.k = self.PV
+        self.PV = self.u
+        self.a.write(self.PV if self.PV > 0.0 else 0.0)
+
+
+@equal
+class PrivateNames(Program):
+    def begin(self) -> None:
+        self.__count, self.__last = 0, 0.0
+
+    def __bump(self, __by: int) -> int:
+        self.__count += __by
+        return self.__count
+
+    def control(self) -> None:
+        self.c = self.__bump(2)
+        self.k, self.__last = self.__last, self.u
+
+
+# Else of loops ---------------------------------------------------------------------------------------------
+
+
+@equal
+class ElseOfLoops(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0, 4.0]
+
+    def control(self) -> None:
+        for each in self.row:
+            if each > self.u:
+                break
+        else:
+            self.c += 1
+        for i in range(self.n % 4):
+            if i == 2:
+                continue
+            if i * 1.0 > self.u:
+                self.k = 1.0
+                break
+        else:
+            self.k = -1.0
+        for part in (self.a, self.b):
+            if part.pending > self.u:
+                break
+        else:
+            self.c += 10
+        left = self.n % 5
+        while left > 0:
+            left -= 2
+            if left == self.x.read():
+                break
+        else:
+            self.c += 100
+        self.yes = left < 0
+
+
+@equal
+class ElseThatLeaves(Program):
+    """`break` in an `else` is one of the loop around it."""
+
+    def control(self) -> None:
+        for i in range(3):
+            for j in range(2):
+                if j * 1.0 > self.u:
+                    break
+            else:
+                self.c += i
+                break
+            self.c += 10
+        else:
+            return
+        self.c += 100
+
+
+@refused("it is used before it has a value on every way")
+class NameOfAnElse(Program):
+    def control(self) -> None:
+        for i in range(3):
+            if i > self.n:
+                break
+        else:
+            found = 1.0
+        self.k = found
+
+
+# Tables ----------------------------------------------------------------------------------------------------
+
+
+@equal
+class Tables(Program):
+    def begin(self) -> None:
+        self.side, self.own = Side.LEFT, (1.5, 2.5)
+
+    def control(self) -> None:
+        i = self.n % 5 - 3
+        self.c = COUNTS[i]
+        self.k = GAINS[i] + ROUTES[i][0] + self.own[i % 2]
+        self.side = SIDES[i]
+        self.c += ROUTES[i][1] + (self.n % 100, 2, 3)[i]
+
+
+@equal
+class TablesBeyondTheirEnds(Program):
+    def control(self) -> None:
+        self.k = GAINS[self.n]
+
+
+@equal
+class KnownPlaceBeyondTheEnd(Program):
+    def control(self) -> None:
+        if self.u > 1.0:
+            self.k = GAINS[3]
+        elif self.n == 0:
+            self.k = (self.u, 2.0)[-3]
+
+
+@refused("the place changes what has the element")
+class PlaceThatChangesTheValues(Program):
+    """Python has the values before it computes the place."""
+
+    def changes(self) -> int:
+        self.k = 7.0
+        return self.n % 2
+
+    def control(self) -> None:
+        self.a.write((self.k, self.u, 0.0)[self.changes()])
+
+
+@equal
+class TableWithABool(Program):
+    def control(self) -> None:
+        self.k = GAINS[self.u > 1.0] if GAINS[self.n % 3] > 0.0 else 7.0
+
+
+@refused("values are not numbers, states or tuples of one class")
+class TableOfSeveralClasses(Program):
+    def control(self) -> None:
+        self.k = MIXED[self.n % 2] * 1.0
+
+
+@refused("a place in a table is a whole number")
+class TableAtARealPlace(Program):
+    def control(self) -> None:
+        self.k = GAINS[self.u]  # type: ignore[index]
+
+
+@equal
+class Dicts(Program):
+    def begin(self) -> None:
+        self.side = Side.LEFT
+
+    def control(self) -> None:
+        self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
+        self.k = SPEEDS[self.side]
+        self.yes = self.n in STEPS
+        self.c = STEPS[self.n % 3]
+
+
+@equal
+class DictWithoutTheKey(Program):
+    def begin(self) -> None:
+        self.side = Side.LEFT
+
+    def control(self) -> None:
+        self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
+        try:
+            self.c = PART[self.side]
+        except KeyError:
+            self.c = -1
+        self.c += STEPS[self.n]
+
+
+@refused("not of the class of all its keys")
+class DictByAReal(Program):
+    def control(self) -> None:
+        self.c = STEPS[self.u]  # type: ignore[index]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
+    return CASES.played(tmp_path_factory.mktemp("c"))
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("kind", CASES.equal)
+def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
+    check_equal(results[kind])
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("kind", CASES.refused)
+def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
+    check_refused(results[kind], CASES.refused[kind], __file__)
