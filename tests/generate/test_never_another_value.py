@@ -480,7 +480,7 @@ class TruthOfALevel(Program):
         self.c = 1 if self.level else 2
 
 
-@refused("")
+@equal
 class MethodOfAState(Program):
     def begin(self) -> None:
         self.way = ToDefault.UP
@@ -489,7 +489,7 @@ class MethodOfAState(Program):
         self.way = self.way.turned()
 
 
-@refused("a state is compared with something else")
+@equal
 class LevelThatIsANumber(Program):
     def begin(self) -> None:
         self.level = Level.NONE

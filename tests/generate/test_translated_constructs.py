@@ -23,11 +23,25 @@ class Side(Enum):
     def sign(self) -> float:
         return -1.0 if self is Side.LEFT else 1.0
 
+    def turned(self, yes: bool = True) -> Side:
+        return (Side.LEFT if self is Side.RIGHT else Side.RIGHT) if yes else self
+
 
 class Level(IntEnum):
     NONE = 0
     SOME = 5
     MORE = 2
+
+    def above(self, other: int) -> bool:
+        return self.value > other
+
+
+class Falling(IntEnum):
+    ONE = 1
+    TWO = 2
+
+    def __lt__(self, other: int) -> bool:
+        return int(self) > int(other)
 
 
 GAINS = (0.5, -1.0, 4.0)
@@ -62,6 +76,55 @@ class IsTrue(Program):
 class IsTrueOfANumber(Program):
     def control(self) -> None:
         self.yes = self.n is True
+
+
+# Enums -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class Members(Program):
+    def begin(self) -> None:
+        self.side, self.level = Side.LEFT, Level.NONE
+
+    def control(self) -> None:
+        self.side = self.side.turned() if self.u > 0.0 else self.side.turned(yes=False)
+        self.k = self.side.sign
+        self.level = Level.SOME if self.u > 1.0 else Level.MORE if self.n > 1 else Level.NONE
+        self.c = self.level.value
+        self.yes = self.level.above(self.n)
+
+
+@equal
+class OrderOfMembers(Program):
+    def begin(self) -> None:
+        self.level, self.other = Level.NONE, Level.SOME
+
+    def control(self) -> None:
+        self.level = Level.SOME if self.u > 1.0 else Level.MORE if self.n > 1 else Level.NONE
+        self.other = Level.MORE if self.u > 0.0 else self.level
+        self.yes = self.level > Level.MORE
+        self.c = (self.level >= 2) + 2 * (self.level == 5) + 4 * (self.level < self.u) + 8 * (self.other <= self.level)
+        self.c += 16 * (self.level < Level.SOME)
+
+
+@refused("by order")
+class OrderOfItsOwn(Program):
+    def begin(self) -> None:
+        self.falling = Falling.ONE
+
+    def control(self) -> None:
+        self.falling = Falling.TWO if self.u > 1.0 else Falling.ONE
+        self.yes = self.falling < Falling.TWO
+
+
+@refused("the attribute 'name' of a state")
+class NameOfAMember(Program):
+    def begin(self) -> None:
+        self.side = Side.LEFT
+
+    def control(self) -> None:
+        self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
+        self.yes = self.side.name == "LEFT"
 
 
 # Names -----------------------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ from umo.generate.c_types import (
 from umo.generate.expression_code import of_element
 from umo.generate.function_scope import NoTranslation
 from umo.generate.function_source import NoSource, bound
+from umo.generate.state_members import StateMethod
 from umo.generate.terms import TEXT, Code, Known, Many, Term
 from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
@@ -193,6 +194,8 @@ class CallCode(AttributeCode):
 
     def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
+        if isinstance(target, StateMethod):
+            return self.function(target.function, [target.member, *arguments], named, node)
         if isinstance(target, ArrayMethod) and not named:
             return self.method_of_array(target, arguments, node)
         if isinstance(func.owner, Vector):

@@ -26,6 +26,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.expression_code import FOLDED, NUMBERS, SIGNS, ExpressionCode, is_of_numpy
 from umo.generate.function_scope import TELLS, NoTranslation
+from umo.generate.state_members import number_of
 from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, refuse_comparison
 
@@ -202,6 +203,9 @@ class ConditionCode(ExpressionCode):
             if any(isinstance(each, Present | Many) for each in (left, right)):
                 raise self.refused(node, "a state is compared with something else", "a state of the same Enum")
             return Known(not equal)
+        numbers = [number_of(self, each, node) for each in (left, right)]
+        if numbers[0] is not None and numbers[1] is not None:
+            return self.compared(sign, numbers[0], numbers[1], node, node)
         raise self.refused(
             node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum"
         )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import FunctionType
 from typing import Any
 
 from umo.generate.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
@@ -17,6 +19,7 @@ from umo.generate.c_types import (
     CType,
     MixedNumber,
     NumpyNumber,
+    StateType,
     TupleType,
     numpy_number,
     plain,
@@ -26,6 +29,7 @@ from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
 from umo.generate.known_tables import element_of, element_of_terms, is_dict, is_table, value_of
 from umo.generate.power_code import MOST_POWER, is_whole_power, whole_power
+from umo.generate.state_members import StateMethod, has_own_value, value_of_state
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Term
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
@@ -135,7 +139,26 @@ class ExpressionCode(FunctionScope):
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], f"{self.place(base).text}.{node.attr}")
+        if isinstance(base, Code) and isinstance(base.type, StateType):
+            return self._of_member(base, base.type.kind, node)
         raise self.refused(node, "an attribute of something that is not known when the code is generated")
+
+    def _of_member(self, base: Code, kind: Any, node: ast.Attribute) -> Term:
+        """The value of a state, a property or a method: functions of the member."""
+        static = inspect.getattr_static(kind, node.attr, None)
+        self.takes(kind, node.attr, node)
+        if node.attr == "value" and not has_own_value(kind):
+            return value_of_state(self, base, node)
+        if type(static) is property and static.fget is not None:
+            return self.function(static.fget, [base], {}, node)
+        if isinstance(static, FunctionType):
+            return Known(StateMethod(static, self.kept(base)))
+        raise self.refused(node, f"the attribute {node.attr!r} of a state", "value, a method, a property")
+
+    def function(
+        self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
+    ) -> Term:
+        raise NotImplementedError
 
     def place(self, code: Code) -> Code:
         """The same as something that has members."""

@@ -66,6 +66,12 @@ def value_of(scope: FunctionScope, table: dict[Any, Any], key: Term, node: ast.A
     return _chosen(scope, [_initial(scope, each, of, node) for each in table.values()], of, place)
 
 
+def value_of_each(scope: FunctionScope, values: Sequence[Any], place: str, node: ast.AST) -> Code:
+    """The value at a place that there is."""
+    of = _type_of_all(scope, values, node)
+    return _chosen(scope, [_initial(scope, each, of, node) for each in values], of, place)
+
+
 def _key(scope: FunctionScope, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
     """A key that is computed, of the class that all keys have."""
     code, kinds = scope.present(scope.code(key, node), node), {type(each) for each in table}
