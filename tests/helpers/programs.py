@@ -42,6 +42,9 @@ class Level(IntEnum):
     SOME = 1
     MORE = 2
 
+    def above(self, number: int) -> bool:
+        return self.value > number
+
 
 class Pair(NamedTuple):
     first: float
@@ -238,6 +241,8 @@ class Writer:
             lambda: f"({w()} + ({b()}))",
             lambda: "self.bump()",
             lambda: f"STEPS[{w()} % 3]",
+            lambda: "self.level.value",
+            lambda: "self.mode.value",
             lambda: f"({w()} {self.pick('&', '|', '^')} {w()})",
             lambda: f"({w()} {self.pick('<<', '>>')} {self.pick('1', '3', '40', w(), f'({w()} & 7)')})",
             lambda: f"(~{self.pick(w(), b())})",
@@ -260,6 +265,8 @@ class Writer:
             lambda: f"({b()} {self.pick('and', 'or')} {b()})",
             lambda: f"({b()} {self.pick('and', 'or')} {b()} {self.pick('and', 'or')} {b()})",
             lambda: f"(not {b()})",
+            lambda: f"(self.level {sign()} {self.pick('Level.SOME', w(), r())})",
+            lambda: f"self.level.above({w()})",
             lambda: f"({b()} {self.pick('is', 'is not')} {self.pick('True', 'False')})",
             lambda: f"({b()} {self.pick('&', '|', '^')} {b()})",
             lambda: f"bool({self.pick(r(), w())})",
@@ -363,6 +370,7 @@ SIMPLE: Sequence[Write] = [
     lambda w: [f"self.last = {w.optional()}"],
     lambda w: [f"self.count = {w.pick('None', w.whole(1))}"],
     lambda w: [f"self.mode = Mode.{w.pick('OFF', 'HEAT')} if {w.truth(1)} else Mode.COOL"],
+    lambda w: [f"self.level = Level.{w.pick('SOME', 'NONE')} if {w.truth(1)} else Level.MORE"],
     lambda w: [f"self.side = {w.pick('None', 'Mode.OFF', 'Mode.COOL', 'self.mode')}"],
     lambda w: [f"self.row[{w.pick('0', '1', '-1', w.whole(1))}] = {w.real(1)} * 1.0"],
     lambda w: [f"self.cells[{w.pick('0', '1', '-1', w.whole(1))}] = {w.whole(1)}"],
