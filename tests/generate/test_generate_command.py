@@ -71,7 +71,7 @@ BAD = """\
 def station(folder: Path, control: str) -> Path:
     (folder / "wiring").mkdir(parents=True)
     (folder / "objects.py").write_text(STATION.replace("CONTROL", control.rstrip()))
-    (folder / "application.py").write_text("async def application(m):\n    pass\n")
+    (folder / "application.py").write_text("async def main(m):\n    pass\n")
     (folder / "wiring" / "simulated.toml").write_text(WIRING)
     return folder
 
@@ -177,3 +177,23 @@ def test_a_folder_that_cannot_be_written_is_told_in_a_line(good: Path, tmp_path:
     (tmp_path / "file").write_text("")
     result = umo("generate", str(good), "--target", "host", "-o", str(tmp_path / "file"))
     assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and "file" in result.stderr
+
+
+@pytest.mark.parametrize("target", ["host", "avr", "compile"])
+def test_check_says_what_would_not_translate_and_writes_nothing(tmp_path: Path, umo: Umo, target: str) -> None:
+    folder = station(tmp_path / "bad", BAD)
+    told = umo("check", str(folder), "--target", target)
+    assert told.exit_code == 2 and "bad/objects.py:17: self.seen[1] = self.level.read()" in told.stderr
+    assert "places of Pump would not translate" in told.stderr
+
+
+@pytest.mark.parametrize("target", ["host", "avr", "compile"])
+def test_check_says_that_all_of_a_machine_translates(good: Path, umo: Umo, target: str) -> None:
+    assert "all of it translates" in umo("check", str(good), "--target", target).stdout
+
+
+def test_check_refuses_a_target_that_there_is_not_before_it_looks_at_anything(good: Path, umo: Umo) -> None:
+    told = umo("check", str(good), "--target", "arm")
+    assert told.exit_code == 2
+    assert told.stderr.strip() == "umo: --target arm is none of host, cortex-m, avr, arduino, compile"
+    assert not told.stdout

@@ -19,7 +19,7 @@ STATUS_OF_DEVICES = (
 
 @command(
     epilog="Examples: umo check ztheta  |  umo check ztheta -w modbus  |  umo check ztheta --all  |  "
-    "umo check furnace --zones 100",
+    "umo check furnace --zones 100  |  umo check furnace --target compile",
     status="0 no fault; 2 faults, or a mistake, told on stderr",
     context_settings=MACHINE_OPTIONS,
 )
@@ -28,6 +28,14 @@ def check(
     station: StationName,
     wiring: WiringName = None,
     every: Annotated[bool, typer.Option("--all", help="Look at every wiring of the station.")] = False,
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TARGET",
+            help="Say also what would not translate to C: for host, cortex-m, avr or arduino (umo generate), or for "
+            "compile (compile = true).",
+        ),
+    ] = None,
 ) -> int:
     """Find every mistake in a wiring, wrong declarations of the machine, and sequences in its code that nobody awaits,
     without touching hardware.
@@ -39,7 +47,7 @@ def check(
 
     from .check import check_station
 
-    return check_station(find(station), wiring, every, context.args)
+    return check_station(find(station), wiring, every, context.args, target)
 
 
 @command(

@@ -31,12 +31,22 @@ from .ps import readers
 from .record_beside import settings_in
 from .station_options import machine_of
 
+COMPILE = "compile"
+"""The target of compiled laws, in the place of one of `umo generate`."""
 
-def check_station(station: Station, wiring: str | None, every: bool = False, arguments: Sequence[str] = ()) -> int:
-    """Print every mistake in the code, and in a wiring or in all, or what is wired, and which were not looked at. 2 for
-    one."""
+
+def check_station(
+    station: Station,
+    wiring: str | None,
+    every: bool = False,
+    arguments: Sequence[str] = (),
+    target: str | None = None,
+) -> int:
+    """Print every mistake in the code, and in a wiring or in all, or what is wired, and which were not looked at; what
+    would not translate for a target, if one is given. 2 for one."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
+    check_target(target)
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
@@ -46,7 +56,7 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     check_recipes(machine)
     in_code = reported(mistakes_in(station, machine))
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
-    statuses = [_check_wiring(machine, file) for file in files]
+    statuses = [_check_wiring(machine, file) or _check_target(machine, file, target) for file in files]
     for reader in running_in(station.path):
         if changed := changed_text(changed_files(reader.about)):
             out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
@@ -109,6 +119,46 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     for remark in [*remarks(wired), *notes]:
         out.print(f"note: {remark}", soft_wrap=True)
     return 0
+
+
+def _check_target(machine: Compound, file: Path | None, target: str | None) -> int:
+    """Print what of a machine has no C for a target; None: none is asked for."""
+    if target is None:
+        return 0
+    reasons = _untranslated(machine, file, target)
+    for reason in reasons:
+        err.print(reason, soft_wrap=True, markup=False)
+    what = "compile = true" if target == COMPILE else f"umo generate --target {target}"
+    if reasons:
+        say(f"{what}: {count_of(len(reasons), 'place')} of {type(machine).__name__} would not translate")
+        return ExitStatus.MISTAKE
+    out.print(f"ok: {what}: all of it translates", soft_wrap=True)
+    return 0
+
+
+def check_target(target: str | None) -> None:
+    """OptionError for a target that there is not."""
+    if target in (None, COMPILE):
+        return
+    from umo.generate.controller_folder import TARGETS
+
+    if target not in TARGETS:
+        raise OptionError(f"--target {target} is none of {', '.join((*TARGETS, COMPILE))}")
+
+
+def _untranslated(machine: Compound, file: Path | None, target: str) -> list[str]:
+    from umo.generate.compiled_laws import NotCompiled, source_of
+    from umo.generate.controller_folder import NotTranslated
+    from umo.generate.controller_generator import generated, target_of
+
+    try:
+        if target == COMPILE:
+            source_of(machine, resolve(machine, file))
+        else:
+            generated(machine, file, target_of(target))
+    except (NotCompiled, NotTranslated) as error:
+        return error.reasons
+    return []
 
 
 def _rates(wired: Wired) -> Iterator[str]:

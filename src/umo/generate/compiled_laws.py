@@ -8,7 +8,7 @@ gives the laws back to Python, which is said: so does whoever sets what translat
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from ctypes import c_void_p
 from dataclasses import dataclass, replace
@@ -68,6 +68,15 @@ OWN_TEXTS: dict[type[BaseException], str] = {
 }
 
 
+class NotCompiled(DeclarationError):
+    """Laws stay in Python: `reasons` are all that is in the way, the message has the first."""
+
+    def __init__(self, reasons: Sequence[str]) -> None:
+        first, *more = reasons
+        super().__init__(f"{first}, and {len(more)} more" if more else first)
+        self.reasons = list(reasons)
+
+
 @dataclass(frozen=True)
 class PreparedLaws:
     """The laws of a machine that is not connected yet, compiled."""
@@ -92,27 +101,32 @@ class TranslatedLaws:
 
 def prepare(root: Compound, wired: Wired) -> PreparedLaws:
     """Compile the laws of a machine, before it is connected. DeclarationError with what is in the way."""
-    if any(rate.every > 1 for rate in wired.rates):
-        raise DeclarationError("its parts have rates of their own")
-    if wired.controllers:
-        raise DeclarationError("parts of it run on controllers")
-    with laid_out(root, wired) as model:
-        source = translated_laws(root, model).source
+    source = source_of(root, wired)
     return PreparedLaws(wired, source, library_of(source))
 
 
+def source_of(root: Compound, wired: Wired) -> str:
+    """The laws of a machine that is not connected, in C. NotCompiled with what is in the way."""
+    if any(rate.every > 1 for rate in wired.rates):
+        raise NotCompiled(["its parts have rates of their own"])
+    if wired.controllers:
+        raise NotCompiled(["parts of it run on controllers"])
+    with laid_out(root, wired) as model:
+        return translated_laws(root, model).source
+
+
 def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
-    """The laws of a machine that is connected, or laid out as if it were. DeclarationError with what is in the way."""
+    """The laws of a machine that is connected, or laid out as if it were. NotCompiled with what is in the way."""
     laws = [law.control for law in model.laws]
     if not laws:
-        raise DeclarationError("it has no laws")
-    for problem in too_many(model):
-        raise DeclarationError(str(problem))
+        raise NotCompiled(["it has no laws"])
+    if problems := list(too_many(model)):
+        raise NotCompiled([str(each) for each in problems])
     translation = translate(root, [], laws, TARGETS["host"])
     if translation.problems:
-        more = f", and {len(translation.problems) - 1} more" if len(translation.problems) > 1 else ""
-        raise DeclarationError(f"{translation.problems[0]}{more}")
-    _check(translation)
+        raise NotCompiled([str(each) for each in translation.problems])
+    if wrong := list(_not_on_columns(translation)):
+        raise NotCompiled(wrong)
     with_conditions, left_out = translated_conditions(root, model.conditions, laws, translation)
     translation = with_conditions or translation
     conditions = [translation.entry[each] for each in model.conditions] if with_conditions else []
@@ -121,22 +135,22 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
     return TranslatedLaws(laws, translation, len(conditions), left_out, source)
 
 
-def _check(translation: Translation) -> None:
+def _not_on_columns(translation: Translation) -> Iterator[str]:
     """What is translated, and cannot work on Python's memory."""
     for struct in translation.structs:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
-            raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
+            yield f"{struct.path} is no object whose attributes can be elsewhere"
         for name, of in struct.fields.items():
             if any(map(_has_array, _inside(of))):
-                raise DeclarationError(
+                yield (
                     f"{struct.path or type(struct.owner).__name__}.{name} has a list or an array within another value "
                     "or in the place of None: what others change in it would not be seen"
                 )
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
-            raise DeclarationError(f"{name} of a {type(owner).__name__} is a function that only Python can call")
+            yield f"{name} of a {type(owner).__name__} is a function that only Python can call"
     if any(word in translation.source for word in NOT_ON_COLUMNS):
-        raise DeclarationError("control code resets or references an object, or asks for its time or offset")
+        yield "control code resets or references an object, or asks for its time or offset"
 
 
 def _inside(of: CType) -> list[CType]:
