@@ -16,11 +16,11 @@ from helpers.generating import needs_a_compiler
 from helpers.machines import timer
 from umo import Compound, DigitalSensor
 from umo.errors import UmoError
-from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out
 from umo.generate.translation import Translation
+from umo.generate.translator import translate
 from umo.testing import VirtualTimer
 
 ERRORS = ArithmeticError, ValueError, TypeError, LookupError, UmoError

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import Result
 
 from helpers.generating import needs_a_compiler
-from umo.generate.statement_code import StatementCode
+from umo.generate.lower.lowered_branches import LoweredBranches
 
 Umo = Callable[..., Result]
 STATION = """
@@ -131,7 +131,7 @@ def test_what_fails_in_the_translation_itself_is_told_with_its_line(
     def fails(*_: object) -> None:
         raise KeyError("nobody thought of it")
 
-    monkeypatch.setattr(StatementCode, "_Expr", fails)
+    monkeypatch.setattr(LoweredBranches, "lower_expr", fails)
     result = umo("generate", str(good), "--target", "host", "-o", str(tmp_path / "c"))
     assert result.exit_code == 2
     assert ":17: self.motor.write" in result.stderr and "it cannot be translated (KeyError: 'nobody" in result.stderr

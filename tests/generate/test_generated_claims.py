@@ -22,10 +22,10 @@ from helpers.machines import actuator, sensor, timer
 from helpers.tiers import some
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock
 from umo.control import value_of
-from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out
+from umo.generate.translator import translate
 from umo.objects import Quality
 from umo.testing import VirtualTimer
 

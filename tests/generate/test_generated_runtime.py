@@ -18,10 +18,10 @@ from helpers.generating import (
 )  # fmt: skip
 from helpers.tiers import some
 from umo.cycle.connect import connect
-from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out, model_of
+from umo.generate.translator import translate
 from umo.testing import VirtualTimer
 
 pytestmark = needs_a_compiler

@@ -51,9 +51,9 @@ def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:
 @pytest.mark.full
 def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.MonkeyPatch) -> None:
     """As one would be where the translator took `<` for `<=`."""
-    from umo.generate import expression_code
+    from umo.generate.lower import expressions
 
-    monkeypatch.setitem(expression_code.SIGNS, ast.Lt, "<=")
+    monkeypatch.setitem(expressions.SIGNS, ast.Lt, "<=")
     body = "self.c = 1\nself.yes = self.n < 2"
     monkeypatch.setattr("helpers.reduced_programs.program", lambda seed: _with_body(program(seed), body))
     text, found = reduced(0)
@@ -71,15 +71,15 @@ def test_what_the_compiler_does_not_take_is_told_alone() -> None:
 
 
 def _with_broken(good: str, bad: str) -> list[Played]:
-    from umo.generate.function_scope import FunctionScope
+    from umo.generate.emit.function_text import FunctionText
 
-    kept = FunctionScope.line
+    kept = FunctionText.put
 
-    def line(self: FunctionScope, text: str, pure: bool = False) -> None:
-        kept(self, text.replace(".v;", ".v @;"), pure)
+    def put(self: FunctionText, text: str) -> None:
+        kept(self, text.replace(".v;", ".v @;"))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FunctionScope, "line", line)
+        patch.setattr(FunctionText, "put", put)
         return play_texts([good, bad], [0, 1], trials=2)
 
 

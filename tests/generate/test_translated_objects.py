@@ -12,10 +12,10 @@ from helpers.generating import Beside, Fragile, needs_a_compiler, wired
 from helpers.machines import actuator, relay, sensor, timer
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable
 from umo.errors import RangeError
-from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine
 from umo.generate.controller_folder import TARGETS
 from umo.generate.controller_model import laid_out
+from umo.generate.translator import translate
 from umo.objects import Vector
 from umo.states import OnOff
 from umo.testing import VirtualTimer

@@ -16,10 +16,10 @@ from helpers.translated_oven import oven, oven_wiring
 from helpers.vector_plant import zones
 from umo import Compound
 from umo.cycle.connect import connect
-from umo.generate.code_world import translate
 from umo.generate.controller_folder import files_of, write_folder
 from umo.generate.controller_generator import target_of
 from umo.generate.controller_model import laid_out
+from umo.generate.translator import translate
 from umo.process.station import find
 from umo.testing import VirtualTimer
 

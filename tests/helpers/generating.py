@@ -25,12 +25,12 @@ from umo.control import Axis, state_of, value_of
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
 from umo.errors import ChannelsFailed, TaskFailed, UmoError
-from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled, compiler
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CodeFault
+from umo.generate.translator import translate
 from umo.objects import Quality, Sensor, atoms, walk
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer

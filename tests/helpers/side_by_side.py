@@ -23,12 +23,12 @@ from helpers.machines import timer
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor
 from umo.cycle.connect import connect
 from umo.errors import DeclarationError
-from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerLaw, ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CFunction, ControllerLimit, Translation
+from umo.generate.translator import translate
 from umo.objects import Quality
 from umo.states import OnOff
 
@@ -37,7 +37,7 @@ STRUCTS = 64
 """Structs of one program at most."""
 DEFINED = re.compile(
     r"^\} (\w+);|^static (?:const UMO_FLASH )?\w+ \*?(\w+)(?:\(|\[)|^(?:static )?void \*?(\w+)\(|"
-    r"^    machine_of_\w+ (\w+);",
+    r"^    machine_of_\w+ (\w+);|^    (FAULT_\w+) =",
     re.MULTILINE,
 )
 """Names that the C of a program defines outside of its functions."""
@@ -296,14 +296,15 @@ def same(python: Any, c: Any) -> bool:
 def _renamed(number: int, translation: Translation) -> Translation:
     """The same with names of its own."""
     init = f"{translation.init}\n{translation.access}"
-    texts = translation.header, translation.members, translation.source, init
+    texts = translation.header, translation.members, translation.source, translation.fault_names, init
     names = {name for text in texts for found in DEFINED.findall(text) for name in found if name}
     word = re.compile(rf"\b(?:{'|'.join(map(re.escape, sorted(names)))})\b") if names else re.compile(r"(?!)")
-    header, members, source, init = (word.sub(lambda found: f"p{number}_{found[0]}", text) for text in texts)
+    header, members, source, faults, init = (word.sub(lambda found: f"p{number}_{found[0]}", text) for text in texts)
     (entry,) = translation.entry.values()
     law = word.sub(lambda found: f"p{number}_{found[0]}", entry.name)
     init = init.replace(f"void *p{number}_machine_struct", f"static void *p{number}_machine_struct")
-    return Translation(header=header, members=members, source=source, init=init, entry={"": CFunction(law)})
+    entries = {"": CFunction(law)}
+    return Translation(header=header, members=members, source=source, fault_names=faults, init=init, entry=entries)
 
 
 def _whole(parts: Sequence[Translation]) -> Translation:
@@ -318,6 +319,7 @@ def _whole(parts: Sequence[Translation]) -> Translation:
         header="\n".join(each.header for each in parts),
         members="".join(each.members for each in parts),
         source="\n".join(each.source for each in parts) + DISPATCH.format(laws=laws),
+        fault_names="".join(each.fault_names for each in parts),
         init="\n".join(each.init for each in parts) + INIT.format(inits=inits, cases=cases, structs=STRUCTS),
     )
 

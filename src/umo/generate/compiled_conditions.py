@@ -13,22 +13,22 @@ from typing import Any
 from umo.cycle.clock import Clock
 from umo.cycle.conversion import extension
 from umo.cycle.inhibition import Inhibition
-from umo.generate.code_world import translate
 from umo.generate.controller_folder import TARGETS
 from umo.generate.law_library import NOT_ON_COLUMNS, TRUE, LawLibrary
 from umo.generate.translation import Translation
+from umo.generate.translator import translate
 from umo.objects import Compound
 from umo.user_code import attempt
 
 WRITES = "writes"
 ONLY_PYTHON = {
-    "umo_inhibited(": "looks at interlocks, which are evaluated one after the other",
-    "umo_digital_write(": WRITES,
-    "umo_binary_write(": WRITES,
-    "umo_write_many(": WRITES,
+    "umo_inhibited": "looks at interlocks, which are evaluated one after the other",
+    "umo_digital_write": WRITES,
+    "umo_binary_write": WRITES,
+    "umo_write_many": WRITES,
     **dict.fromkeys(NOT_ON_COLUMNS, "asks an object for its time or offset, or changes it"),
 }
-"""What a condition would not do in C as in Python, by the beginning of its call."""
+"""What a condition would not do in C as in Python, by the function of the runtime."""
 Asked = Callable[[], Any]
 
 
@@ -43,7 +43,7 @@ def translated_conditions(
     if found.problems:
         return None, str(found.problems[0])
     for call, what in ONLY_PYTHON.items():
-        if found.source.count(call) > without.source.count(call):
+        if found.calls.get(call, 0) > without.calls.get(call, 0):
             return None, f"one {what}"
     if _states(found) != _states(without):
         return None, "one changes an attribute"

@@ -28,7 +28,6 @@ from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
 from umo.generate.bound_fields import WRONG, BoundFields
 from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
-from umo.generate.code_world import translate
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_folder import TARGETS
 from umo.generate.controller_model import ControllerModel, laid_out, model_of, too_many
@@ -47,6 +46,7 @@ from umo.generate.law_library import (
     source_of_laws,
 )
 from umo.generate.translation import Translation
+from umo.generate.translator import translate
 from umo.objects import Compound, Quality, Vector
 from umo.objects.atomic import Binary
 from umo.wiring.wired import Wired
@@ -149,7 +149,7 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
             yield f"{name} of a {type(owner).__name__} is a function that only Python can call"
-    if any(word in translation.source for word in NOT_ON_COLUMNS):
+    if any(map(translation.calls.get, NOT_ON_COLUMNS)):
         yield "control code resets or references an object, or asks for its time or offset"
 
 

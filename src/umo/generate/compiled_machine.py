@@ -11,10 +11,10 @@ from typing import Any
 
 from umo.errors import DeclarationError, RangeError
 from umo.generate.compiler_errors import told
-from umo.generate.live_fields import LiveStruct
+from umo.generate.lower.live_fields import LiveStruct
 from umo.generate.struct_memory import StructMemory
 
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Werror")
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
 """Flags of a compiler: each operation is rounded by itself, and nothing is converted in silence."""
 LIBRARY = "machine.so"
 COMPILE_TIMEOUT = 120.0

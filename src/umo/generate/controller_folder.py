@@ -7,10 +7,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from umo.errors import DeclarationError
-from umo.generate.c_text import comment
 from umo.generate.controller_model import ControllerModel, NotGenerated, inexact_as_floats
-from umo.generate.machine_source import header_of, source_of
-from umo.generate.object_tables import large_tables
+from umo.generate.emit.machine_source import header_of, source_of
+from umo.generate.emit.object_tables import large_tables
 from umo.generate.translation import (
     FIRST_FAULT,
     RUNTIME_FAULTS,
@@ -59,7 +58,7 @@ def check(model: ControllerModel, translation: Translation, tables: Iterable[Not
 
 def faults_of(translation: Translation) -> list[CodeFault]:
     """Every fault by its number: those of the runtime, then those of translated code."""
-    own = [CodeFault(number, kind, text, "", 0) for number, (_, kind, text) in enumerate(RUNTIME_FAULTS, 1)]
+    own = [CodeFault(number, kind, text, "", 0, name) for number, (name, kind, text) in enumerate(RUNTIME_FAULTS, 1)]
     return [*own, *translation.faults]
 
 
@@ -98,13 +97,9 @@ def _is_users(name: str) -> bool:
 
 
 def _faults_header(translation: Translation) -> str:
-    lines = [f"#define MACHINE_FAULTS {len(translation.faults)} /* from {FIRST_FAULT} on; below: umo.h */"]
-    lines += (
-        f"/* {each.number}: {each.kind}: {comment(each.text)} ({comment(each.file)}:{each.line}) */"
-        for each in translation.faults
-    )
-    body = "\n".join(lines)
-    return f"/* machine_faults.h: what the faults of machine_step mean. */\n#ifndef MACHINE_FAULTS\n{body}\n#endif\n"
+    number = f"#define MACHINE_FAULTS {len(translation.faults)} /* from {FIRST_FAULT} on; below: umo.h */\n"
+    head = "/* machine_faults.h: what the faults of machine_step mean. */\n#ifndef MACHINE_FAULTS\n"
+    return f"{head}{number}{translation.fault_names}#endif\n"
 
 
 def _readme(text: str, model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:

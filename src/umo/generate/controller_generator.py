@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.errors import DeclarationError
-from umo.generate.code_world import translate
 from umo.generate.controller_folder import TARGETS, files_of
 from umo.generate.controller_model import laid_out
 from umo.generate.known_setters import settings_of
 from umo.generate.translation import ControllerTarget
+from umo.generate.translator import translate
 from umo.objects import Compound
 from umo.text import did_you_mean
 

@@ -29,16 +29,16 @@ from umo.generate.compiled_machine import COMPILE_TIMEOUT, FLAGS, compiler
 from umo.generate.compiler_errors import told
 from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
 from umo.generate.controller_model import ControllerModel
-from umo.generate.live_fields import LiveStruct
-from umo.generate.object_tables import tables_of
+from umo.generate.emit.object_tables import tables_of
+from umo.generate.lower.live_fields import LiveStruct
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import CFunction, Translation
 
 ON_HOST = Path(__file__).parent / "on_host"
 SHARED = "umo.h", "umo_scaling.h", "umo_python.h", "umo_digits.h", "umo_access.c", "umo_sums.c"
 """The files of the runtime of controllers that laws beside Python have, too."""
-NOT_ON_COLUMNS = "umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"
-"""What translated code cannot do on the memory of Python."""
+NOT_ON_COLUMNS = "umo_object_reset", "umo_referenced", "umo_set_reading", "umo_time", "zero_offset"
+"""What translated code cannot call, or read of an object, on the memory of Python."""
 TAKEN = POINTER(c_bool)
 CHANGED = CFUNCTYPE(None, c_int32, c_double)
 WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)
@@ -54,6 +54,7 @@ struct umo_machine {{
     umo_object objects[{objects_1}];
 {members}}};
 
+{fault_names}
 {source}
 {tables}{access}
 static const umo_plan plan = {{.period = {period}, .objects = {objects}, .traits = traits}};
@@ -138,6 +139,7 @@ def source_of_laws(model: ControllerModel, translation: Translation, conditions:
         objects=len(model.objects),
         objects_1=max(1, len(model.objects)),
         members=translation.members,
+        fault_names=translation.fault_names,
         source=translation.source,
         tables=tables_of(model, TARGETS["host"]),
         access=translation.access,

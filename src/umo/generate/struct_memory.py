@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from umo.cycle.conversion import extension
-from umo.generate.c_text import identifier
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
-from umo.generate.live_fields import LiveStruct, mask_of
+from umo.generate.lower.live_fields import LiveStruct, mask_of
+from umo.generate.names import identifier
 
 PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
 """Formats of a number in memory, as of the module struct; a real is a double."""

@@ -60,6 +60,8 @@ class CodeFault(NamedTuple):
     """The message as it is written."""
     file: str
     line: int
+    name: str = ""
+    """In C."""
 
 
 class StructField(NamedTuple):
@@ -109,6 +111,10 @@ class Translation:
     """The members of `struct umo_machine` for these structs, a line each."""
     source: str = ""
     """The functions."""
+    fault_names: str = ""
+    """The names of the faults, an enum."""
+    calls: Mapping[str, int] = field(default_factory=dict)
+    """How often each function of the runtime is called, and each member of an object is read (`->zero_offset`)."""
     init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
     """The function that fills the structs with the live values."""
     access: str = ""
@@ -118,7 +124,7 @@ class Translation:
     faults: list[CodeFault] = field(default_factory=list)
     layout: list[StructField] = field(default_factory=list)
     structs: list[Any] = field(default_factory=list)
-    """The structs of live objects (`umo.generate.live_fields.LiveStruct`), by the numbers of machine_struct."""
+    """The structs of live objects (`umo.generate.lower.live_fields.LiveStruct`), by the numbers of machine_struct."""
     host_calls: list[str] = field(default_factory=list)
     """What the host is asked for, by number."""
     kinds: Mapping[int, type[BaseException]] = field(default_factory=dict)

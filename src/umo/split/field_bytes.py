@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from umo.errors import DriverError
-from umo.generate.c_text import identifier
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
-from umo.generate.live_fields import LiveStruct, mask_of
+from umo.generate.lower.live_fields import LiveStruct, mask_of
+from umo.generate.names import identifier
 
 LETTERS = {INT: "i", BOOL: "?", MASK: "I"}
 ZEROS = {"?": False}

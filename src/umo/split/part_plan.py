@@ -18,12 +18,12 @@ from umo.cycle.machine_view import connect_compounds
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Driver
 from umo.drivers.wrapping import bare
-from umo.generate.code_world import translate
 from umo.generate.controller_folder import NotTranslated, check, faults_of
 from umo.generate.controller_model import ControllerModel, NotGenerated, model_of
+from umo.generate.emit.machine_source import header_of, source_of
 from umo.generate.known_setters import root_of, settings_of
-from umo.generate.machine_source import header_of, source_of
 from umo.generate.translation import CodeFault, ControllerTarget, Translation
+from umo.generate.translator import translate
 from umo.objects import Compound, walk
 from umo.presentation.durations import duration
 from umo.split.field_bytes import FieldBytes

@@ -1,0 +1,88 @@
+"""A temporary that is read once is computed where it is read, as long as nothing between changes what it is made of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from umo.generate.check.form_effects import changes_machine, read_values, reads_machine, written
+from umo.generate.form import (
+    Address,
+    Assign,
+    CountedLoop,
+    Element,
+    Elements,
+    Field,
+    Forever,
+    FormNode,
+    FunctionForm,
+    Literal,
+    Local,
+    Member,
+    Operator,
+    Statement,
+    Statements,
+    Temporary,
+    Value,
+    children,
+    is_place,
+    rebuilt,
+    walk,
+    with_bodies,
+)
+
+ARITHMETIC = "+-*/"
+
+
+def forwarded(function: FunctionForm) -> FunctionForm:
+    """The same, with temporaries that are read once where they are read."""
+    count = Counter(each for each in walk(*function.body) if isinstance(each, Temporary))
+    once = {each for each, number in count.items() if number == 2}  # assigned, and read
+    return replace(function, body=_body(function.body, once))
+
+
+def _body(body: Statements, once: set[Temporary]) -> Statements:
+    found = [with_bodies(each, lambda inner: _body(inner, once)) for each in body]
+    for place in range(len(found) - 1, -1, -1):
+        one = found[place]
+        if isinstance(one, Assign) and isinstance(one.place, Temporary) and one.place in once:
+            reader = _reader(one.place, one.value, found[place + 1 :])
+            if reader is not None:
+                at = place + 1 + reader
+                found[at] = rebuilt(found[at], partial(_put, one))
+                del found[place]
+    return tuple(found)
+
+
+def _put(one: Assign, each: Any) -> Any:
+    return one.value if each == one.place else each
+
+
+def _reader(temporary: Temporary, value: Value, rest: list[Statement]) -> int | None:
+    """Which of these statements reads the temporary, and may compute it; None: none."""
+    made_of = {each for each in walk(value) if isinstance(each, Local | Temporary | Field)}
+    for number, each in enumerate(rest):
+        if temporary in walk(*read_values(each)):
+            may = not isinstance(each, Forever | CountedLoop) and _fits(temporary, value, each)
+            return number if may else None
+        if not written(each).isdisjoint(made_of) or (reads_machine(value) and changes_machine(each)):
+            return None
+    return None
+
+
+def _fits(temporary: Temporary, value: Value, reader: FormNode) -> bool:
+    """Whether the value may stand where the temporary is read. A part of it is taken of a place only; compilers warn
+    where they see what a number is that is compared with a constant, or with itself."""
+    for each in walk(reader):
+        if temporary in children(each):
+            if isinstance(each, Address):
+                return False
+            if isinstance(each, Operator) and each.sign not in ARITHMETIC:
+                other = each.right if each.left == temporary else each.left
+                is_number = isinstance(value, Operator) and value.sign in ARITHMETIC
+                return other != value and (is_number or (is_place(value) and not isinstance(other, Literal)))
+            if isinstance(each, Member | Elements) or (isinstance(each, Element) and each.whole == temporary):
+                return is_place(value)
+    return True

@@ -1,0 +1,143 @@
+"""The numbers of the objects as tables in C: their traits, and the curves of their linearizations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from math import inf
+from typing import Any, NamedTuple
+
+from umo.generate.controller_model import ControllerModel, ControllerObject, NotGenerated, curves_of
+from umo.generate.emit.c_text import array, comment, real, real_or, time_of, truth
+from umo.generate.translation import ControllerTarget
+from umo.objects.interpolation import Cubics, Segments
+
+
+def tables_of(model: ControllerModel, target: ControllerTarget) -> str:
+    """The numbers of the objects, as tables in C."""
+    return "".join(_tables(model, target))
+
+
+class _Curve(NamedTuple):
+    """A curve of a linearization, and the numbers of its table."""
+
+    way: str
+    slot: int
+    """Of the first object that has it."""
+    curve: Cubics | Segments
+    numbers: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.way}_{self.slot}"
+
+
+def _curves(objects: Iterable[ControllerObject]) -> dict[int, _Curve]:
+    """That of each object, by slot. Objects whose curves are the same share one."""
+    found: dict[tuple[Any, ...], _Curve] = {}
+    of_slot = {}
+    for one in objects:
+        if one.linearization is not None:
+            curve, way = curves_of(one.linearization)[one.output], "to_input" if one.output else "to_value"
+            columns = curve.table if isinstance(curve, Cubics) else (curve._xs, curve._ys, curve._slopes)
+            numbers = tuple(float(number) for column in columns for number in column)
+            key = way, *_shape(curve), numbers
+            of_slot[one.slot] = found.setdefault(key, _Curve(way, one.slot, curve, numbers))
+    return of_slot
+
+
+def _shape(curve: Cubics | Segments) -> tuple[bool, int, float, float]:
+    """Whether it is cubic; how many cells or points; where the first cell begins, and cells per unit."""
+    if isinstance(curve, Cubics):
+        return True, curve.cells, float(curve.first), float(curve.per_x)
+    return False, len(curve._xs), 0.0, 0.0
+
+
+def large_tables(model: ControllerModel, target: ControllerTarget) -> Iterator[NotGenerated]:
+    """The linearizations whose table the target does not hold; of those that are the same the first."""
+    if target.table_bytes is None or model.problems:
+        return
+    for slot, curve in _curves(model.objects).items():
+        size = len(curve.numbers) * (4 if target.real == "float" else 8)
+        if slot == curve.slot and size > target.table_bytes:
+            one = next(each for each in model.objects if each.slot == slot)
+            reason = (
+                f"the table of {one.linearization} has {size} bytes, and on {target.name} {target.table_bytes} at most"
+            )
+            yield NotGenerated(one.path, reason, "a LookupTable of fewer points, or --target cortex-m")
+
+
+def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
+    """The numbers of the objects."""
+    for one in model.objects:
+        if one.invalid_raws:
+            yield array("int32_t", f"invalid_raws_{one.slot}", [_whole(raw) for raw in one.invalid_raws])
+    curves = _curves(model.objects)
+    for curve in {each.name: each for each in curves.values()}.values():
+        yield from _curve_table(curve, target)
+    yield "static const UMO_FLASH umo_traits traits[] = {\n"
+    for one in model.objects:
+        yield _traits(one, curves.get(one.slot), target)
+    yield "};\n\n"
+
+
+def _whole(raw: int) -> str:
+    return "INT32_MIN" if raw == -(2**31) else str(raw)
+
+
+def _curve_table(curve: _Curve, target: ControllerTarget) -> Iterator[str]:
+    yield array("umo_real", f"{curve.name}_table", [real(number, target) for number in curve.numbers])
+    cubic, count, first, per_x = _shape(curve.curve)
+    yield f"static const UMO_FLASH umo_curve {curve.name} = {{\n"
+    yield f"    .cubic = {truth(cubic)}, .count = {count}, "
+    yield f".first = {real(first, target)}, .per_x = {real(per_x, target)},\n"
+    yield f"    .table = {curve.name}_table,\n}};\n"
+
+
+def _traits(one: ControllerObject, curve: _Curve | None, target: ControllerTarget) -> str:
+    flags = {
+        "UMO_OUTPUT": one.output,
+        "UMO_BINARY": one.binary,
+        "UMO_ASYNCHRONOUS": not one.synchronous,
+        "UMO_CLAMPS": one.clamps,
+        "UMO_MARKS": one.marks,
+        "UMO_INCREMENTAL": one.incremental,
+    }
+    fields = {
+        "flags": " | ".join(name for name, yes in flags.items() if yes) or "0",
+        "one": str(one.one),
+        "equipment": str(one.equipment),
+        "resolution": real(one.scale[0], target),
+        "zero_offset": real(one.scale[1], target),
+        "minimum": real(one.bounds[0], target),
+        "maximum": real(one.bounds[1], target),
+        "max_age": time_of(one.max_age, target),
+        **(_of_output if one.output else _of_input)(one, target),
+    }
+    if curve is not None:
+        fields[curve.way] = f"&{curve.name}"
+    lines = "".join(f"        .{name} = {value},\n" for name, value in fields.items())
+    return f"    {{ /* {one.slot}: {comment(one.path)}, {one.kind} ({comment(one.units)}) */\n{lines}    }},\n"
+
+
+def _of_output(one: ControllerObject, target: ControllerTarget) -> dict[str, str]:
+    return {
+        "least": real(one.raws[0], target),
+        "greatest": real(one.raws[1], target),
+        "rest": real(one.default, target),
+        "rest_raw": _whole(one.default_raw),
+        "slew_rate": real_or(one.slew_rate, inf, target),
+        "expires": time_of(one.expires, target),
+    }
+
+
+def _of_input(one: ControllerObject, target: ControllerTarget) -> dict[str, str]:
+    fields = {"low": real(one.good[0], target), "high": real(one.good[1], target)}
+    if one.raws != (0.0, 0.0):
+        fields["greatest"] = real(one.raws[1], target)
+    if one.conditioned:
+        times = {"filter": one.filter, "velocity": one.velocity, "debounce": one.debounce}
+        fields |= {name: time_of(seconds, target) for name, seconds in times.items()}
+        fields["rollover_bits"] = str(one.rollover_bits)
+    if one.invalid_raws:
+        fields |= {"invalid_count": str(len(one.invalid_raws)), "invalid_raws": f"invalid_raws_{one.slot}"}
+    return fields

@@ -1,0 +1,60 @@
+"""The functions of numpy that translate."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+import numpy as np
+
+from umo.generate.c_types import BOOL, INT, REAL, CType
+
+OF_ELEMENTS: dict[Any, tuple[str, CType, CType]] = {
+    np.abs: ("umo_fabs", REAL, REAL),
+    np.fabs: ("umo_fabs", REAL, REAL),
+    np.sqrt: ("umo_sqrt", REAL, REAL),
+    np.floor: ("umo_floor", REAL, REAL),
+    np.ceil: ("umo_ceil", REAL, REAL),
+    np.trunc: ("umo_trunc", REAL, REAL),
+    np.isfinite: ("umo_is_finite", REAL, BOOL),
+    np.isnan: ("umo_is_nan", REAL, BOOL),
+    np.logical_not: ("!", BOOL, BOOL),
+}
+"""Functions of each element: that of the runtime, or an operator; type that it takes and that it gives."""
+BINARY: dict[Any, ast.operator | str] = {
+    np.add: ast.Add(),
+    np.subtract: ast.Sub(),
+    np.multiply: ast.Mult(),
+    np.divide: ast.Div(),
+    np.logical_and: ast.BitAnd(),
+    np.logical_or: ast.BitOr(),
+    np.minimum: "umo_np_min",
+    np.maximum: "umo_np_max",
+}
+"""Functions of two: an operator, or a function of the runtime."""
+REDUCED: dict[Any, str] = {
+    np.any: "any",
+    np.all: "all",
+    np.count_nonzero: "count",
+    np.sum: "sum",
+    np.max: "max",
+    np.min: "min",
+}
+"""Functions that give one number."""
+CREATED: dict[Any, tuple[float | None, bool]] = {
+    np.zeros: (0.0, False),
+    np.ones: (1.0, False),
+    np.full: (None, False),
+    np.zeros_like: (0.0, True),
+    np.ones_like: (1.0, True),
+    np.full_like: (None, True),
+}
+"""New arrays: what they are filled with, None: an argument; and whether the length is that of another one."""
+DTYPES: dict[Any, CType] = {
+    float: REAL,
+    np.float64: REAL,
+    int: INT,
+    np.int64: INT,
+    bool: BOOL,
+    np.bool_: BOOL,
+}

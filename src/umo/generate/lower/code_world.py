@@ -1,0 +1,473 @@
+"""The functions of one machine while they are translated: each once for each object and type that it is called with."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from types import FunctionType
+from typing import Any, NamedTuple
+
+from umo.errors import TaskFailed
+from umo.generate.c_types import (
+    BOOL,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    MixedNumber,
+    OptionalType,
+    is_number,
+    joined,
+    plain,
+)
+from umo.generate.form import (
+    CallStatement,
+    ErrorHandler,
+    Field,
+    FunctionForm,
+    Literal,
+    Local,
+    MachineForm,
+    Return,
+    Statement,
+    Struct,
+    Temporary,
+    Value,
+    WholeMachine,
+    root,
+    walk,
+    whole,
+)
+from umo.generate.function_source import NoSource, SourcedFunction, bound
+from umo.generate.known_values import KnownValues, Unwatchable
+from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
+from umo.generate.lower.function_lowering import FunctionLowering
+from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
+from umo.generate.lower.terms import Code, Known, Many, Present, Term
+from umo.generate.lower.translation_memory import MOST_PASSES, TranslationMemory
+from umo.generate.names import identifier
+from umo.generate.translation import (
+    FIRST_FAULT,
+    NO_HOST,
+    RUNTIME_FAULTS,
+    CFunction,
+    CodeFault,
+    ControllerLimit,
+    ControllerTarget,
+    Untranslatable,
+)
+from umo.objects import Compound
+
+
+class TranslatedFunction:
+    """A function of the form, and what a call of it gives."""
+
+    def __init__(
+        self,
+        name: str,
+        result: CType,
+        live: Known | None,
+        form: FunctionForm | None,
+        scope: FunctionBuilder | None = None,
+    ) -> None:
+        self.name, self.result, self.live, self.form = name, result, live, form
+        self.keeps = scope is not None and scope.aliases.keeps
+        """Whether an array that it is given is had by others afterwards."""
+        self.changes: set[Value] = set() if scope is None else scope.aliases.changes
+        """Arrays that a call changes in place."""
+        self.sole = scope is not None and scope.aliases.sole_result
+        """Whether nobody else has an array that it returns."""
+
+
+class CodeWorld:
+    """One pass over the functions of a machine."""
+
+    def __init__(self, memory: TranslationMemory, target: ControllerTarget) -> None:
+        self.memory, self.target = memory, target
+        self.fields = LiveFields(memory)
+        self.known = KnownValues()
+        self.functions: dict[Any, TranslatedFunction] = {}
+        self.faults: list[CodeFault] = []
+        self.kinds: dict[int, type[BaseException]] = {
+            n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
+        }
+        self.problems: list[Untranslatable] = []
+        self.notes: list[str] = []
+        self.on_host: list[Untranslatable] = []
+        self.hosts: list[tuple[Any, str]] = []
+        self._under_way: list[Any] = []
+        self._names: set[str] = set()
+        self._kept: list[Any] = []
+        self._tables: dict[tuple[int, ...], str] = {}
+        """Names of tables of the numbers of objects."""
+
+    # What functions ask for ----------------------------------------------------------------------------
+
+    def fault(self, kind: type[BaseException], text: str, source: SourcedFunction, line: int) -> int:
+        for each in self.faults:
+            if (each.kind, each.text, each.file, each.line) == (kind.__name__, text, source.file, line):
+                return each.number
+        number = FIRST_FAULT + len(self.faults)
+        name = f"FAULT_{number}_{identifier(source.name).upper()}_{identifier(kind.__name__)}"
+        self.faults.append(CodeFault(number, kind.__name__, text, source.file, line, name))
+        self.kinds[number] = kind
+        return number
+
+    def note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def note_inexact(self, name: str) -> None:
+        if not self.target.exact_libm:
+            self.note(f"{name} may differ from Python in its last bit: it is that of the target's library")
+
+    def host_call(self, owner: Any, name: str) -> int:
+        found = next((n for n, (each, called) in enumerate(self.hosts) if each is owner and called == name), None)
+        if found is None:
+            self.hosts.append((owner, name))
+            found = len(self.hosts) - 1
+        return found
+
+    def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
+        """A result; None: there is none."""
+        of = scope.values.type_of(term)
+        if isinstance(term, Present):
+            raise scope.refused(node, "only whether it is None is known on the controller")
+        if of is None:
+            if isinstance(term, Known):
+                if any(map(_is_code, scope.results)):
+                    raise scope.refused(node, "an object is returned, and elsewhere a number", "one of both")
+                return None
+            if isinstance(term, Many) and any(
+                isinstance(scope.values.type_of(each), MixedNumber) for each in term.terms
+            ):
+                raise scope.refused(node, "a tuple with what may be a whole number or a float", "0.0, float(...)")
+            raise scope.refused(node, "the result is no number, state or tuple of them")
+        of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
+        return None if of == NOTHING else scope.values.as_type(term, of, node)
+
+    # Functions -----------------------------------------------------------------------------------------
+
+    def invoke(self, caller: Any, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
+        """A call of a function: its result. The function is translated if it is not yet."""
+        hints = source.function.__annotations__
+        given: dict[str, CType | Known] = {}
+        arguments: list[Value] = []
+        for name, term in terms.items():
+            of = self._parameter(caller, source.function, name, term, hints)
+            given[name] = of
+            if not isinstance(of, Known):
+                arguments.append(caller.values.as_type(term, of, node))
+        shared = [term for term in terms.values() if isinstance(term, Code)]
+        found = self.translated(source, given, node, caller)
+        for term in shared:
+            if isinstance(plain(term.type), ArrayType) and whole(term.value) in found.changes:
+                raise NoTranslation(node, "the function changes an array that it has under another name, too", "a copy")
+        caller.aliases.changes |= {each for each in found.changes if isinstance(root(each), Field)}
+        for term in shared if found.keeps else []:
+            caller.aliases.share(term)
+        if found.live is not None and found.form is None:
+            return found.live
+        if found.result == NOTHING:
+            caller.called(found.name, WholeMachine(), *arguments)
+            return found.live or Known(None)
+        result = caller.temporary(found.result)
+        caller.called(found.name, WholeMachine(), *arguments, out=result)
+        if found.sole:
+            caller.aliases.sole.add(result)
+        return Code(found.result, result)
+
+    def _parameter(
+        self, caller: FunctionBuilder, function: FunctionType, name: str, term: Term, hints: Mapping[str, Any]
+    ) -> CType | Known:
+        hinted = _hinted_parameter(function, name) if name in hints else None
+        if isinstance(term, Known):
+            self._kept.append(term.value)
+            if isinstance(hinted, OptionalType) and term.value is None:
+                return hinted
+            if type(term.value) in (int, float, bool):
+                return self._as_hinted(self.fields.type_of_value(term.value) or NOTHING, hinted)
+            return term
+        if isinstance(term, Many):
+            if all(isinstance(each, Known) for each in term.terms):
+                live = tuple(each.value for each in term.terms)  # type: ignore[union-attr]
+                self._kept.append(live)
+                return Known(live)
+            of = caller.values.type_of(term)
+            if of is not None:
+                return of
+        if isinstance(term, Code):
+            return self._as_hinted(term.type, hinted)
+        raise NoTranslation(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
+
+    @staticmethod
+    def _as_hinted(of: CType, hinted: CType | None) -> CType:
+        """The type of an argument where the function declares another one; a bool stays one."""
+        if of == BOOL:
+            return of
+        if (hinted == REAL and is_number(of)) or (
+            isinstance(hinted, OptionalType) and (of == hinted.of or is_number(of))
+        ):
+            with suppress(TypeError):
+                return joined(of, hinted)
+        return of
+
+    def translated(
+        self,
+        source: SourcedFunction,
+        given: Mapping[str, CType | Known],
+        node: ast.AST,
+        caller: FunctionBuilder | None,
+    ) -> TranslatedFunction:
+        self._kept += source.enclosed
+        key = (
+            source.function.__code__,
+            tuple(_identity(each) for each in source.enclosed),
+            tuple((n, ("live", _identity(g.value)) if isinstance(g, Known) else g) for n, g in given.items()),
+        )
+        if key in self.functions:
+            return self.functions[key]
+        if key in self._under_way:
+            raise NoTranslation(node, "it calls itself", "a loop")
+        try:
+            self.known.function(source.function, (source.file, source.tree.lineno))
+        except Unwatchable as error:
+            raise NoTranslation(node, str(error), "a tuple") from None
+        self._under_way.append(key)
+        try:
+            self.functions[key] = found = self._translate(source, given, key)
+        finally:
+            self._under_way.pop()
+        return found
+
+    def _translate(self, source: SourcedFunction, given: Mapping[str, CType | Known], key: Any) -> TranslatedFunction:
+        scope = FunctionLowering(self, source, key, self._name(source, given))
+        try:
+            return self._lowered(scope, source, given, key)
+        finally:
+            scope.end()
+
+    def _lowered(
+        self, scope: FunctionBuilder, source: SourcedFunction, given: Mapping[str, CType | Known], key: Any
+    ) -> TranslatedFunction:
+        for name, of in given.items():
+            scope.flow.names[name] = of
+            if not isinstance(of, Known):
+                scope.add_parameter(name, of, self.memory.learn(self.memory.locals, (key, name), of, lambda: None))
+        statements = source.tree.body
+        if isinstance(statements, ast.expr):
+            statements = [ast.copy_location(ast.Return(statements), statements)]
+        problems, ends = len(self.problems), True
+        for each in statements:
+            try:
+                ends = scope.body([each])
+            except NoTranslation as refused:
+                self._told(scope, refused, problems)
+            if ends is False:
+                break
+        if ends is not False:
+            scope.results.append(Known(None))
+            value = None
+            gives = self.memory.results.get(key, NOTHING) != NOTHING or any(map(_is_code, scope.results))
+            if gives and len(self.problems) == problems:
+                value = self.result_of(scope, Known(None), source.tree)
+            scope.add(Return(value))
+        result = self.memory.results.get(key, NOTHING)
+        for of in (*scope.variables.values(), *scope.given.values(), result):
+            self.fields.use(of)
+        live = self._live_result(scope, result)
+        is_left_out = live is not None and all(isinstance(each, Return) for each in scope.statements)
+        form = None if is_left_out else _function(scope, source, result)
+        return TranslatedFunction(scope.c_name, result, live, form, scope)
+
+    def _told(self, scope: FunctionBuilder, refused: NoTranslation, before: int) -> None:
+        """What does not translate, told once for each place; what follows from it is not told."""
+        if "before it has a value" in refused.reason and len(self.problems) > before:
+            return
+        line = getattr(refused.node, "lineno", 0)
+        source = scope.source.segment(refused.node) if line else scope.source.name
+        new = Untranslatable(scope.source.file, line, source, refused.reason, refused.nearest)
+        if new not in self.problems:
+            self.problems.append(new)
+
+    def _live_result(self, scope: FunctionBuilder, result: CType) -> Known | None:
+        first, *rest = [*scope.results, None][:-1] or [Known(None)]
+        if isinstance(first, Known) and all(each == first for each in rest):
+            return first
+        objects = [each for each in scope.results if isinstance(each, Known) and self._is_object(each.value)]
+        if objects and result != NOTHING:
+            told = scope.refused(scope.source.tree, "an object is returned, and elsewhere a number", "one of both")
+            self._told(scope, told, len(self.problems))
+        if result == NOTHING and any(isinstance(each, Known) and each.value is not None for each in scope.results):
+            told = scope.refused(scope.source.tree, "it returns different objects", "one object for each call")
+            self._told(scope, told, len(self.problems))
+        return None
+
+    def _is_object(self, value: Any) -> bool:
+        return value is not None and self.fields.type_of_value(value) is None
+
+    def _name(self, source: SourcedFunction, given: Mapping[str, CType | Known]) -> str:
+        first = next(iter(given.values()), None)
+        owner = first.value if isinstance(first, Known) else None
+        known = self.fields.structs.get(id(owner))
+        stem = source.name.rpartition(".")[2].strip("_")
+        base = f"py_{known.member}_{identifier(stem)}" if known is not None else f"py_{identifier(stem)}"
+        name, number = base, 2
+        while name in self._names:
+            name, number = f"{base}_{number}", number + 1
+        self._names.add(name)
+        return name
+
+    # The whole -----------------------------------------------------------------------------------------
+
+    def table(self, slots: Sequence[int]) -> str:
+        return self._tables.setdefault(tuple(slots), f"vector_{len(self._tables)}")
+
+    def program(self) -> MachineForm:
+        """The form of all functions."""
+        functions = [each.form for each in self.functions.values() if each.form is not None]
+        names = {each.number: each.name for each in self.faults}
+        handled = dict.fromkeys(each.kinds for each in walk(*functions) if isinstance(each, ErrorHandler))
+        return MachineForm(
+            records=self.fields.records(),
+            structs=[_struct(each) for each in self.fields.filled],
+            tables={name: slots for slots, name in self._tables.items()},
+            functions=functions,
+            begin=tuple(self.fields.begin()) if not self.problems else (),
+            faults=names,
+            handled={kinds: self._caught(kinds) for kinds in handled},
+        )
+
+    def _caught(self, kinds: tuple[type[BaseException], ...]) -> list[str]:
+        """The names of the faults that a handler of these classes catches."""
+        names = {n: name for n, (name, _, _) in enumerate(RUNTIME_FAULTS, 1)} | {
+            each.number: each.name for each in self.faults
+        }
+        return [
+            names[n] for n, kind in self.kinds.items() if issubclass(kind, kinds) and self._is_caught(n, kind, kinds)
+        ]
+
+    def _is_caught(self, number: int, kind: type[BaseException], kinds: tuple[type[BaseException], ...]) -> bool:
+        """Whether a handler of these classes catches a fault. One that Python does not have goes on to the end: what is
+        beyond the controller, and what has no host, but for who asks for that by name."""
+        return not issubclass(kind, ControllerLimit) and (number != NO_HOST or TaskFailed in kinds)
+
+
+def _odd(node: ast.AST) -> None:
+    raise NoTranslation(node, "results of different types", "one type")
+
+
+def _is_code(term: Term | None) -> bool:
+    return isinstance(term, Code | Many)
+
+
+def _identity(value: Any) -> Any:
+    """What tells two live values apart; a tuple is made anew in each pass."""
+    if type(value) is tuple:
+        return tuple(map(_identity, value))
+    return value if value is None or isinstance(value, str | bytes) else id(value)
+
+
+def _class(name: str) -> type[BaseException]:
+    import umo.errors
+
+    return getattr(umo.errors, name)  # type: ignore[no-any-return]
+
+
+def _function(scope: FunctionBuilder, source: SourcedFunction, result: CType) -> FunctionForm:
+    def named(found: Mapping[Value, CType]) -> tuple[tuple[str, CType], ...]:
+        return tuple((each.name, of) for each, of in found.items() if isinstance(each, Local | Temporary))
+
+    variables = {each: of for each, of in scope.variables.items() if each not in scope.given}
+    line = source.function.__code__.co_firstlineno
+    body = tuple(scope.statements)
+    return FunctionForm(
+        scope.c_name, source.name, source.file, line, named(scope.given), named(variables), result, body
+    )
+
+
+def _struct(live: LiveStruct) -> Struct:
+    title = f"{live.path or 'the machine'}: {type(live.owner).__qualname__}"
+    return Struct(live.member, title, tuple((identifier(name), of) for name, of in live.fields.items()))
+
+
+class Lowered(NamedTuple):
+    """The form of a machine, and what is to be told of it."""
+
+    program: MachineForm
+    entry: Mapping[Any, CFunction]
+    world: CodeWorld
+
+
+def lowered(
+    machine: Compound,
+    conditions: Sequence[Callable[[], Any]],
+    steps: Sequence[Callable[[], Any]],
+    target: ControllerTarget,
+) -> Lowered:
+    """The conditions of a machine, which give a bool, and the steps, whose results are left out: pass after pass until
+    no type is new."""
+    memory = TranslationMemory()
+    for _ in range(MOST_PASSES):
+        memory.changed = False
+        world = CodeWorld(memory, target)
+        entry = _pass(world, machine, conditions, steps)
+        if not memory.changed:
+            break
+    return Lowered(world.program(), entry, world)
+
+
+def _pass(
+    world: CodeWorld, machine: Any, conditions: Sequence[Callable[..., Any]], steps: Sequence[Callable[..., Any]]
+) -> dict[Any, CFunction]:
+    world.fields.known(machine, "")
+    entry = {}
+    for number, each in enumerate([*conditions, *steps]):
+        try:
+            found = bound(each)
+            parameters = inspect.signature(found.source.function, follow_wrapped=False).parameters
+            given = {n: Known(each.default) for n, each in parameters.items() if each.default is not each.empty}
+            given |= dict(zip(parameters, map(Known, found.given), strict=False))
+            given |= {n: Known(v) for n, v in found.named}
+            for live in given.values():
+                if hasattr(live.value, "_path"):
+                    world.fields.known(live.value, "")
+            translated = world.translated(found.source, given, found.source.tree, None)
+        except NoSource as error:
+            world.problems.append(Untranslatable("", 0, getattr(each, "__qualname__", str(each)), str(error), ""))
+            continue
+        except NoTranslation as refused:
+            source = found.source
+            line = getattr(refused.node, "lineno", 0)
+            world.problems.append(Untranslatable(source.file, line, source.name, refused.reason, refused.nearest))
+            continue
+        if number < len(conditions) and translated.form is not None and translated.result not in (BOOL, NOTHING):
+            world.problems.append(_no_condition(found.source))
+        entry[each] = _wrapped(world, translated, found.source.name, number < len(conditions))
+    return entry
+
+
+def _no_condition(source: SourcedFunction) -> Untranslatable:
+    """In Python what is no bool counts as true."""
+    reason = "the condition of an interlock gives something that is not always True or False"
+    text = source.segment(source.tree.body) if isinstance(source.tree, ast.Lambda) else source.name
+    return Untranslatable(source.file, source.tree.lineno, text, reason, "a comparison, or bool(...)")
+
+
+def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str, is_condition: bool) -> CFunction:
+    """A function with `m` and, of a condition, a place for a bool. The result of a step is left out; what is no bool
+    counts as true (`umo.cycle.inhibition`)."""
+    of = translated.result
+    if translated.form is not None and of == (BOOL if is_condition else NOTHING):
+        return CFunction(translated.name)
+    name, result = f"entry_{translated.name}", Temporary("result")
+    body: list[Statement] = []
+    if translated.form is not None:
+        body.append(CallStatement(translated.name, (WholeMachine(),), None if of == NOTHING else result))
+    holds = Literal(translated.live is None or translated.live.value is not False, BOOL) if is_condition else None
+    variables = () if of == NOTHING or translated.form is None else ((result.name, of),)
+    form = FunctionForm(name, what, "", 0, (), variables, BOOL if is_condition else NOTHING, (*body, Return(holds)))
+    world.functions[name] = TranslatedFunction(name, form.result, None, form)
+    return CFunction(name)

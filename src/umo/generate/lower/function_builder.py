@@ -1,0 +1,294 @@
+"""The function that is being lowered: its statements, its variables, and what is raised and taken as known in it."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any, Protocol
+
+from umo.errors import text_of
+from umo.generate.c_types import (
+    CType,
+)
+from umo.generate.check.form_effects import changes
+from umo.generate.form import (
+    Assign,
+    CallStatement,
+    Fail,
+    If,
+    Local,
+    Statement,
+    Temporary,
+    Value,
+)
+from umo.generate.function_source import SourcedFunction
+from umo.generate.known_values import KnownValues, Unwatchable
+from umo.generate.lower.flow import KnownFlow
+from umo.generate.lower.live_fields import LiveFields
+from umo.generate.lower.subjects import (
+    AskedOfAliases,
+    AskedOfArrays,
+    AskedOfAssignments,
+    AskedOfAttributes,
+    AskedOfBuiltins,
+    AskedOfCalls,
+    AskedOfErrors,
+    AskedOfExpressions,
+    AskedOfLoops,
+    AskedOfTelling,
+    AskedOfValues,
+    AskedOfVectors,
+)
+from umo.generate.lower.terms import Code, Term
+from umo.generate.lower.translation_memory import TranslationMemory
+from umo.generate.names import identifier
+from umo.generate.translation import Untranslatable
+
+UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What the lowering of a statement may raise that nobody has thought of."""
+
+
+class NoTranslation(Exception):
+    """Something does not translate."""
+
+    def __init__(self, node: ast.AST, reason: str, nearest: str = "") -> None:
+        super().__init__(reason)
+        self.node, self.reason, self.nearest = node, reason, nearest
+
+
+class FunctionBuilder:
+    """The statements of one function, while it is lowered, and the subjects of its lowering."""
+
+    values: AskedOfValues
+    aliases: AskedOfAliases
+    telling: AskedOfTelling
+    expressions: AskedOfExpressions
+    arrays: AskedOfArrays
+    vectors: AskedOfVectors
+    attributes: AskedOfAttributes
+    calls: AskedOfCalls
+    builtins: AskedOfBuiltins
+    assignments: AskedOfAssignments
+    loops: AskedOfLoops
+    errors: AskedOfErrors
+    of_expressions: Mapping[type[ast.AST], Callable[[Any], Term]]
+    """Which subject each expression of Python belongs to."""
+    of_statements: Mapping[type[ast.AST], Callable[[Any], bool | None]]
+
+    def __init__(self, world: CodeContext, source: SourcedFunction, key: Any, name: str) -> None:
+        self.world, self.source, self.key, self.c_name = world, source, key, name
+        self.statements: list[Statement] = []
+        """Of the innermost body that is being lowered."""
+        self.depth = 0
+        """The number of bodies around it."""
+        self.variables: dict[Value, CType] = {}
+        """Local names and temporaries that are declared in the function."""
+        self.parameters: dict[str, CType] = {}
+        self.given: dict[Value, CType] = {}
+        """The parameters in C."""
+        self.results: list[Term | None] = []
+        self.line = 0
+        """Of the statement that is being lowered."""
+        self.flow = KnownFlow()
+        self._locals: dict[str, Local] = {}
+        self._labels = 0
+
+    # Statements ----------------------------------------------------------------------------------------
+
+    def add(self, statement: Statement) -> None:
+        self.statements.append(replace(statement, line=self.line))
+
+    def changed_since(self, at: int) -> bool:
+        """Whether the statements from this place of the body on may change what an expression has seen."""
+        return any(map(changes, self.statements[at:]))
+
+    @contextmanager
+    def body_of(self) -> Iterator[list[Statement]]:
+        """The body of a branch or a loop. What is proved in it holds in it only."""
+        known = set(self.flow.known)
+        with self.one_of_two() as found:
+            yield found
+        self.flow.known &= known
+
+    @contextmanager
+    def gathered(self) -> Iterator[list[Statement]]:
+        """Statements that are not added here, and may be later."""
+        around, self.statements = self.statements, []
+        try:
+            yield self.statements
+        finally:
+            self.statements = around
+
+    @contextmanager
+    def one_of_two(self) -> Iterator[list[Statement]]:
+        """Statements that are gathered, and reached on one of two ways only."""
+        self.depth += 1
+        try:
+            with self.gathered() as found:
+                yield found
+        finally:
+            self.depth -= 1
+
+    def add_if(self, test: Value, *body: Statement) -> None:
+        self.add(If(test, tuple(replace(each, line=self.line) for each in body)))
+
+    def assign(self, place: Value, value: Value) -> None:
+        self.add(Assign(place, value))
+
+    def label(self, what: str) -> str:
+        self._labels += 1
+        return f"{what}_{self._labels}"
+
+    def temporary(self, of: CType, what: str = "t") -> Temporary:
+        number = 1 + len(self.variables)
+        while (name := Temporary(f"{what}{number}")) in self.variables:
+            number += 1
+        self.variables[name] = of
+        return name
+
+    @property
+    def own_parameters(self) -> list[Value]:
+        return [self.local(name) for name in self.parameters]
+
+    def local(self, name: str) -> Local:
+        """The variable of a local name: no other one has its name, and nothing else has an underscore after its `v`."""
+        found = self._locals.get(name)
+        if found is None:
+            text = f"v_{identifier(name)}"
+            while Local(text) in self._locals.values():
+                text += "_"
+            found = self._locals[name] = Local(text)
+        return found
+
+    def add_parameter(self, name: str, given: CType, of: CType) -> None:
+        """A parameter; it has another type inside where the function assigns to it what it was not given."""
+        self.parameters[name] = self.flow.names[name] = of
+        local = self.local(name)
+        if of == given:
+            self.given[local] = given
+            return
+        before = Local(f"given_{local.name}")
+        self.given[before] = given
+        self.variables[local] = of
+        self.assign(local, self.values.as_type(Code(given, before), of, self.source.tree))
+
+    def term(self, node: ast.AST) -> Term:
+        """What an expression is; statements that it needs are added."""
+        lower = self.of_expressions.get(type(node))
+        if lower is None:
+            raise self.refused(
+                node, "this does not translate", "numbers, states, comparisons, arithmetic, calls of functions"
+            )
+        return lower(node)
+
+    def ordered(self, nodes: Sequence[ast.AST]) -> list[Term]:
+        """Several expressions, each computed after those before it."""
+        terms: list[Term] = []
+        for each in nodes:
+            with self.gathered() as rest:
+                new = self.term(each)
+            if any(map(changes, rest)):  # what was computed before may change: it is kept under a name
+                terms = [self.values.settled(old) for old in terms]
+            self.statements += rest
+            terms.append(new)
+        return terms
+
+    def body(self, statements: Sequence[ast.stmt]) -> bool:
+        """Statements in a row; False if nothing after them is reached."""
+        for each in statements:
+            lower = self.of_statements.get(type(each))
+            if lower is None:
+                raise self.refused(
+                    each, "this statement does not translate", "if, for, while, try, raise, return, assignments"
+                )
+            around, self.line = self.line, getattr(each, "lineno", self.line)
+            try:
+                if lower(each) is False:
+                    return False
+            except UNFORESEEN as error:
+                raise self.refused(each, f"it cannot be translated ({text_of(error)})") from error
+            finally:
+                self.line = around
+        return True
+
+    # Faults --------------------------------------------------------------------------------------------
+
+    def raises(
+        self, kind: type[BaseException], node: ast.AST, test: Value | None = None, text: str | None = None
+    ) -> None:
+        """Python raises this here, if the condition holds."""
+        failure = Fail(self.fault(kind, node, text))
+        if test is None:
+            self.add(failure)
+        else:
+            self.add_if(test, failure)
+
+    def fault(self, kind: type[BaseException], node: ast.AST, text: str | None = None) -> int:
+        """The number of what Python raises here."""
+        said = self.source.segment(node) if text is None else text
+        return self.world.fault(kind, said, self.source, getattr(node, "lineno", 0))
+
+    def called(self, function: str, *arguments: Value, out: Value | None = None) -> None:
+        """A call that may fail."""
+        self.add(CallStatement(function, arguments, out))
+        self.flow.forget_fields()
+
+    # What is taken as known ------------------------------------------------------------------------------
+
+    def takes(self, owner: Any, name: str, node: ast.AST) -> None:
+        """An attribute of a live object is taken as known here."""
+        self._taken(partial(self.world.known.attribute, owner, name), node)
+
+    def takes_variable(self, name: str, node: ast.AST) -> None:
+        """A name of the module, or of an enclosing function, is taken as known here."""
+        self._taken(partial(self.world.known.variable, self.source.function, name), node)
+
+    def takes_class(self, owner: Any, name: str, node: ast.AST) -> None:
+        """A tracked number may be an attribute of the class of its object."""
+        self._taken(partial(self.world.known.tracked, owner, name), node)
+
+    def _taken(self, take: Callable[[tuple[str, int]], None], node: ast.AST) -> None:
+        try:
+            take((self.source.file, getattr(node, "lineno", 0)))
+        except Unwatchable as error:
+            raise self.refused(node, str(error), "an attribute that is set as usual, or a tuple") from None
+
+    def refused(self, node: ast.AST, reason: str, nearest: str = "") -> NoTranslation:
+        return NoTranslation(node, reason, nearest)
+
+
+class CodeContext(Protocol):
+    """The machine and its other functions."""
+
+    memory: TranslationMemory
+    fields: LiveFields
+    known: KnownValues
+    """What is taken as known."""
+    on_host: list[Untranslatable]
+    """What works on this computer only."""
+
+    def table(self, slots: Sequence[int]) -> str:
+        """The name of a table of the numbers of objects."""
+
+    def fault(self, kind: type[BaseException], text: str, source: SourcedFunction, line: int) -> int:
+        """The number of a fault."""
+
+    def note(self, text: str) -> None:
+        """Something that is to be said of the C."""
+
+    def note_inexact(self, name: str) -> None:
+        """This function may differ from Python's."""
+
+    def host_call(self, owner: Any, name: str) -> int:
+        """The number of what the host is asked for."""
+
+    def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
+        """A result; None: there is none."""
+
+    def invoke(
+        self, caller: FunctionBuilder, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST
+    ) -> Term:
+        """A call of a function: its result."""

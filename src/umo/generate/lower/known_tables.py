@@ -1,0 +1,113 @@
+"""Tables that are known, with a place or a key that is computed: tuples and lists of numbers, states or tuples of
+these, and dicts by members of one Enum or by whole numbers."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from enum import Enum
+from typing import Any
+
+from umo.generate.c_types import BOOL, INT, CType, StateType, TupleType, is_number
+from umo.generate.form import ZERO, Assign, Choose, Literal, Operator, TupleOf, Value
+from umo.generate.lower.function_builder import FunctionBuilder
+from umo.generate.lower.terms import Code, Term
+from umo.generate.value_kinds import is_container, is_plain_enum
+
+MOST_ENTRIES = 256
+
+
+def is_table(value: Any) -> bool:
+    return isinstance(value, tuple | list) and is_container(value) and 0 < len(value) <= MOST_ENTRIES
+
+
+def is_dict(value: Any) -> bool:
+    return type(value) is dict and 0 < len(value) <= MOST_ENTRIES
+
+
+def element_of(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Code:
+    """IndexError beyond its ends."""
+    f.world.memory.place_known(table)
+    of = _type_of_all(f, table, node)
+    return _chosen(f, [_initial(f, each, of, node) for each in table], of, _place(f, index, len(table), node))
+
+
+def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, node: ast.AST) -> Code:
+    """An element of a tuple whose values are computed; they have one type."""
+    codes = [f.values.code(each, node) for each in terms]
+    of = codes[0].type
+    if any(each.type != of for each in codes) or not (is_number(of) or isinstance(of, StateType)):
+        raise f.refused(node, "an element of a tuple whose values are not of one class", "one class for all")
+    at = _place(f, index, len(codes), node)
+    return _chosen(f, [each.value for each in codes], of, at)
+
+
+def _place(f: FunctionBuilder, index: Term, length: int, node: ast.AST) -> Value:
+    code = f.values.number(index, node)
+    if code.type not in (INT, BOOL):
+        raise f.refused(node, "a place in a table is a whole number")
+    return f.expressions.place_in(Code(INT, f.values.as_type(code, INT, node)), length, node)
+
+
+def value_of(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
+    """KeyError where it has no such key."""
+    f.world.memory.place_known(table)
+    of = _type_of_all(f, list(table.values()), node)
+    code = _key(f, table, key, node)
+    place = f.temporary(INT, "n")
+    f.assign(place, Literal(-1, INT))
+    for number, each in enumerate(table):
+        is_key = Operator("==", code.value, f.values.literal(each, code.type, node))
+        f.add_if(is_key, Assign(place, Literal(number, INT)))
+    f.raises(KeyError, node, Operator("<", place, ZERO))
+    return _chosen(f, [_initial(f, each, of, node) for each in table.values()], of, place)
+
+
+def value_of_each(f: FunctionBuilder, values: Sequence[Any], place: Value, node: ast.AST) -> Code:
+    """The value at a place that there is."""
+    of = _type_of_all(f, values, node)
+    return _chosen(f, [_initial(f, each, of, node) for each in values], of, place)
+
+
+def _key(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
+    """A key that is computed, of the class that all keys have."""
+    code, kinds = f.values.present(f.values.code(key, node), node), {type(each) for each in table}
+    (kind, *others) = kinds
+    if not others and isinstance(code.type, StateType) and code.type.kind is kind:
+        return f.values.kept(code)
+    if not others and kind is int and code.type in (INT, BOOL):
+        return f.values.kept(Code(INT, f.values.as_type(code, INT, node)))
+    raise f.refused(node, "the key of a dict that is not of the class of all its keys", "members of one Enum, int")
+
+
+def _type_of_all(f: FunctionBuilder, values: Sequence[Any], node: ast.AST) -> CType:
+    """The type of all values: they are of one class, so that nothing is converted."""
+    types = {f.world.fields.type_of_value(each) for each in values}
+    first = next(iter(types))
+    kinds = {type(each) for each in values}
+    good = first is not None and (is_number(first) or isinstance(first, StateType | TupleType))
+    if len(types) != 1 or len(kinds) != 1 or not good or not all(map(_is_plain, values)):
+        told = "a table whose values are not numbers, states or tuples of one class"
+        raise f.refused(node, told, "0.0 in the place of 0, one class for all")
+    assert first is not None
+    return first
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_is_plain, value))
+    return type(value) in (bool, int, float) or (isinstance(value, Enum) and is_plain_enum(type(value)))
+
+
+def _initial(f: FunctionBuilder, value: Any, of: CType, node: ast.AST) -> Value:
+    if isinstance(of, TupleType):
+        parts = (_initial(f, each, kind, node) for each, (_, kind) in zip(value, of.members, strict=True))
+        return TupleOf(of, tuple(parts))
+    return f.values.literal(value, of, node)
+
+
+def _chosen(f: FunctionBuilder, values: Sequence[Value], of: CType, place: Value) -> Code:
+    """One of the values, under a name of its own."""
+    found = f.temporary(of)
+    f.add(Choose(found, f.label("table"), of, tuple(values), place))
+    return Code(of, found)

@@ -1,0 +1,282 @@
+"""The attributes of live objects that become fields of structs, and what type they have."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from enum import Enum
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    MixedNumber,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    array,
+    joined,
+    list_of,
+    optional,
+    plain_number,
+    state,
+    unmixed,
+)
+from umo.generate.form import FALSE, TRUE, Assign, Element, Field, Literal, Member, Statement, Value, has, inside
+from umo.generate.lower.translation_memory import TranslationMemory
+from umo.generate.names import identifier
+from umo.generate.translation import StructField
+from umo.generate.value_kinds import is_plain_enum, is_plain_record, is_plain_word
+from umo.objects import Node, Quality
+
+MOST_INT = 2**31 - 1
+ACCEPTED = "_accept"
+"""Attributes of this name are qualities that are accepted, one or several."""
+DTYPES = (np.float64, np.int64, np.bool_)
+"""Numbers of arrays; smaller ones are rounded and cut by numpy."""
+PLAIN: dict[Any, CType] = {float: REAL, int: INT, bool: BOOL}
+
+
+@dataclass
+class LiveStruct:
+    """The fields of one live object."""
+
+    owner: Any
+    path: str
+    member: str
+    """The member of the machine's struct."""
+    fields: dict[str, CType] = field(default_factory=dict)
+
+
+class LiveFields:
+    """The structs of the live objects of one machine, as far as translated code uses them."""
+
+    def __init__(self, memory: TranslationMemory) -> None:
+        self._memory = memory
+        self.structs: dict[int, LiveStruct] = {}
+        self._names: set[str] = set()
+        self.tuples: dict[str, TupleType] = {}
+        self.lengths: set[int] = set()
+        """Of the arrays that translated code computes."""
+
+    def known(self, owner: Any, path: str) -> LiveStruct:
+        """The struct of an object; `path` is its path if it is new."""
+        found = self.structs.get(id(owner))
+        if found is None:
+            path = owner._path if isinstance(owner, Node) else path
+            member = identifier(path) or "machine"
+            while member in self._names or member in RESERVED or not is_plain_word(member):
+                member += "_"
+            self._names.add(member)
+            found = self.structs[id(owner)] = LiveStruct(owner, path, member)
+        return found
+
+    def type_of(self, owner: Any, name: str, value: Any) -> CType | None:
+        """The type of an attribute as a field; None: it is none. It tells reals that may be whole numbers."""
+        key = id(owner), name
+        assigned = key in self._memory.assigned
+        if name.isupper() and not assigned:
+            return None
+        if name == ACCEPTED:
+            return MASK
+        found = self.type_of_value(value)
+        hinted = _hinted(type(owner), name)
+        if found is None or (found == NOTHING and not assigned and hinted is None):
+            return None
+        for each in (hinted, self._memory.fields.get(key)):
+            if each is not None:
+                try:
+                    found = joined(found, each)
+                except TypeError:
+                    return None
+        return found
+
+    def type_of_value(self, value: Any) -> CType | None:
+        if isinstance(value, np.generic):
+            value = value.item()
+        kind = type(value)
+        if kind in PLAIN:
+            return PLAIN[kind]
+        if value is None:
+            return NOTHING
+        if isinstance(value, Enum):
+            return state(type(value)) if is_plain_enum(type(value)) else None
+        if type(value) is np.ndarray and value.ndim == 1 and value.dtype in DTYPES and len(value):
+            return array({"f": REAL, "b": BOOL, "i": INT}[value.dtype.kind], len(value))
+        if type(value) is list and value:
+            of = {self.type_of_value(each) for each in value}
+            (first, *more) = of
+            if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):
+                return list_of(first, len(value))
+        if isinstance(value, tuple) and value and is_plain_record(kind):
+            return self.tuple_type([self.type_of_value(each) for each in value], getattr(kind, "_fields", ()), kind)
+        return None
+
+    def tuple_type(self, types: list[CType | None], names: tuple[str, ...], kind: Any) -> TupleType | None:
+        """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
+        if names:
+            types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
+        if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
+            return None  # a tuple would forget it
+        types = [each and plain_number(each) for each in types]
+        if any(isinstance(each, ArrayType) and each.listed for each in types):
+            return None  # a list is no value of C: it has one place
+        if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
+            return None
+        letters = "".join(map(_letter, types))
+        members = tuple(zip(names or [f"_{n}" for n in range(len(types))], types, strict=True))
+        name = f"machine_tuple_{letters}"
+        if names:
+            if not all(map(is_plain_word, names)):
+                return None
+            name = self._memory.record_name(kind, members)
+        found = TupleType(name, members, kind if names or kind is list else None)  # type: ignore[arg-type]
+        self.tuples.setdefault(name, found)
+        return found
+
+    def field(self, owner: Any, name: str, of: CType, path: str) -> Field:
+        """The field of an attribute."""
+        found = self.known(owner, path)
+        found.fields[name] = unmixed(of)
+        return Field(found.member, identifier(name))
+
+    def use(self, of: CType) -> None:
+        """The C has something of this type."""
+        if isinstance(of, OptionalType):
+            self.use(of.of)
+        elif isinstance(of, TupleType):
+            for _, each in of.members:
+                self.use(each)
+        elif isinstance(of, ArrayType):
+            self.lengths.add(int(of.length))
+
+    def records(self) -> list[CType]:
+        """The arrays and the tuples that there are, each after what it is made of."""
+        arrays = self._arrays()
+        of_numbers = [each for each in arrays if not isinstance(each.of, TupleType)]
+        return [*of_numbers, *self.tuples.values(), *(each for each in arrays if each not in of_numbers)]
+
+    def _arrays(self) -> list[ArrayType]:
+        """Every kind of array that there may be: those of numbers have a kind for each length."""
+        for each in self.filled:
+            for of in each.fields.values():
+                self.use(of)
+        lengths = sorted(self.lengths)
+        of_numbers = [array(of, length) for length in lengths for of in (REAL, INT, BOOL)]
+        fields = (of for each in self.filled for of in each.fields.values())
+        others = [of for of in fields if isinstance(of, ArrayType)]
+        return [*{each.name: each for each in (*others, *of_numbers)}.values()]
+
+    def begin(self) -> list[Statement]:
+        """What gives each field the value that its live object has."""
+        return [
+            line
+            for each in self.filled
+            for name, of in each.fields.items()
+            for line in self._set(Field(each.member, identifier(name)), of, getattr(each.owner, name))
+        ]
+
+    def layout(self) -> list[StructField]:
+        return [
+            StructField(
+                each.path,
+                each.member,
+                name,
+                of.name,
+                "STATE" if (id(each.owner), name) in self._memory.assigned else "INPUT",
+            )
+            for each in self.filled
+            for name, of in each.fields.items()
+        ]
+
+    @property
+    def filled(self) -> list[LiveStruct]:
+        return [each for each in self.structs.values() if each.fields]
+
+    def _set(self, place: Value, of: CType, value: Any) -> list[Statement]:
+        if isinstance(of, ArrayType):
+            each = list(value) * (of.length // len(value))  # one element is taken for each
+            parts: list[Any] = [(Element(place, Literal(n, INT)), of.of, one) for n, one in enumerate(each)]
+        elif isinstance(of, TupleType):
+            parts = [(Member(place, name), kind, one) for (name, kind), one in zip(of.members, value, strict=True)]
+        elif isinstance(of, OptionalType):
+            there = Assign(has(place), FALSE if value is None else TRUE)
+            return [there, *([] if value is None else self._set(inside(place), of.of, value))]
+        else:
+            return [Assign(place, literal(value, of))]
+        return [line for part in parts for line in self._set(*part)]
+
+
+def literal(value: Any, of: CType) -> Literal:
+    """A live value as one of this type; ValueError if it does not fit."""
+    if of == MASK:
+        return Literal(mask_of(value), of)
+    if of == REAL:
+        return Literal(float(value), of)
+    if of == BOOL:
+        return Literal(bool(value), of)
+    if isinstance(of, StateType):
+        return Literal([*of.kind].index(value), of)
+    if not -MOST_INT <= value <= MOST_INT:
+        raise ValueError(f"{value} does not fit 32 bits")
+    return Literal(int(value), of)
+
+
+RESERVED = {"core", "objects", "outputs", "conditionings", "interlocks"}
+"""Other members of the machine's struct."""
+
+
+def mask_of(accept: Any) -> int:
+    """The qualities of an `accept` as bits."""
+    one = isinstance(accept, Quality)
+    return sum(1 << each for each in Quality if (each is accept if one else each in accept))
+
+
+def _letter(of: CType | None) -> str:
+    if isinstance(of, ArrayType):
+        return f"_{of.name.removeprefix('machine_')}_"
+    return {REAL: "r", INT: "i", BOOL: "b"}.get(of, "s")  # type: ignore[arg-type]
+
+
+def _hinted(owner: Any, name: str) -> CType | None:
+    """The type that a class declares for an attribute, if it is a number, a state, or one of these or None."""
+    for each in owner.__mro__:
+        if name in getattr(each, "__annotations__", {}):
+            try:
+                hint = get_type_hints(each, vars(sys.modules[each.__module__]), include_extras=False).get(name)
+            except Exception:  # names that exist for type checkers only
+                return None
+            return _type_of_hint(hint)
+    return None
+
+
+def _type_of_hint(hint: Any) -> CType | None:
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    if get_origin(hint) in (Union, UnionType):
+        rest = [each for each in get_args(hint) if each is not type(None)]
+        inner = _type_of_hint(rest[0]) if len(rest) == 1 and len(get_args(hint)) == 2 else None
+        return None if inner is None else optional(inner)
+    if isinstance(hint, type) and issubclass(hint, Enum) and len(hint) and is_plain_enum(hint):
+        return state(hint)
+    return PLAIN.get(hint) if isinstance(hint, type) else None
+
+
+def _hinted_parameter(function: Any, name: str) -> CType | None:
+    """The type that a function declares for a parameter."""
+    hint = function.__annotations__.get(name)
+    if isinstance(hint, str):
+        try:
+            hint = eval(hint, function.__globals__)
+        except Exception:  # names that exist for type checkers only
+            return None
+    return _type_of_hint(hint)

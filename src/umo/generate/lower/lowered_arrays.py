@@ -1,0 +1,405 @@
+"""Arrays of numbers as C: what is computed element by element becomes loops.
+
+An array is a struct in C, so that it is assigned, passed and returned as a value. In Python it is shared: whoever
+changes it in place changes it for all who have it. So only an array that nobody else has is changed in place; anything
+else is refused.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    REAL,
+    ArrayType,
+    CType,
+    Loose,
+    array,
+    is_number,
+    numpy_number,
+    plain,
+    plain_number,
+)
+from umo.generate.form import (
+    ZERO,
+    Assign,
+    Checked,
+    Conditional,
+    Conversion,
+    CountedLoop,
+    Element,
+    Elements,
+    Here,
+    Literal,
+    Operator,
+    Runtime,
+    Unary,
+    Value,
+    differs,
+    is_named,
+    negated,
+    placed,
+)
+from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
+from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Present, Term
+from umo.generate.translation import ControllerLimit
+
+MOST_SUMMED = 128
+"""Numbers that numpy sums in one block."""
+
+
+class LoweredArrays(LoweredSubject):
+    """The arrays of a function."""
+
+    # Elements ------------------------------------------------------------------------------------------
+
+    def is_array(self, term: Term) -> bool:
+        if isinstance(term, Known):
+            return isinstance(term.value, np.ndarray)
+        of = plain(term.type) if isinstance(term, Code) else None
+        return isinstance(of, ArrayType) and not of.listed
+
+    def array(self, term: Term, node: ast.AST) -> Code:
+        """An array, or a number; TypeError where it is None."""
+        if isinstance(term, Known) and isinstance(term.value, int) and not isinstance(term.value, bool):
+            term = Known(int(term.value))  # a Quality beside numbers of qualities
+        code = self.f.values.present(self.f.values.code(term, node), node)
+        code = replace(code, type=plain_number(code.type))
+        if not isinstance(code.type, ArrayType) and not is_number(code.type):
+            raise self.f.refused(node, "it is neither an array nor a number")
+        return code
+
+    def length(self, codes: Sequence[Code], node: ast.AST) -> int:
+        """The length of what is computed of these; numbers and arrays of one element are taken for each."""
+        types = [each.type for each in codes if isinstance(each.type, ArrayType)]
+        found = {each.length for each in types}
+        more = found - {1}
+        if len(more) > 1:
+            raise self.f.refused(node, f"arrays of {' and '.join(map(str, sorted(more)))} elements")
+        length = next(iter(more or found))
+        strict = any(each.length == length and not each.loose for each in types)
+        return length if strict else Loose(length)
+
+    def check_length(self, of: ArrayType, node: ast.AST) -> None:
+        """The length is known."""
+        if of.loose:
+            raise self.f.refused(node, "it may have one element in Python, or more", "np.zeros(n), np.full(n, ...)")
+
+    def at(self, code: Code, of: CType, length: int) -> Value:
+        """An element, as this type."""
+        if not isinstance(code.type, ArrayType):
+            value, kind = self.f.values.kept(code).value, code.type
+        else:
+            kind = code.type.of
+            value = code.value if isinstance(code, Elementwise) else Element(self.kept_place(code), Here())
+            if code.type.length == 1 < length:  # one for all
+                value = placed(value, ZERO)
+        return value if kind == of else Conversion(of, value)
+
+    def kept_place(self, code: Code) -> Value:
+        """An array as a variable or a field."""
+        return (
+            code.value if is_named(code.value) and not isinstance(code, Elementwise) else self.f.values.kept(code).value
+        )
+
+    def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
+        """A loop that sets the elements of an array, those for which the condition holds."""
+        assert isinstance(code.type, ArrayType)
+        with self.each_place(code.type.length) as turn:
+            step = Assign(Element(place, turn), placed(code.value, turn))
+            if test is None:
+                self.f.add(step)
+            else:
+                self.f.add_if(placed(test, turn), step)
+
+    @contextmanager
+    def each_place(self, length: int) -> Iterator[Value]:
+        """A loop over the places of an array."""
+        turn = self.f.temporary(INT, "k")
+        with self.f.body_of() as body:
+            yield turn
+        self.f.add(CountedLoop(self.f.label("turn"), turn, ZERO, Literal(length, INT), 1, tuple(body)))
+
+    def as_array(self, term: Term, of: ArrayType, node: ast.AST) -> Value:
+        """A term as an array of this type."""
+        code = self.array(term, node)
+        if code.type.name == of.name and not isinstance(code, Elementwise):
+            return code.value
+        if isinstance(code.type, ArrayType) and code.type.length not in (1, of.length):
+            raise self.f.refused(node, f"{code.type.length} elements where {of.length} were before")
+        return self.f.values.kept(Elementwise(of, self.at(code, of.of, of.length))).value
+
+    # Arithmetic ----------------------------------------------------------------------------------------
+
+    def of_arrays(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Code:
+        """An operator between arrays, or an array and a number."""
+        a, b = self.array(left, node), self.array(right, node)
+        n, kinds = self.length((a, b), node), {self.of(a), self.of(b)}
+        if isinstance(sign, ast.BitAnd | ast.BitOr | ast.BitXor):
+            if kinds != {BOOL}:
+                raise self.f.refused(node, "& and | of numbers", "of booleans")
+            of_bools = {ast.BitAnd: "&&", ast.BitOr: "||", ast.BitXor: "!="}[type(sign)]
+            return Elementwise(array(BOOL, n), Operator(of_bools, self.at(a, BOOL, n), self.at(b, BOOL, n)))
+        if kinds == {BOOL} or (type(sign) not in CHECKED and not isinstance(sign, ast.Div | ast.Pow)):
+            raise self.f.refused(
+                node, "this arithmetic of arrays does not translate", "+, -, *, /, & and | of booleans"
+            )
+        if isinstance(sign, ast.Pow):
+            return self._squared(a, right, n, node)
+        if REAL in kinds or isinstance(sign, ast.Div):
+            of_reals = "/" if isinstance(sign, ast.Div) else SIGNS[type(sign)]
+            return Elementwise(array(REAL, n), Operator(of_reals, self.at(a, REAL, n), self.at(b, REAL, n)))
+        return self._checked(CHECKED[type(sign)], self.at(a, INT, n), self.at(b, INT, n), n, node)
+
+    def of(self, code: Code) -> CType:
+        """The type of its elements."""
+        return code.type.of if isinstance(code.type, ArrayType) else code.type
+
+    def _squared(self, base: Code, power: Term, n: int, node: ast.AST) -> Code:
+        if not (isinstance(power, Known) and power.value == 2 and self.of(base) == REAL):
+            raise self.f.refused(node, "a power of an array", "** 2")
+        each = self.at(self.f.values.kept(base), REAL, n)
+        return Elementwise(array(REAL, n), Operator("*", each, each))
+
+    def _checked(self, what: str, a: Value, b: Value, n: int, node: ast.AST) -> Code:
+        """Whole numbers: ControllerLimit beyond 32 bits."""
+        result, fault = self.f.temporary(array(INT, n)), self.f.fault(ControllerLimit, node)
+        with self.each_place(n) as turn:
+            self.f.add(Checked(what, Element(result, turn), placed(a, turn), placed(b, turn), fault))
+        self.f.aliases.sole.add(result)
+        return Code(array(INT, n), result)
+
+    def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
+        """An operator before an array."""
+        code = self.array(term, node)
+        n, of = self.length((code,), node), self.of(code)
+        if isinstance(sign, ast.Invert) and of == BOOL:
+            return Elementwise(array(BOOL, n), negated(self.at(code, BOOL, n)))
+        if isinstance(sign, ast.USub) and of == REAL:
+            return Elementwise(array(REAL, n), Unary("-", self.at(code, REAL, n)))
+        if isinstance(sign, ast.USub) and of == INT:
+            return self._checked("sub", ZERO, self.at(code, INT, n), n, node)
+        raise self.f.refused(node, "this operator of an array does not translate", "- of numbers, ~ of booleans")
+
+    def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
+        if type(sign) not in SIGNS:
+            raise self.f.refused(node, "`is` and `in` of arrays", "==, <, any(), all()")
+        a, b = self.array(left, node), self.array(right, node)
+        n, of = self.length((a, b), node), REAL if REAL in (self.of(a), self.of(b)) else INT
+        return Elementwise(array(BOOL, n), Operator(SIGNS[type(sign)], self.at(a, of, n), self.at(b, of, n)))
+
+    # Functions of numpy, methods -----------------------------------------------------------------------
+
+    def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
+        """A function of numpy with these arguments; None: it has no translation."""
+        out = named.pop("out", None)
+        found = self._of_numpy(target, arguments, named, node)
+        if found is None or out is None:
+            return found
+        if isinstance(out, Known):
+            raise self.f.refused(node, "an array that is known when the code is generated is changed", "a new array")
+        place = self.array(out, node)
+        self.overwrite(place, found, node)
+        return place
+
+    def _of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
+        if target in CREATED:
+            return self._created(target, arguments, named, node)
+        if target in (np.nan_to_num, np.array, np.asarray, np.copy) and len(arguments) == 1 and not named:
+            return self._converted(target, arguments[0], node)
+        if named or not any(map(self.is_array, arguments)):
+            return None
+        if target in OF_ELEMENTS and len(arguments) == 1:
+            function, takes, gives = OF_ELEMENTS[target]
+            code = self.array(arguments[0], node)
+            n = self.length((code,), node)
+            each = self.at(code, takes, n)
+            return Elementwise(array(gives, n), negated(each) if function == "!" else Runtime(function, (each,)))
+        if target in BINARY and len(arguments) == 2:
+            sign = BINARY[target]
+            if isinstance(sign, ast.operator):
+                return self.of_arrays(sign, arguments[0], arguments[1], node)
+            return self._extreme_of(sign, arguments, node)
+        if target is np.where and len(arguments) == 3:
+            return self._where(arguments[0], arguments[1], arguments[2], node)
+        if target is np.clip and len(arguments) == 3:
+            ends = "" if any(map(self.is_array, arguments[1:])) else "_keeping"  # numpy keeps zeros at constant bounds
+            above = self._extreme_of(f"umo_np_max{ends}", arguments[:2], node)
+            return self._extreme_of(f"umo_np_min{ends}", [above, arguments[2]], node)
+        if target in REDUCED and len(arguments) == 1:
+            code = self.array(arguments[0], node)
+            return self.counted(code, node) if target is np.count_nonzero else self.reduced(REDUCED[target], code, node)
+        return None
+
+    def _extreme_of(self, name: str, arguments: Sequence[Term], node: ast.AST) -> Code:
+        a, b = (self.array(each, node) for each in arguments)
+        n, kinds = self.length((a, b), node), {self.of(a), self.of(b)}
+        if REAL in kinds:
+            return Elementwise(array(REAL, n), Runtime(name, (self.at(a, REAL, n), self.at(b, REAL, n))))
+        if kinds == {BOOL}:
+            sign = "||" if name == "umo_np_max" else "&&"
+            return Elementwise(array(BOOL, n), Operator(sign, self.at(a, BOOL, n), self.at(b, BOOL, n)))
+        name = name.replace("_np_", "_").removesuffix("_keeping") + "_int"
+        return Elementwise(array(INT, n), Runtime(name, (self.at(a, INT, n), self.at(b, INT, n))))
+
+    def _where(self, condition: Term, one: Term, other: Term, node: ast.AST) -> Code:
+        chosen, a, b = (self.array(each, node) for each in (condition, one, other))
+        if self.of(chosen) != BOOL:
+            raise self.f.refused(node, "the condition of `where` is no array of booleans")
+        n, kinds = self.length((chosen, a, b), node), {self.of(a), self.of(b)}
+        of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
+        return Elementwise(array(of, n), Conditional(self.at(chosen, BOOL, n), self.at(a, of, n), self.at(b, of, n)))
+
+    def _created(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+        value, like = CREATED[target]
+        terms = list(arguments)
+        rows = terms[0].value if isinstance(terms[0], Known) else None
+        if isinstance(terms[0], Many) and all(isinstance(each, Known) for each in terms[0].terms):
+            rows = tuple(each.value for each in terms[0].terms)  # type: ignore[union-attr]
+        if isinstance(rows, tuple) and len(rows) == 2:  # rows that get a name each
+            return Many((self._created(target, [Known(rows[1]), *terms[1:]], named, node),) * rows[0])
+        first = terms.pop(0)
+        filled: Term = Known(value) if value is not None else terms.pop(0)
+        dtype = named.get("dtype", terms[0] if terms else None)
+        given = self.array(first, node) if like else None
+        length = self.length((given,), node) if given is not None else self._whole_of(first, node)
+        code = self.array(filled, node)
+        of = self.of(given) if given is not None else code.type
+        if value is not None and given is None:
+            of = REAL
+        if dtype is not None:
+            of = self._dtype(dtype, node)
+        return Elementwise(array(of, length), self.at(code, of, length))
+
+    def _whole_of(self, term: Term, node: ast.AST) -> int:
+        if isinstance(term, Known) and type(term.value) is int and term.value > 0:
+            return term.value
+        raise self.f.refused(node, "the length of the array is not known when the code is generated")
+
+    def _dtype(self, term: Term, node: ast.AST) -> CType:
+        found = DTYPES.get(term.value) if isinstance(term, Known) else None
+        if found is None:
+            raise self.f.refused(
+                node, "this type of numbers does not translate", "float, np.float64, np.int64, np.bool_"
+            )
+        return found
+
+    def _converted(self, target: Any, term: Term, node: ast.AST) -> Code:
+        if isinstance(term, Many):
+            return self.listed(term, node)
+        code = self.array(term, node)
+        n, of = self.length((code,), node), self.of(code)
+        if target is np.asarray and not isinstance(code, Elementwise):
+            return code
+        each = self.at(code, of, n)
+        return Elementwise(
+            array(of, n), Runtime("umo_nan_to_num", (each,)) if target is np.nan_to_num and of == REAL else each
+        )
+
+    def listed(self, term: Many, node: ast.AST) -> Code:
+        codes = [self.f.values.number(each, node) for each in term.terms]
+        kinds = {each.type for each in codes}
+        of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
+        kind = array(of, len(codes))
+        result = self.f.temporary(kind)
+        for number, each in enumerate(codes):
+            self.f.assign(Element(result, Literal(number, INT)), self.f.values.as_type(each, of, node))
+        self.f.aliases.sole.add(result)
+        return Code(kind, result)
+
+    def counted(self, code: Code, node: ast.AST) -> Term:
+        """np.count_nonzero: of one element or more only whether there is one."""
+        found = self.reduced("count", code, node)
+        loose = isinstance(code.type, ArrayType) and code.type.loose
+        return Present(differs(found.value)) if loose else found
+
+    def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
+        """One number of an array."""
+        n, of = self.length((code,), node), self.of(code)
+        if what in ("any", "all", "count"):
+            kind, first = (INT, ZERO) if what == "count" else (BOOL, Literal(what == "all", BOOL))
+            sign = {"count": "+", "any": "||", "all": "&&"}[what]
+            found = self._loop(kind, first, lambda so_far, each: Operator(sign, so_far, differs(each)), code, n)
+            return replace(found, type=numpy_number(kind, sure=kind == BOOL))
+        if what == "sum":
+            self.check_length(array(of, n), node)
+            return self._sum(code, n, of, node)
+        name = f"umo_np_{what}" if of == REAL else f"umo_{what}_int"
+        kind = REAL if of == REAL else INT
+        code = Code(code.type, self.kept_place(code))
+        start = Element(code.value, ZERO)
+        found = self._loop(kind, start, lambda so_far, each: Runtime(name, (so_far, each)), code, n)
+        return replace(found, type=numpy_number(kind))
+
+    def _loop(self, kind: CType, start: Value, step: Callable[[Value, Value], Value], code: Code, n: int) -> Code:
+        """What `step` makes of the number so far and each element, one after the other."""
+        each = self.at(code, self.of(code), n)
+        result = self.f.temporary(kind, "r")
+        self.f.assign(result, start)
+        with self.each_place(n) as turn:
+            self.f.assign(result, step(result, placed(each, turn)))
+        return Code(kind, result)
+
+    def _sum(self, code: Code, n: int, of: CType, node: ast.AST) -> Code:
+        if of == REAL:
+            if n > MOST_SUMMED:
+                raise self.f.refused(node, f"a sum of {n} numbers", f"at most {MOST_SUMMED}, or a loop")
+            numbers = Elements(self.kept_place(code))
+            return self.f.values.kept(Code(numpy_number(REAL), Runtime("umo_sum", (numbers, Literal(n, INT)))))
+        if of == BOOL:
+            found = self._loop(INT, ZERO, lambda so_far, each: Operator("+", so_far, each), code, n)
+            return replace(found, type=numpy_number(INT))
+        each, result = self.at(code, INT, n), self.f.temporary(INT, "r")
+        self.f.assign(result, ZERO)
+        with self.each_place(n) as turn:
+            self.f.add(Checked("add", result, result, placed(each, turn), self.f.fault(ControllerLimit, node)))
+        return Code(numpy_number(INT), result)
+
+    def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
+        kind = plain(code.type)
+        assert isinstance(kind, ArrayType)
+        if name in ("size", "shape"):
+            self.check_length(kind, node)
+            return Known(kind.length if name == "size" else (kind.length,))
+        return Known(ArrayMethod(self.f.values.present(code, node), name))
+
+    def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code:
+        code, name = method.array, method.name
+        if name == "copy" and not arguments:
+            return self._converted(np.copy, code, node)
+        if name == "astype" and len(arguments) == 1:
+            of, n = self._dtype(arguments[0], node), self.length((code,), node)
+            if (self.of(code), of) == (REAL, INT):
+                raise self.f.refused(node, "a cast of real to whole numbers", "a loop with int()")
+            return Elementwise(
+                array(of, n), differs(self.at(code, self.of(code), n)) if of == BOOL else self.at(code, of, n)
+            )
+        if name in ("any", "all", "sum", "max", "min") and not arguments:
+            return self.reduced(name, code, node)
+        raise self.f.refused(node, f"`{name}` of an array does not translate", "any, all, sum, max, min, copy, astype")
+
+    # In place ------------------------------------------------------------------------------------------
+
+    def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
+        """The elements of an array become others: all, or those that a mask chooses."""
+        self.f.aliases.check_sole(place, node)
+        self.f.aliases.changes.add(place.value)
+        assert isinstance(place.type, ArrayType)
+        of, n = place.type.of, place.type.length
+        code = self.array(value, node)
+        if of != REAL and self.of(code) not in (of, BOOL):  # numpy cuts them in silence
+            raise self.f.refused(node, "numbers of another type are set in the array", "a new array")
+        if isinstance(code.type, ArrayType) and (code.type.length not in (1, n) or where is not None):
+            raise self.f.refused(node, "an array of another length is set in it", "one number for all")
+        test = None if where is None else self.at(where, BOOL, n)
+        self.fill(place.value, Elementwise(place.type, self.at(code, of, n)), test)

@@ -1,0 +1,275 @@
+"""Assignments: to names, fields, elements and tuples of these."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from typing import Any
+
+from umo.generate.c_types import (
+    BOOL,
+    NOTHING,
+    REAL,
+    ArrayType,
+    NumpyNumber,
+    OptionalType,
+    TupleType,
+    array,
+    may_be_bool,
+    plain,
+    plain_number,
+)
+from umo.generate.check.form_effects import changes
+from umo.generate.form import Element
+from umo.generate.lower.lowered_expressions import is_of_numpy
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
+from umo.generate.value_kinds import attribute_kind, refused_store
+from umo.objects import Quality
+
+
+class LoweredAssignments(LoweredSubject):
+    """The part of a function that is assignments."""
+
+    def lower_assign(self, node: ast.Assign) -> None:
+        term = self.f.term(node.value)
+        if isinstance(term, Code) and ast.dump(node.value) in self.f.flow.known:
+            term = self.f.values.present(term, node.value)
+        if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Name):
+            term = self.f.values.settled(term)
+        for each in node.targets:
+            self.store(each, term, node)
+
+    def lower_ann_assign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self.store(node.target, self.f.term(node.value), node)
+
+    def lower_aug_assign(self, node: ast.AugAssign) -> None:
+        if isinstance(node.target, ast.Subscript):
+            self._aug_element(node, node.target)
+            return
+        at = len(self.f.statements)
+        load = ast.copy_location(loaded(node.target), node.target)
+        left = self.f.term(load)
+        if self.f.changed_since(at) and isinstance(node.target, ast.Attribute):
+            raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
+        left, right = self._after(left, node.value)
+        self._change(node, left, right)
+
+    def lower_named_expr(self, node: ast.NamedExpr) -> Term:
+        term = self.f.term(node.value)
+        self.store(node.target, term, node)
+        return self.f.expressions.lower_name(node.target)
+
+    def _after(self, left: Term, node: ast.AST) -> tuple[Term, Term]:
+        """A term, and an expression that is computed after it."""
+        with self.f.gathered() as rest:
+            right = self.f.term(node)
+        if any(map(changes, rest)):
+            left = self.f.values.settled(left)
+        self.f.statements += rest
+        return left, right
+
+    def _aug_element(self, node: ast.AugAssign, target: ast.Subscript) -> None:
+        """The place is found once, before the value is computed."""
+        base, index = self.f.expressions.base_and_index(target)
+        if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
+            raise self.f.refused(node, "an element of something that is not a list of numbers")
+        index = self.f.values.settled(index)
+        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
+            raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
+        left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
+        result = self.f.expressions.of_numbers(node.op, left, right, (target, node.value), node)
+        self._set_element(target, base, index, self.f.values.settled(result), node)
+
+    def _change(self, node: ast.AugAssign, left: Term, right: Term) -> None:
+        if isinstance(left, Known) and self.f.arrays.is_array(left):
+            raise self.f.refused(node, "an array that is known when the code is generated is changed", "a new array")
+        if self.f.arrays.is_array(left):
+            place = self.f.arrays.array(left, node.target)
+            self.f.arrays.overwrite(place, self.f.arrays.of_arrays(node.op, place, right, node), node)
+            return
+        if self.f.arrays.is_array(right):
+            self.store(node.target, self.f.arrays.of_arrays(node.op, left, right, node), node)
+            return
+        if not isinstance(node.target, ast.Name | ast.Attribute):
+            raise self.f.refused(node, "it cannot be assigned to this", "names, attributes, elements")
+        result = self.f.expressions.of_numbers(node.op, left, right, (node.target, node.value), node)
+        self.store(node.target, result, node)
+
+    def store(self, target: ast.AST, term: Term, node: ast.AST) -> None:
+        self.f.flow.forget(target)
+        if isinstance(target, ast.Tuple | ast.List):
+            parts = self.f.calls.parts(term, node)
+            if len(parts) != len(target.elts) or any(isinstance(each, ast.Starred) for each in target.elts):
+                raise self.f.refused(node, f"{len(parts)} values for {len(target.elts)} names")
+            for each, part in zip(target.elts, [self.f.values.settled(one) for one in parts], strict=True):
+                self.store(each, part, node)
+        elif isinstance(target, ast.Name):
+            self._store_local(target.id, term, node)
+        elif isinstance(target, ast.Attribute):
+            self._store_field(target, term, node)
+        elif isinstance(target, ast.Subscript):
+            self._store_element(target, term, node)
+        else:
+            raise self.f.refused(node, "it cannot be assigned to this", "names, attributes, elements")
+        if isinstance(target, ast.Name | ast.Attribute) and _is_there(term):
+            self.f.flow.known.add(ast.dump(loaded(target)))
+
+    def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
+        if isinstance(term, Many) and term.terms and all(map(_is_quality, term.terms)):
+            term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
+            self.f.flow.names[name] = term
+            return
+        of = self.f.values.type_of(term)
+        key = (self.f.key, name)
+        before = self.f.world.memory.locals.get(key)
+        if of is None or (of == NOTHING and before is None):
+            texts = isinstance(term, Known) and isinstance(term.value, str)
+            if isinstance(term, Known) and (before is None or before == term or texts):
+                self.f.flow.names[name] = term
+                return
+            raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
+        if isinstance(before, Known):
+            raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
+        of = self.f.world.memory.learn(self.f.world.memory.locals, key, of, lambda: self._odd(name, node))
+        self.f.flow.names[name] = of
+        if isinstance(of, ArrayType) and isinstance(term, Code) and self._is_same(name, term):
+            self.f.aliases.same[name] = term.value
+            return
+        place = self.f.local(name)
+        if place not in self.f.given:
+            self.f.variables[place] = of
+        if isinstance(plain(of), ArrayType):
+            self.f.aliases.rebound.append(place)
+        if not (isinstance(term, Code) and term.value in self.f.aliases.sole):
+            self.f.aliases.share(term)
+            if isinstance(term, Code) and not isinstance(term, Elementwise) and isinstance(plain(of), ArrayType):
+                self.f.aliases.share(Code(of, place))
+        if isinstance(of, ArrayType) and isinstance(term, Elementwise):
+            self.f.arrays.fill(place, Elementwise(of, self.f.arrays.at(term, of.of, of.length)))
+            return
+        value = self.f.values.as_type(term, of, node)
+        if value != place:
+            self.f.assign(place, value)
+
+    def _is_same(self, name: str, term: Code) -> bool:
+        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch."""
+        others = [each for each in self.f.flow.names if self.f.local(each) == term.value and each != name]
+        if not others or self.f.depth or term.value in self.f.given:
+            return False
+        assigned = [each.id for each in _assigned(self.f.source.tree)]
+        return all(assigned.count(each) == 1 for each in (name, *others))
+
+    def _odd(self, name: str, node: ast.AST) -> None:
+        raise self.f.refused(node, f"{name!r} has values of different types", "one type for each name")
+
+    def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
+        base = self.f.term(target.value)
+        if not isinstance(base, Known):
+            raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+        owner, name = base.value, target.attr
+        if type(static := inspect.getattr_static(type(owner), target.attr, None)) is property:
+            if static.fset is None:
+                raise self.f.refused(node, f"the property {name} has no setter", "an attribute")
+            self.f.calls.function(static.fset, [base, term], {}, node)
+            self.f.flow.forget_fields()
+            return
+        if reason := refused_store(owner, name) or _odd_attribute(owner, name):
+            raise self.f.refused(node, reason, "an attribute of an object of its own")
+        if isinstance(term, Known) and isinstance(term.value, str):
+            self.f.world.memory.add_text(owner, name)
+            self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
+            return
+        self.f.world.memory.assign(owner, name)
+        new = self.f.values.type_of(term)
+        key = id(owner), name
+        if isinstance(new, TupleType) and new.kind is list:
+            raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
+        if new is None:
+            raise self.f.refused(
+                node, f"{self.f.source.segment(target)} is no number or state", "numbers, states, tuples of them"
+            )
+        if isinstance(new, NumpyNumber):
+            self.f.world.memory.changed |= key not in self.f.world.memory.of_numpy
+            self.f.world.memory.of_numpy.add(key)
+        of = plain_number(new) if isinstance(new, NumpyNumber) else new
+        self.f.world.memory.learn(self.f.world.memory.fields, key, of, lambda: self._odd(name, node))
+        if key in self.f.world.memory.texts:
+            raise self.f.refused(node, f"{name} has texts and other values", "a name for each")
+        place = self.f.attributes.field(owner, name, base, target)
+        if not isinstance(place, Code):
+            if not self.f.world.memory.changed and new != NOTHING:
+                raise self.f.refused(node, f"{name} does not become a field", "another name, or one type")
+            return  # in the next pass it is a field
+        if isinstance(plain(place.type), ArrayType):
+            if isinstance(getattr(owner, name), list):
+                raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            self.f.world.memory.rebind(place.value)
+            self.f.aliases.rebound.append(place.value)
+            if isinstance(term, Code) and not isinstance(term, Elementwise):
+                self.f.aliases.share(term)
+                self.f.aliases.share(place)
+            if isinstance(place.type, ArrayType) and isinstance(term, Elementwise):
+                self.f.arrays.fill(
+                    place.value, Elementwise(place.type, self.f.arrays.at(term, place.type.of, place.type.length))
+                )
+                return
+        self.f.assign(place.value, self.f.values.as_type(term, place.type, node))
+
+    def _store_element(self, target: ast.Subscript, term: Term, node: ast.AST) -> None:
+        term = self.f.values.settled(term)
+        base, index = self.f.expressions.base_and_index(target)
+        self._set_element(target, base, index, term, node)
+
+    def _set_element(self, target: ast.Subscript, base: Term, index: Term, term: Term, node: ast.AST) -> None:
+        if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
+            raise self.f.refused(node, "an element of something that is not a list of numbers")
+        if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):
+            self.f.world.memory.assign(owner.value, target.value.attr)
+        self.f.aliases.check_sole(base, node)
+        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
+            self.f.arrays.overwrite(base, term, node, where=index)
+            return
+        self.f.arrays.check_length(base.type, node)
+        if base.type.listed and is_of_numpy(term):
+            raise self.f.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
+        if base.type.listed and base.type.of != BOOL and may_be_bool(self.f.values.type_of(term) or NOTHING):
+            raise self.f.refused(node, "a bool in a list of numbers", "int(...)")
+        if not base.type.listed and base.type.of != REAL and plain_number(self.f.values.code(term, node).type) == REAL:
+            raise self.f.refused(node, "numbers of another type are set in the array", "int(...)")
+        place = Element(base.value, self.f.expressions.index(base.type, index, node))
+        self.f.aliases.changes.add(base.value)
+        self.f.assign(place, self.f.values.as_type(term, base.type.of, node))
+
+
+def _is_there(term: Term) -> bool:
+    """Whether a value is never None."""
+    if isinstance(term, Code):
+        return not isinstance(term.type, OptionalType)
+    return isinstance(term, Many) or (isinstance(term, Known) and term.value is not None)
+
+
+def _odd_attribute(owner: Any, name: str) -> str:
+    """Why an attribute that is assigned is no plain one; empty: it is."""
+    found = attribute_kind(owner, name)
+    return "" if found == "value" else f"{name} is a {found}" if found in ("function", "property") else found
+
+
+def _is_quality(term: Term) -> bool:
+    return isinstance(term, Known) and isinstance(term.value, Quality)
+
+
+def _assigned(tree: ast.AST) -> list[ast.Name]:
+    """The names to which a function assigns; what is changed in place is not among them."""
+    changed = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.AugAssign)}
+    names = (each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+    return [each for each in names if id(each) not in changed]
+
+
+def loaded(target: ast.AST) -> ast.expr:
+    """The same place, to be read."""
+    kind = type(target)
+    fields = {name: value for name, value in ast.iter_fields(target) if name != "ctx"}
+    found: ast.expr = kind(**fields, ctx=ast.Load()) if "ctx" in target._fields else target  # type: ignore[assignment,call-arg]
+    return ast.copy_location(found, target)

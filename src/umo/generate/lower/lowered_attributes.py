@@ -1,0 +1,221 @@
+"""Attributes of live objects: fields of structs, what is known, and what the runtime gives."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from enum import Enum
+from functools import partial
+from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from umo.control.axis import Axis
+from umo.cycle.clock import Clock
+from umo.drivers.contract import Direction
+from umo.generate.c_types import (
+    INT,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    numpy_number,
+    plain,
+    plain_number,
+    state,
+)
+from umo.generate.form import Object, OfObject, Runtime, Value, WholeMachine
+from umo.generate.lower.live_fields import MOST_INT
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.lowered_values import TELLS
+from umo.generate.lower.terms import TEXT, Code, Known, Present, Term, UnknownText
+from umo.generate.translation import Untranslatable
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_word
+from umo.objects import Compound, DigitalSensor, Quality, Vector
+from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.link import Cycle
+
+DROPPED = ("progress", "say")
+"""Names of methods that only tell something."""
+OF_THE_HOST = ("sample", "update", "reset", "acknowledge", "control")
+"""Names of methods of a whole part that only the host calls."""
+OF_CLOCK = {"dt": REAL, "now": REAL, "period": REAL, "ticks": INT}
+"""What is asked of the clock, with the type of what it is."""
+
+
+class LoweredAttributes(LoweredSubject):
+    """The part of a function that is attributes."""
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
+        owner = base.value
+        if isinstance(owner, UnknownText):
+            raise self.f.refused(node, TELLS, "a state of an Enum")
+        if isinstance(owner, Atomic):
+            return self._of_atomic(owner, name, node)
+        if isinstance(owner, Vector):
+            self.object(owner[0], node)
+            return self.f.vectors.attribute_of_vector(owner, name, node)
+        if isinstance(owner, ModuleType | type):
+            return self._known(owner, name, node)
+        if isinstance(owner, Clock | Cycle):
+            return self._of_time(owner, name, node)
+        if isinstance(owner, Compound):
+            if name in OF_THE_HOST and name in vars(owner) | vars(Compound):
+                raise self.f.refused(node, f"`{name}` of a part is done by the host", "read, write, reset of an object")
+            if name in ("dt", "now"):
+                return _of_clock(name)
+            if name == "cycle":
+                return Known(owner.cycle)
+        if (
+            not isinstance(owner, ModuleType | type)
+            and type(owner).__module__ in ("builtins",)
+            and not hasattr(owner, "__dict__")
+        ):
+            return Known(self._got(owner, name, node), owner, name)
+        if isinstance(owner, Enum):
+            return self._of_state(owner, name, node)
+        found = attribute_kind(owner, name)
+        if found == "property":
+            self.f.takes(type(owner), name, node)
+            return self.f.calls.function(inspect.getattr_static(type(owner), name).fget, [base], {}, node)
+        if found == "function":
+            return self._known(owner, name, node)
+        if found != "value":
+            raise self.f.refused(node, found, "an attribute, a property or a method")
+        return self.field(owner, name, base, node)
+
+    def _of_state(self, owner: Enum, name: str, node: ast.AST) -> Term:
+        static = inspect.getattr_static(type(owner), name, None)
+        if type(static) is property and static.fget is not None:
+            self.f.takes(type(owner), name, node)
+            return self.f.calls.function(static.fget, [Known(owner)], {}, node)
+        if name not in ("name", "value") and not isinstance(static, FunctionType | staticmethod | classmethod | Enum):
+            raise self.f.refused(node, f"the attribute {name!r} of a state", "value, name, a method, a property")
+        return self._known(owner, name, node)
+
+    def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
+        """An attribute that is a number is a field; another one is known."""
+        if (id(owner), name) in self.f.world.memory.texts:
+            return Known(TEXT)
+        value = self._got(owner, name, node)
+        if isinstance(value, FunctionType | MethodType | BuiltinFunctionType | partial):
+            if asks_host(owner, name):
+                return Known(value, owner, name)
+            raise self.f.refused(node, f"{name} is a function that an object has as an attribute", "a method")
+        if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
+            raise self.f.refused(node, f"{name} is a {type(value).__name__} of numpy", "float(...), np.float64")
+        of = self.f.world.fields.type_of(owner, name, value)
+        if of is None or of == NOTHING:
+            if (id(owner), name) in self.f.world.memory.assigned and of is None:
+                raise self.f.refused(
+                    node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
+                )
+            self.f.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
+            return self._known(owner, name, node)
+        self.f.takes_class(owner, name, node)
+        if not is_plain_word(name):
+            raise self.f.refused(
+                node, f"{name!r} is not the name of a field in C", "letters of ASCII, and no word of C"
+            )
+        if type(value) is int and abs(value) > MOST_INT:
+            raise self.f.refused(node, f"{name} is {value}, and does not fit 32 bits", "a smaller number, or a float")
+        place = self.f.world.fields.field(owner, name, of, self._path(owner, base, ""))
+        if isinstance(plain(of), ArrayType) and value is not None:
+            self._check_numbers(value, name, node)
+        self.f.world.memory.place_arrays(place, value)
+        if (id(owner), name) in self.f.world.memory.of_numpy or isinstance(value, np.generic):
+            return Code(numpy_number(plain_number(of), sure=False), place)
+        return Code(of, place)
+
+    def _check_numbers(self, value: Any, name: str, node: ast.AST) -> None:
+        """The numbers of an array or a list fit, and are no states or tuples of other classes."""
+        numbers = value.tolist() if isinstance(value, np.ndarray) else value
+        if any(type(each) is int and abs(each) > MOST_INT for each in numbers):
+            raise self.f.refused(node, f"{name} has a number that does not fit 32 bits", "smaller numbers, or floats")
+        if len({type(each) for each in numbers}) > 1:
+            raise self.f.refused(node, f"{name} has values of several classes", "one class for all")
+
+    def _path(self, owner: Any, base: Known, name: str) -> str:
+        path = self.f.world.fields.known(owner, base.name or type(owner).__name__).path
+        return f"{path}.{name}".strip(".") if name else path
+
+    def _known(self, owner: Any, name: str, node: ast.AST) -> Known:
+        """An attribute that is taken as known; the machine around a part is another one in each run."""
+        value = self._got(owner, name, node)
+        if not (isinstance(owner, Compound) and name == "_machine") and not _is_of_cycle(owner):
+            self.f.takes(owner, name, node)
+        return Known(value, owner, name)
+
+    def _got(self, owner: Any, name: str, node: ast.AST) -> Any:
+        try:
+            return getattr(owner, name)
+        except AttributeError:
+            told = f"{type(owner).__name__} has no {name!r} now"
+        raise self.f.refused(node, told, "give it a value in `setup`")
+
+    def _of_time(self, owner: Any, name: str, node: ast.AST) -> Term:
+        if name in OF_CLOCK:
+            return _of_clock(name)
+        if isinstance(owner, Cycle) and name in DROPPED:
+            return Known(dropped)
+        nearest = "dt, now, cycle.period"
+        raise self.f.refused(node, f"`{name}` of the cycle is not known on a controller", nearest)
+
+    def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
+        place = self.object(owner, node)
+        if name == "time":
+            return Code(REAL, Runtime("umo_time", (place,)))
+        if name == "quality":
+            return Code(state(Quality), Runtime("umo_quality", (place,)))
+        if name == "inhibited":
+            return Present(Runtime("umo_inhibited", (place,)))
+        if name == "raw":
+            return Code(INT, Runtime("umo_raw", (place,)))
+        if name == "pending":
+            if isinstance(owner, Binary):
+                return Code(state(owner.states), Runtime("umo_pending_state", (place,)))
+            return Code(REAL, Runtime("umo_pending", (place,)))
+        if name == "velocity":
+            return self.got_by("umo_velocity", place, of=REAL)
+        if isinstance(owner, DigitalSensor) and owner.incremental:  # homing changes it
+            if name == "zero_offset":
+                return Code(REAL, OfObject(place, "zero_offset"))
+            if name == "calibration":
+                raise self.f.refused(node, "homing changes it", "minimum, maximum, resolution, zero_offset")
+        return self._known(owner, name, node)
+
+    def object(self, owner: Atomic, node: ast.AST) -> Value:
+        """The object; a controller samples those that are synchronous."""
+        if not isinstance(owner, Binary | Digital):
+            raise self.f.refused(
+                node, f"a {type(owner).__name__} does not translate", "a binary object, or a digital one"
+            )
+        if owner.direction is Direction.INPUT and not owner.synchronous:
+            told = f"{owner.path} is asynchronous: it is not read on a controller"
+            at = self.f.source.file, getattr(node, "lineno", 0), self.f.source.segment(node)
+            self.f.world.on_host.append(Untranslatable(*at, told, "a synchronous sensor"))
+        return Object(owner._slot)
+
+    def got_by(self, function: str, *arguments: Value, of: CType) -> Code:
+        """The result of a function of the runtime that may fail."""
+        name = self.f.temporary(of)
+        self.f.called(function, *arguments, out=name)
+        return Code(of, name)
+
+
+def _of_clock(name: str) -> Code:
+    return Code(OF_CLOCK[name], Runtime(f"umo_{name}", (WholeMachine(),)))
+
+
+def _is_of_cycle(owner: Any) -> bool:
+    return type(owner).__module__.startswith("umo.cycle.")
+
+
+def asks_host(owner: Any, name: str) -> bool:
+    """Whether this attribute of an object is a function that only the host can call: it plans motions."""
+    return isinstance(owner, Axis) and name == "_replan"
+
+
+def dropped(*_: object) -> None:
+    """What only tells something."""

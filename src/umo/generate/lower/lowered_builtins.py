@@ -1,0 +1,376 @@
+"""Python's own functions and those of math, on numbers and lists."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import math
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    REAL,
+    ArrayType,
+    CType,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    numpy_number,
+    plain,
+    plain_number,
+)
+from umo.generate.c_types import joined as joined_type
+from umo.generate.check.form_effects import calls
+from umo.generate.form import (
+    LEAST_INT,
+    ONE,
+    ZERO,
+    Address,
+    Assign,
+    Conditional,
+    Conversion,
+    Do,
+    Labelled,
+    Leave,
+    Literal,
+    Operator,
+    Runtime,
+    Unary,
+    Value,
+    joined,
+    negated,
+)
+from umo.generate.lower.lowered_conditions import calls_in
+from umo.generate.lower.lowered_expressions import NUMBERS, is_of_numpy
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.lowered_values import TELLS
+from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
+from umo.generate.lower.terms import Code, Known, Many, Term, UnknownText
+from umo.generate.translation import ControllerLimit
+from umo.generate.value_kinds import is_container
+
+EXACT: dict[Any, str] = {math.fabs: "umo_fabs"}
+INEXACT: dict[Any, str] = {
+    getattr(math, name): f"umo_{name}" for name in ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "log10")
+}
+TO_WHOLE: dict[Any, str] = {
+    math.floor: "umo_floor",
+    math.ceil: "umo_ceil",
+    math.trunc: "umo_trunc",
+    int: "umo_trunc",
+    round: "umo_round_even",
+}
+
+
+MAKES_UP = sys.version_info >= (3, 12)
+"""Whether `sum` of this Python makes up for what is lost when it rounds."""
+
+
+class LoweredBuiltins(LoweredSubject):
+    """The part of a function that calls min, max, abs, round, len, any, math ..."""
+
+    def of_python(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        """A function of Python itself, or of math; None: it is another one."""
+        if target in (isinstance, hasattr, getattr, len, callable, type, range, zip, enumerate, reversed, tuple, list):
+            return self._static(target, arguments, node)
+        if target in (min, max):
+            return self._extreme(target, arguments, node)
+        one = arguments[0] if len(arguments) == 1 else None
+        if one is not None and target in (sum, any, all) and not isinstance(one, Known):
+            terms = self.f.calls.parts(one, node.args[0])
+            if (
+                target is sum
+                and self.f.arrays.is_array(one)
+                and plain_number(self.f.arrays.of(self.f.arrays.array(one, node))) == BOOL
+            ):
+                raise self.f.refused(node, "sum of an array of bools", "np.sum, np.count_nonzero")
+            return self._added(terms, node) if target is sum else self._any_or_all(target, terms, node)
+        if target in OF_MATH:
+            return of_math(self.f, target, arguments, node)
+        if one is None:
+            return self._of_two(target, arguments, node)
+        if (
+            isinstance(one, Known)
+            and type(one.value) in NUMBERS
+            and (target in TO_WHOLE or target in (abs, float, bool, math.sqrt))
+        ):
+            try:
+                return Known(target(one.value))
+            except (ArithmeticError, ValueError) as error:
+                self.f.raises(type(error), node)
+                return Known(0.0)
+        return self._of_one(target, one, node)
+
+    def _of_one(self, target: Any, one: Term, node: ast.Call) -> Term | None:
+        if target is abs and self.f.arrays.is_array(one):
+            return self.f.arrays.of_numpy(np.abs, [one], {}, node)
+        if target is bool:
+            truth = self.f.values.truth(one, node)
+            return Known(truth) if isinstance(truth, bool) else Code(BOOL, truth)
+        known = target in TO_WHOLE or target in (abs, float, math.isfinite, math.isnan, math.isinf, math.sqrt)
+        if not (known or target in EXACT or target in INEXACT):
+            return None
+        code = self.f.values.number(one, node)
+        if target is abs and code.type in (INT, BOOL):
+            code = Code(INT, self.f.values.as_type(code, INT, node))
+            kept = self.f.values.kept(code).value
+            self.f.raises(ControllerLimit, node, Operator("==", kept, LEAST_INT))
+            return Code(INT, Conditional(Operator("<", kept, ZERO), Unary("-", kept), kept))
+        if target in TO_WHOLE:
+            return self._whole(target, code, node)
+        value = self.f.values.as_type(code, REAL, node)
+        if target is float:
+            return Code(REAL, value)
+        if target in (abs, math.fabs):
+            of = (
+                one.type if target is abs and isinstance(one, Code) and not isinstance(one.type, OptionalType) else REAL
+            )
+            return Code(of, Runtime("umo_fabs", (value,)))
+        if target is math.isinf:
+            kept = self.f.values.kept(Code(REAL, value)).value
+            return Code(BOOL, Operator("&&", negated(_is_finite(kept)), negated(_is_nan(kept))))
+        if target in (math.isfinite, math.isnan):
+            return Code(BOOL, (_is_finite if target is math.isfinite else _is_nan)(value))
+        kept = self.f.values.kept(Code(REAL, value)).value
+        if target is math.sqrt:
+            self.f.raises(ValueError, node, Operator("<", kept, ZERO))
+            return Code(REAL, Runtime("umo_sqrt", (kept,)))
+        return self._inexact(target, kept, node)
+
+    def _inexact(self, target: Any, kept: Value, node: ast.Call) -> Code:
+        self.f.world.note_inexact(target.__name__)
+        if target in (math.sin, math.cos, math.tan):
+            self.f.raises(ValueError, node, Operator("&&", negated(_is_nan(kept)), negated(_is_finite(kept))))
+        if target in (math.log, math.log10):
+            self.f.raises(ValueError, node, Operator("<=", kept, ZERO))
+        if target in (math.asin, math.acos):
+            self.f.raises(ValueError, node, Operator(">", Runtime("umo_fabs", (kept,)), ONE))
+        result = self.f.values.kept(Code(REAL, Runtime(INEXACT[target], (kept,)))).value
+        if target is math.exp:
+            self.f.raises(OverflowError, node, Operator("&&", negated(_is_finite(result)), _is_finite(kept)))
+        return Code(REAL, result)
+
+    def _whole(self, target: Any, code: Code, node: ast.Call) -> Code:
+        if code.type != REAL:
+            return Code(INT, self.f.values.as_type(code, INT, node))
+        kept = self.f.values.kept(code).value
+        self.f.raises(ValueError, node, _is_nan(kept))
+        cut = self.f.values.kept(Code(REAL, Runtime(TO_WHOLE[target], (kept,)))).value
+        self.f.raises(OverflowError, node, negated(_is_finite(kept)))
+        self.f.raises(ControllerLimit, node, negated(Runtime("umo_fits_int", (cut,))))
+        return Code(INT, Conversion(INT, cut))
+
+    def _of_two(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        if len(arguments) != 2:
+            return None
+        if target is round:
+            return rounded(self.f, arguments[0], arguments[1], node)
+        if target is math.copysign:
+            a, b = (self.f.values.as_type(self.f.values.number(each, node), REAL, node) for each in arguments)
+            return Code(REAL, Runtime("umo_copysign", (a, b)))
+        if target is math.atan2:
+            self.f.world.note_inexact("atan2")
+            a, b = (self.f.values.as_type(self.f.values.number(each, node), REAL, node) for each in arguments)
+            return Code(REAL, Runtime("umo_atan2", (a, b)))
+        return None
+
+    def _extreme(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
+        terms = self.f.calls.parts(arguments[0], node) if len(arguments) == 1 else arguments
+        if all(isinstance(each, Known) and type(each.value) in NUMBERS for each in terms):
+            return Known(target(each.value for each in terms))  # type: ignore[union-attr]
+        kinds = [plain(self.f.values.code(each, node).type) for each in terms]
+        codes = [self.f.values.number(each, node) for each in terms]
+        of = REAL if any(each.type == REAL for each in codes) else INT
+        found, *rest = [self.f.values.as_type(each, of, node) for each in codes]
+        for each in rest:
+            found = Runtime(f"umo_{target.__name__}{'' if of == REAL else '_int'}", (found, each))
+        if any(isinstance(each, NumpyNumber) for each in kinds):
+            if BOOL in map(plain_number, kinds):
+                raise self.f.refused(node, "an extreme of bools of numpy", "and, or, bool(...)")
+            sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
+            return Code(numpy_number(of, sure), found)
+        return Code(reduce(joined_type, kinds), found)
+
+    def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
+        if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):
+            self.f.arrays.check_length(arguments[0].type, node)
+            return Known(arguments[0].type.length)
+        if target is len and isinstance(arguments[0], Many):
+            return Known(len(arguments[0].terms))
+        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
+            raise self.f.refused(node, TELLS, "a state of an Enum")
+        if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
+            return self._is_instance(arguments[0], arguments[1], node)
+        if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:
+            return found
+        if (
+            target in (tuple, list)
+            and len(arguments) == 1
+            and isinstance(arguments[0], Many)
+            and arguments[0].kind is None
+        ):
+            return Many(arguments[0].terms, kind=list if target is list else None)
+        if target in (len, zip, enumerate, reversed, tuple, list) and not all(map(_is_container, arguments[:1])):
+            raise self.f.refused(node, f"{target.__name__} of what decides what its elements are", "a list, a tuple")
+        if not all(isinstance(each, Known) for each in arguments):
+            raise self.f.refused(node, f"{target.__name__} of something that is not known when the code is generated")
+        return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
+
+    def _attribute_by_name(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        """`getattr` and `hasattr` of a live object; None: it is none, or has no such attribute."""
+        base, named = arguments[:2]
+        if not (isinstance(base, Known) and isinstance(named, Known)):
+            return None
+        if target is getattr and hasattr(base.value, named.value):
+            return self.f.attributes.attribute(base, named.value, node)
+        self.f.takes(base.value, named.value, node)
+        return None
+
+    def over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
+        """any, all or sum of an expression over objects."""
+        if len(generator.generators) != 1 or generator.generators[0].is_async:
+            raise self.f.refused(node, "two loops in one expression", "a loop for each")
+        generator = _with_own_names(generator, f" {node.lineno} {node.col_offset}")
+        first = generator.generators[0]
+        if any(isinstance(each, ast.NamedExpr) for each in ast.walk(generator)):
+            raise self.f.refused(node, "an assignment in a generator", "a loop")
+        over = self.f.term(first.iter)
+        elements = self.f.loops.elements(over, first.iter)
+        if not (isinstance(over, Code) and isinstance(over.type, ArrayType)):
+            elements = [self.f.values.settled(each) for each in elements]
+        at = len(self.f.statements)
+        found = self._over_elements(target, generator, elements, node)
+        if calls(self.f.statements[at:]) and isinstance(over, Code) and isinstance(over.type, ArrayType):
+            raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
+        return found
+
+    def _over_elements(self, target: Any, generator: ast.GeneratorExp, elements: list[Term], node: ast.Call) -> Term:
+        first = generator.generators[0]
+        if target is sum:
+            if first.ifs:
+                raise self.f.refused(node, "`if` in a sum", "a loop")
+            return self._added(self._terms_over(generator, elements), node)
+        result, end = self.f.temporary(BOOL, "c"), self.f.label("found")
+        self.f.assign(result, Literal(target is all, BOOL))
+        names = dict(self.f.flow.names)
+        with self.f.gathered() as turns:
+            for each in elements:
+                on, known = self.f.label("next"), set(self.f.flow.known)
+                with self.f.gathered() as turn, self.f.loops.bound_to(first.target, each):
+                    for test in first.ifs:
+                        self._leave_unless(self.f.values.truth(self.f.term(test), test), on)
+                        self.f.flow.known |= self.f.flow.proved(test) if not calls_in(test) else set()
+                    truth = _as_value(self.f.values.truth(self.f.term(generator.elt), generator.elt))
+                    found = Assign(result, Literal(target is any, BOOL)), Leave(end)
+                    self.f.add_if(truth if target is any else negated(truth), *found)
+                self.f.flow.known &= known
+                self.f.add(Labelled(on, tuple(turn)))
+        self.f.add(Labelled(end, tuple(turns)))
+        self.f.flow.names = names
+        return Code(BOOL, result)
+
+    def _leave_unless(self, truth: Value | bool, label: str) -> None:
+        self.f.add_if(negated(_as_value(truth)), Leave(label))
+
+    def _is_instance(self, value: Code, classes: Known | Many, node: ast.AST) -> Known:
+        """`isinstance`, where every class that the value may have in Python gives the same."""
+        terms = classes.terms if isinstance(classes, Many) else (classes,)
+        wanted = tuple(each.value for each in terms if isinstance(each, Known))
+        possible = _classes_of(value.type)
+        answers = {issubclass(each, wanted) for each in possible}
+        if len(answers) != 1 or len(wanted) != len(terms):
+            raise self.f.refused(node, "the class of a value that may have another one", "a name for each class")
+        return Known(answers.pop())
+
+    def _terms_over(self, generator: ast.GeneratorExp, elements: Sequence[Term]) -> Iterator[Term]:
+        names = dict(self.f.flow.names)
+        for each in elements:
+            with self.f.loops.bound_to(generator.generators[0].target, each):
+                term = self.f.term(generator.elt)
+                self.f.flow.names = dict(names)
+                yield (
+                    self.f.values.kept(term) if isinstance(term, Code) else term
+                )  # the names stand for others in the next turn
+
+    def _added(self, terms: Iterable[Term], node: ast.Call) -> Term:
+        """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
+        its own numbers, not for those of numpy, and those after one."""
+        total, makes_up = self.f.values.number(Known(0), node), MAKES_UP
+        lost: Value | None = None
+        of_numpy = False
+        for each in terms:
+            of_numpy |= is_of_numpy(each)
+            makes_up = makes_up and not (isinstance(each, Code) and isinstance(each.type, NumpyNumber))
+            self.f.expressions.check_sure([total, each], node)
+            code = self.f.values.number(each, node)
+            if lost and not makes_up:
+                total, lost = Code(REAL, Runtime("umo_added", (total.value, lost))), None
+            if makes_up and not lost and REAL == total.type == code.type:
+                name, lost = self.f.temporary(REAL, "sum"), self.f.temporary(REAL, "lost")
+                self.f.assign(name, total.value)
+                self.f.assign(lost, ZERO)
+                total = Code(REAL, name)
+            if lost is None:
+                total = self.f.expressions.arithmetic(ast.Add(), total, code, node)
+            elif code.type == REAL:
+                self.f.add(Do(Runtime("umo_add", (Address(total.value), Address(lost), code.value))))
+            else:
+                self.f.assign(total.value, Operator("+", total.value, self.f.values.as_type(code, REAL, node)))
+        total = total if lost is None else Code(REAL, Runtime("umo_added", (total.value, lost)))
+        return Code(numpy_number(total.type, sure=False), total.value) if of_numpy else total
+
+    def _any_or_all(self, target: Any, terms: Sequence[Term], node: ast.Call) -> Term:
+        truths = [_as_value(self.f.values.truth(each, node)) for each in terms]
+        return Code(BOOL, joined("||" if target is any else "&&", truths)) if truths else Known(target(()))
+
+
+def _is_finite(value: Value) -> Value:
+    return Runtime("umo_is_finite", (value,))
+
+
+def _is_nan(value: Value) -> Value:
+    return Runtime("umo_is_nan", (value,))
+
+
+def _as_value(truth: Value | bool) -> Value:
+    return Literal(truth, BOOL) if isinstance(truth, bool) else truth
+
+
+def _is_container(term: Term) -> bool:
+    """Whether Python itself knows its elements."""
+    return not isinstance(term, Known) or is_container(term.value)
+
+
+def _classes_of(of: CType) -> tuple[type, ...]:
+    """The classes that a value of this type may have in Python."""
+    if isinstance(of, OptionalType):
+        return (*_classes_of(of.of), type(None))
+    if isinstance(of, NumpyNumber):
+        own: tuple[type, ...] = {REAL: (np.float64,), INT: (np.int64,), BOOL: (np.bool_,)}[of.of]
+        return own if of.sure else (*own, float, int, bool)
+    if isinstance(of, ArrayType):
+        return (list,) if of.listed else (np.ndarray,)
+    if isinstance(of, StateType):
+        return (of.kind,)
+    if isinstance(of, TupleType):
+        return (of.kind or tuple,)
+    return {REAL: (float,), INT: (int, bool), BOOL: (bool,)}.get(of, (float, int, bool))
+
+
+def _with_own_names(generator: ast.GeneratorExp, mark: str) -> ast.GeneratorExp:
+    """The same, whose names are no names of the function around it."""
+    copied = copy.deepcopy(generator)
+    first = copied.generators[0]
+    own = {each.id for each in ast.walk(first.target) if isinstance(each, ast.Name)}
+    inner = [first.target, *first.ifs, copied.elt]
+    for each in (one for part in inner for one in ast.walk(part)):
+        if isinstance(each, ast.Name) and each.id in own:
+            each.id += mark
+    return copied

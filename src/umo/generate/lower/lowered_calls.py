@@ -1,0 +1,318 @@
+"""Calls: of umo's objects, of Python's own functions, of functions that are translated too."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import logging
+import typing
+from collections.abc import Callable, Sequence
+from functools import partial
+from types import FunctionType, MethodType
+from typing import Any
+
+import numpy as np
+
+from umo.control.inputs import state_of, value_of
+from umo.control.profile import Profile
+from umo.errors import RangeError, StateError
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    REAL,
+    ArrayType,
+    OptionalType,
+    TupleType,
+    may_be_bool,
+    plain,
+    plain_number,
+    state,
+)
+from umo.generate.form import (
+    ZERO,
+    Do,
+    Element,
+    Literal,
+    Member,
+    Reals,
+    Runtime,
+    Value,
+    WholeMachine,
+    has,
+    inside,
+    negated,
+)
+from umo.generate.function_source import NoSource, bound
+from umo.generate.lower.lowered_attributes import asks_host, dropped
+from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.state_members import StateMethod
+from umo.generate.lower.terms import TEXT, ArrayMethod, Code, Known, Many, Term
+from umo.generate.value_kinds import is_container, is_plain_record
+from umo.objects import DigitalSensor, Vector
+from umo.objects.atomic import Atomic, Binary, Digital
+
+TELLING = (str, repr)
+"""Functions that make a text of whatever there is."""
+DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
+MOST_NUMBERS = 256
+"""Elements of a list in one expression, each written out."""
+HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
+"""What only the host can do: it plans motions."""
+
+
+class LoweredCalls(LoweredSubject):
+    """The part of a function that is calls and attributes."""
+
+    def lower_call(self, node: ast.Call) -> Term:
+        if self._is_super(node.func):
+            return self._of_super(node)
+        if self.f.telling.is_joined_text(node):
+            self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
+            return Known(TEXT)
+        func = self.f.term(node.func)
+        if not isinstance(func, Known):
+            raise self.f.refused(node, "what is called is not known when the code is generated")
+        if func.value is dropped or _tells(func.value):
+            self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
+            self.f.world.note(
+                f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
+            )
+            return Known(None)
+        if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
+            return self.f.builtins.over(func.value, node.args[0], node)
+        arguments, named = self._arguments(node)
+        return self.apply(func, arguments, named, node)
+
+    def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
+        if any(each.arg is None for each in node.keywords):
+            raise self.f.refused(node, "** does not translate", "name the arguments")
+        values = [each.value if isinstance(each, ast.Starred) else each for each in node.args]
+        terms = self.f.ordered([*values, *(each.value for each in node.keywords)])
+        arguments: list[Term] = []
+        for each, term in zip(node.args, terms, strict=False):
+            arguments += self.parts(term, each) if isinstance(each, ast.Starred) else [term]
+        rest = terms[len(node.args) :]
+        return arguments, {str(each.arg): term for each, term in zip(node.keywords, rest, strict=True)}
+
+    def parts(self, term: Term, node: ast.AST) -> list[Term]:
+        """The elements of a tuple, or of a list of numbers."""
+        if isinstance(term, Many):
+            return list(term.terms)
+        if isinstance(term, Known) and isinstance(term.value, tuple | list) and is_container(term.value):
+            self.f.world.memory.place_known(term.value)
+            return [Known(each) for each in term.value]
+        if isinstance(term, Code) and isinstance(term.type, TupleType):
+            place = self.f.expressions.place(term).value
+            return [Code(of, Member(place, name)) for name, of in term.type.members]
+        if isinstance(term, Code) and isinstance(term.type, ArrayType):
+            return self.numbers_of(term, node)
+        raise self.f.refused(node, "the number of its elements is not known")
+
+    def numbers_of(self, code: Code, node: ast.AST) -> list[Term]:
+        """The elements of an array or a list of numbers, each as an expression of its own."""
+        assert isinstance(code.type, ArrayType)
+        self.f.arrays.check_length(code.type, node)
+        if code.type.length > MOST_NUMBERS:
+            raise self.f.refused(
+                node, f"{code.type.length} numbers in one expression", f"at most {MOST_NUMBERS}, or a loop"
+            )
+        place = self.f.arrays.kept_place(code)
+        return [Code(of_element(code.type), Element(place, Literal(i, INT))) for i in range(code.type.length)]
+
+    def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+        target = func.value
+        if isinstance(target, StateMethod):
+            return self.function(target.function, [target.member, *arguments], named, node)
+        if isinstance(target, ArrayMethod) and not named:
+            return self.f.arrays.method_of_array(target, arguments, node)
+        if isinstance(func.owner, Vector):
+            return self.f.vectors.method_of_vector(func.owner, func.name, arguments, named, node)
+        if target is np.flatnonzero:
+            return Known(TEXT)  # places of elements only tell something
+        if (of_numpy := self.f.arrays.of_numpy(target, arguments, named, node)) is not None:
+            return of_numpy
+        if str(getattr(target, "__module__", "")).partition(".")[0] == "numpy":
+            nearest = "np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math"
+            raise self.f.refused(node, f"{self.f.source.segment(node.func)} has no translation", nearest)
+        if isinstance(func.owner, Atomic):
+            return self._call_atomic(func.owner, func.name, arguments, named, node)
+        if target is value_of and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Vector):
+            self.f.attributes.object(arguments[0].value[0], node)
+            return self.f.vectors.values_of(arguments[0].value, arguments[1:], named, node)
+        if target is value_of or target is state_of:
+            return self._input(target, arguments, named, node)
+        if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
+            if not is_plain_record(target):
+                raise self.f.refused(
+                    node, f"{target.__name__} changes what a tuple does", "a NamedTuple with fields only"
+                )
+            defaults = {name: Known(each) for name, each in getattr(target, "_field_defaults", {}).items()}
+            given = defaults | dict(zip(target._fields, arguments, strict=False)) | named
+            if len(arguments) > len(target._fields) or given.keys() != set(target._fields):
+                raise self.f.refused(
+                    node, f"it does not give the fields of {target.__name__}", ", ".join(target._fields)
+                )
+            return Many(tuple(given[name] for name in target._fields), target._fields, target)
+        if target in (zip, enumerate) and all(isinstance(each, Known) for each in (*arguments, *named.values())):
+            given = {name: each.value for name, each in named.items()}  # type: ignore[union-attr]
+            return Known(list(target(*(each.value for each in arguments), **given)))  # type: ignore[union-attr]
+        if not named and (found := self.f.builtins.of_python(target, arguments, node)) is not None:
+            return found
+        if target is typing.cast:
+            return arguments[1]
+        if getattr(target, "__func__", target) in HOST_CALLS:
+            return self._host(target.__self__, target.__name__, arguments, node)
+        if asks_host(func.owner, func.name):
+            return self._host(func.owner, func.name, arguments, node)
+        if isinstance(target, FunctionType | MethodType | partial):
+            return self.function(target, arguments, named, node)
+        raise self.f.refused(
+            node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
+        )
+
+    def _is_super(self, func: ast.AST) -> bool:
+        inner = func.value if isinstance(func, ast.Attribute) else None
+        if not (isinstance(inner, ast.Call) and isinstance(inner.func, ast.Name) and inner.func.id == "super"):
+            return False
+        return not inner.args and inner.func.id not in self.f.flow.names and self.f.source.meaning("super") is super
+
+    def _of_super(self, node: ast.Call) -> Term:
+        assert isinstance(node.func, ast.Attribute)
+        first = self.f.source.tree.args.args[0].arg
+        me, kind = self.f.flow.names.get(first), self.f.source.meaning("__class__")
+        if not isinstance(me, Known) or not isinstance(kind, type):
+            raise self.f.refused(node, "super() outside of a method")
+        self.f.takes(type(me.value), node.func.attr, node)
+        for each in type(me.value).__mro__:
+            self.f.takes(each, node.func.attr, node)
+        found = getattr(super(kind, me.value), node.func.attr, None)
+        if not isinstance(found, MethodType | FunctionType):
+            raise self.f.refused(node, "an attribute of super() that is no method", "a method")
+        arguments, named = self._arguments(node)
+        return self.function(found, arguments, named, node)
+
+    def _call_atomic(
+        self, owner: Atomic, name: str, arguments: list[Term], named: dict[str, Term], node: ast.Call
+    ) -> Term:
+        place, terms = self.f.attributes.object(owner, node), [*arguments, *named.values()]
+        if name == "read":
+            if isinstance(owner, Binary):
+                return self.f.attributes.got_by("umo_binary_read", place, of=state(owner.states))
+            return self.f.attributes.got_by("umo_digital_read", place, of=REAL)
+        if name == "write" and len(terms) == 1:
+            return self._write(owner, place, terms[0], node)
+        if name == "reset":
+            self.f.called("umo_object_reset", place)
+            return Known(None)
+        if name == "referenced" and isinstance(owner, DigitalSensor):
+            return self._home(owner, place, dict(zip(("known",), arguments, strict=False)) | named, node)
+        raise self.f.refused(node, f"`{name}` of an object does not translate", "read, write, reset, quality, pending")
+
+    def _home(self, owner: DigitalSensor, place: Value, named: dict[str, Term], node: ast.Call) -> Term:
+        """`referenced` of an incremental sensor."""
+        known, at = self.f.values.truth(named.get("known", Known(True)), node), named.get("at", Known(None))
+        if not owner.incremental:
+            raise self.f.refused(node, f"{owner.path} is not declared incremental", "incremental=True")
+        if not (isinstance(at, Known) and at.value is None):
+            if owner.linearization is not None or known is not True:
+                told = "`at` is for what is referenced, and has no linearization"
+                raise self.f.refused(node, told, "referenced(at=...)")
+            self.f.called("umo_set_reading", place, self.f.values.as_type(at, REAL, node))
+        self.f.add(Do(Runtime("umo_referenced", (place, Literal(known, BOOL) if isinstance(known, bool) else known))))
+        return Known(None)
+
+    def _write(self, owner: Atomic, place: Value, term: Term, node: ast.Call) -> Term:
+        if isinstance(owner, Digital):
+            code = self.f.values.code(term, node)
+            if plain_number(plain(code.type)) == BOOL:  # a bool is refused, and so is None
+                self.f.raises(RangeError, node)
+                return Known(False)
+            if may_be_bool(code.type):
+                raise self.f.refused(node, "it may be a bool, which is written to no number", "float(...), int(...)")
+            if isinstance(code.type, OptionalType):
+                term = code = self.f.values.kept(code)
+                self.f.raises(RangeError, node, negated(has(code.value)))
+            return self.f.attributes.got_by(
+                "umo_digital_write", place, self.f.values.as_type(term, REAL, node), of=BOOL
+            )
+        assert isinstance(owner, Binary)
+        code = self.f.values.code(term, node)
+        if isinstance(code.type, OptionalType):
+            of, code = code.type.of, self.f.values.kept(code)
+            self.f.raises(StateError, node, negated(has(code.value)))
+            code = Code(of, inside(code.value))
+        if code.type != state(owner.states):
+            self.f.raises(StateError, node)
+            return Known(False)
+        return self.f.attributes.got_by("umo_binary_write", place, code.value, of=BOOL)
+
+    def _input(self, which: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+        sensor = arguments[0]
+        accept = arguments[1] if len(arguments) > 1 else named.get("accept", Known(()))
+        if not (isinstance(sensor, Known) and isinstance(sensor.value, Atomic)):
+            raise self.f.refused(node, "the sensor is not known when the code is generated")
+        place, mask = self.f.attributes.object(sensor.value, node), self.f.values.as_type(accept, MASK, node)
+        if which is state_of and isinstance(sensor.value, Binary):
+            return self.f.attributes.got_by("umo_state_of", place, mask, of=state(sensor.value.states))
+        return self.f.attributes.got_by("umo_value_of", place, mask, of=REAL)
+
+    def _host(self, owner: Any, name: str, arguments: Sequence[Term], node: ast.Call) -> Term:
+        """Only the host can do it: it is asked for, with numbers."""
+        number = Literal(self.f.world.host_call(owner, name), INT)
+        numbers = tuple(self.f.values.as_type(each, REAL, node) for each in arguments)
+        self.f.called("umo_host_call", WholeMachine(), number, ZERO, Reals(numbers), Literal(len(numbers), INT))
+        return Known(None)
+
+    # Functions that are translated too -----------------------------------------------------------------
+
+    def function(
+        self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
+    ) -> Term:
+        try:
+            found = bound(target)
+        except NoSource as error:
+            raise self.f.refused(node, f"{getattr(target, '__name__', target)}: {error}") from None
+        if inspect.iscoroutinefunction(found.source.function) or inspect.isgeneratorfunction(found.source.function):
+            raise self.f.refused(node, "a sequence stays on the host", "functions without await")
+        given = [*map(Known, found.given), *arguments]
+        terms = self._by_name(found.source.function, given, {k: Known(v) for k, v in found.named} | named, node)
+        return self.f.world.invoke(self.f, found.source, terms, node)
+
+    def _by_name(
+        self, function: FunctionType, given: Sequence[Term], named: dict[str, Term], node: ast.AST
+    ) -> dict[str, Term]:
+        signature = inspect.signature(function, follow_wrapped=False)
+        try:
+            bound_to = signature.bind(*given, **named)
+        except TypeError as error:
+            raise self.f.refused(node, str(error)) from None
+        terms: dict[str, Term] = {}
+        for name, each in signature.parameters.items():
+            if each.kind is each.VAR_POSITIONAL:
+                terms[name] = Many(tuple(bound_to.arguments.get(name, ())))
+            elif each.kind is each.VAR_KEYWORD:
+                if bound_to.arguments.get(name):
+                    raise self.f.refused(node, "** does not translate", "name the arguments")
+                terms[name] = Known({})
+            else:
+                term = bound_to.arguments.get(name, ABSENT)
+                terms[name] = Known(each.default) if term is ABSENT else term
+        return terms
+
+
+ABSENT: Any = object()
+
+
+def _tells(target: Any) -> bool:
+    return isinstance(getattr(target, "__self__", None), logging.Logger) or target is print
+
+
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant | ast.JoinedStr)
+
+
+def _names_of(func: ast.AST) -> list[str]:
+    """The attributes of a dotted name, the last one first."""
+    return [func.attr, *_names_of(func.value)] if isinstance(func, ast.Attribute) else []

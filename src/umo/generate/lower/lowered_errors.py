@@ -1,0 +1,173 @@
+"""Errors: how they are raised and caught, and what is done on the way out."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from umo.generate.c_types import BOOL, INT
+from umo.generate.check.form_effects import may_fail, returns
+from umo.generate.form import TRUE, ErrorHandler, Fail, Finally, Statement, Temporary, Try, negated
+from umo.generate.lower.flow import Way
+from umo.generate.lower.function_builder import FunctionBuilder
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import TEXT, Known, Many
+from umo.generate.value_kinds import made_by_code
+
+LEAVING = (ast.Return, ast.Break, ast.Continue)
+
+
+class LoweredErrors(LoweredSubject):
+    """The errors of a function: raise, try, assert, with."""
+
+    def __init__(self, f: FunctionBuilder) -> None:
+        super().__init__(f)
+        self.tries = 0
+        """The number of `try` around."""
+        self.caught: list[Temporary] = []
+        """The faults that are being handled."""
+
+    def lower_raise(self, node: ast.Raise) -> bool:
+        if node.exc is None:
+            if not self.caught:
+                raise self.f.refused(node, "`raise` outside of `except`")
+            self.f.add(Fail(self.caught[-1]))
+            return False
+        self.f.telling.check_told(error_arguments(node.exc))
+        if node.cause is not None:
+            self.f.telling.check_told([node.cause])
+        error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+        kind = self.f.term(error)
+        if isinstance(kind, Known) and isinstance(kind.value, type) and issubclass(kind.value, BaseException):
+            if made_by_code(kind.value):
+                raise self.f.refused(
+                    node, f"{kind.value.__name__} runs code when it is made", "a class without __init__"
+                )
+            self.f.raises(kind.value, node, text=_said(node.exc, self.f.source.segment(node.exc)))
+            return False
+        raise self.f.refused(node, "the class of the error is not known when the code is generated", "raise Error(...)")
+
+    def lower_assert(self, node: ast.Assert) -> None:
+        truth = self.f.values.truth(self.f.term(node.test), node.test)
+        if truth is not True:
+            self.f.telling.check_told([] if node.msg is None else [node.msg])
+            self.f.raises(AssertionError, node, TRUE if truth is False else negated(truth))
+        self.f.flow.known |= self.f.flow.proved(node.test)
+
+    def lower_try(self, node: ast.Try) -> bool | None:
+        if any(isinstance(each, LEAVING) for part in node.finalbody for each in ast.walk(part)):
+            raise self.f.refused(node, "`finally` is left, which forgets the error", "except")
+        return self._with_finally(node) if node.finalbody else self._with_except(node)
+
+    def _with_finally(self, node: ast.Try) -> bool | None:
+        pending, before = self.f.temporary(INT, "pending"), dict(self.f.flow.names)
+        with self.tried() as body:
+            goes_on = self._with_except(node) if node.handlers or node.orelse else self.f.body(node.body)
+        returning = self.f.temporary(BOOL, "returning") if returns(body) else None
+        after = self.f.flow.names if goes_on is not False else before
+        self.f.flow.names = {name: of for name, of in before.items() if self.f.flow.names.get(name, of) == of}
+        self.f.flow.known.clear()
+        with self.f.gathered() as last:
+            ends = self.f.body(node.finalbody)
+        self.f.add(Finally(pending, returning, tuple(body), tuple(last)))
+        if ends is False:
+            return False
+        self.f.flow.names = {
+            name: of for name, of in after.items() if self.f.flow.names.get(name, of) == of
+        } | self.f.flow.names
+        return None if goes_on is not False else False
+
+    @contextmanager
+    def tried(self) -> Iterator[list[Statement]]:
+        """Statements that no `break` or `continue` leaves."""
+        self.tries += 1
+        try:
+            with self.f.gathered() as found:
+                yield found
+        finally:
+            self.tries -= 1
+
+    def _with_except(self, node: ast.Try) -> bool | None:
+        if not node.handlers:
+            return self.f.body([*node.body, *node.orelse])
+        caught, names = self.f.temporary(INT, "caught"), dict(self.f.flow.names)
+        with self.tried() as body:
+            goes_on = self.f.body(node.body)
+        with self.f.gathered() as otherwise:
+            if goes_on and node.orelse:
+                goes_on = self.f.body(node.orelse)
+        if not may_fail(body):
+            self.f.statements += [*body, *otherwise]
+            return None if goes_on else False
+        ways = [self.f.flow.way()] if goes_on else []
+        handlers, more = self._caught(node.handlers, caught, names)
+        self.f.add(Try(caught, tuple(body), tuple(otherwise), handlers))
+        ways += more
+        if ways:
+            self.f.flow.go_on_from(ways)
+        self.f.flow.known.clear()
+        return None if ways else False
+
+    def _caught(
+        self, nodes: list[ast.ExceptHandler], caught: Temporary, names: dict[str, Any]
+    ) -> tuple[tuple[ErrorHandler, ...], list[Way]]:
+        """The handlers; what is known where they go on."""
+        handlers, ways = [], []
+        for each in nodes:
+            kinds = self._kinds(each)
+            self.f.flow.names = {name: of for name, of in names.items() if self.f.flow.names.get(name, of) == of}
+            self.f.flow.known.clear()
+            if each.name:
+                self.f.flow.names[each.name] = Known(TEXT)  # its class and what it says are of run time
+            self.caught.append(caught)
+            with self.f.body_of() as body:
+                if self.f.body(each.body):
+                    self.f.flow.names.pop(each.name or "", None)
+                    ways.append(self.f.flow.way())
+            self.caught.pop()
+            handlers.append(ErrorHandler(kinds, tuple(body)))
+        return tuple(handlers), ways
+
+    def _kinds(self, handler: ast.ExceptHandler) -> tuple[type[BaseException], ...]:
+        if handler.type is None:
+            return (BaseException,)
+        term = self.f.term(handler.type)
+        terms = term.terms if isinstance(term, Many) else [term]
+        values = [each.value if isinstance(each, Known) else None for each in terms]
+        kinds = [one for each in values for one in (each if isinstance(each, tuple) else (each,))]
+        for each in kinds:
+            if not (isinstance(each, type) and issubclass(each, BaseException)) or type(each) is not type:
+                raise self.f.refused(
+                    handler, "what is caught is no class of errors", "ZeroDivisionError, RangeError, ..."
+                )
+        return tuple(kinds)
+
+    def lower_with(self, node: ast.With) -> bool | None:
+        """`with suppress(...)`."""
+        call = node.items[0].context_expr
+        if len(node.items) == 1 and node.items[0].optional_vars is None and isinstance(call, ast.Call):
+            func = self.f.term(call.func)
+            if isinstance(func, Known) and func.value is suppress and call.args and not call.keywords:
+                kinds = ast.Tuple(call.args, ast.Load())
+                handler = ast.ExceptHandler(ast.copy_location(kinds, call), None, [ast.copy_location(ast.Pass(), node)])
+                tried = ast.Try(node.body, [ast.copy_location(handler, node)], [], [])
+                return self.lower_try(ast.copy_location(tried, node))
+        raise self.f.refused(node, "`with` does not translate", "with suppress(...)")
+
+
+def error_arguments(error: ast.expr) -> list[ast.expr]:
+    """What the message of an error is made of."""
+    return [*error.args, *(each.value for each in error.keywords)] if isinstance(error, ast.Call) else []
+
+
+def _said(error: ast.AST, text: str) -> str:
+    """The message of an error as it is written."""
+    if isinstance(error, ast.Call) and error.args:
+        return (
+            ast.unparse(error.args[0]).strip("'\"")
+            if isinstance(error.args[0], ast.Constant)
+            else ast.unparse(error.args[0])
+        )
+    return text

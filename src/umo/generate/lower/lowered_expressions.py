@@ -1,0 +1,367 @@
+"""Expressions of Python: what they compute, in the order in which Python computes it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from types import FunctionType
+from typing import Any
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    REAL,
+    ArrayType,
+    CType,
+    MixedNumber,
+    NumpyNumber,
+    StateType,
+    TupleType,
+    numpy_number,
+    plain,
+    plain_number,
+)
+from umo.generate.check.form_effects import changes
+from umo.generate.form import (
+    LEAST_INT,
+    ZERO,
+    Checked,
+    Conditional,
+    Element,
+    Literal,
+    Member,
+    Operator,
+    Runtime,
+    Unary,
+    Value,
+    is_named,
+    joined,
+    negated,
+)
+from umo.generate.function_source import ABSENT
+from umo.generate.lower.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
+from umo.generate.lower.known_tables import element_of, element_of_terms, is_dict, is_table, value_of
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.state_members import StateMethod, has_own_value, value_of_state
+from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
+from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
+from umo.generate.translation import ControllerLimit
+from umo.generate.value_kinds import is_container
+
+FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Pow: operator.pow,
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le,
+    ast.Gt: operator.gt, ast.GtE: operator.ge, ast.UAdd: operator.pos, ast.USub: operator.neg,
+}  # fmt: skip
+SIGNS: dict[type[ast.AST], str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*",
+    ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
+}  # fmt: skip
+CHECKED: dict[type[ast.AST], str] = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+NUMBERS = (bool, int, float)
+CONSTANTS = (*NUMBERS, str, type(None))
+
+
+class LoweredExpressions(LoweredSubject):
+    """The part of a function that is expressions."""
+
+    # Names and numbers ---------------------------------------------------------------------------------
+
+    def lower_constant(self, node: ast.Constant) -> Term:
+        if type(node.value) not in CONSTANTS:
+            raise self.f.refused(node, f"a {type(node.value).__name__} has no C", "numbers, states, bools, None")
+        return Known(node.value)
+
+    def lower_joined_str(self, node: ast.JoinedStr) -> Term:
+        self.f.telling.check_told([node])
+        return Known(TEXT)
+
+    def lower_name(self, node: ast.Name) -> Term:
+        found = self.f.flow.names.get(node.id)
+        if isinstance(found, Known):
+            return found
+        if found is not None:
+            return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
+        if node.id in self.f.source.function.__code__.co_varnames:
+            raise self.f.refused(node, "it is used before it has a value on every way", "give it a value first")
+        value = self.f.source.meaning(node.id)
+        if value is ABSENT:
+            raise self.f.refused(node, "the name stands for nothing")
+        self.f.takes_variable(node.id, node)
+        return Known(value, name=node.id)
+
+    def lower_attribute(self, node: ast.Attribute) -> Term:
+        return self.attribute_of(self.f.term(node.value), node)
+
+    def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
+        if isinstance(base, Known):
+            return self.f.attributes.attribute(base, node.attr, node)
+        if self.f.arrays.is_array(base):
+            return self.f.arrays.attribute_of_array(base, node.attr, node)  # type: ignore[arg-type]
+        if isinstance(base, Many) and node.attr in base.names:
+            return base.terms[base.names.index(node.attr)]
+        if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
+            return Code(dict(base.type.members)[node.attr], Member(self.place(base).value, node.attr))
+        if isinstance(base, Code) and isinstance(base.type, StateType):
+            return self._of_member(base, base.type.kind, node)
+        raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+
+    def _of_member(self, base: Code, kind: Any, node: ast.Attribute) -> Term:
+        """The value of a state, a property or a method: functions of the member."""
+        static = inspect.getattr_static(kind, node.attr, None)
+        self.f.takes(kind, node.attr, node)
+        if node.attr == "value" and not has_own_value(kind):
+            return value_of_state(self.f, base, node)
+        if type(static) is property and static.fget is not None:
+            return self.f.calls.function(static.fget, [base], {}, node)
+        if isinstance(static, FunctionType):
+            return Known(StateMethod(static, self.f.values.kept(base)))
+        raise self.f.refused(node, f"the attribute {node.attr!r} of a state", "value, a method, a property")
+
+    def place(self, code: Code) -> Code:
+        """The same as something that has members."""
+        return code if is_named(code.value) else self.f.values.kept(code)
+
+    def lower_tuple(self, node: ast.Tuple) -> Term:
+        return Many(tuple(self.f.ordered(node.elts)))
+
+    def lower_list(self, node: ast.List) -> Term:
+        return Many(tuple(self.f.ordered(node.elts)), kind=list)
+
+    def lower_subscript(self, node: ast.Subscript) -> Term:
+        base, index = self.base_and_index(node)
+        return self.element(base, index, node)
+
+    def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
+        """What has the element, as itself and not as a copy, and its place."""
+        with self.f.gathered() as of_base:
+            base = self.f.term(node.value)
+        with self.f.gathered() as of_index:
+            index = self.f.term(node.slice)
+        self.f.statements += [*of_base, *of_index]
+        if any(map(changes, of_index)):
+            place = base.value if isinstance(base, Code) else None
+            if isinstance(base, Many) or (isinstance(base, Code) and isinstance(plain(base.type), TupleType)):
+                raise self.f.refused(node, "the place changes what has the element", "a name for the place first")
+            if any(map(changes, of_base)) or place in self.f.world.memory.rebound or place in self.f.aliases.sole:
+                raise self.f.refused(node, "the place changes what has the element", "a name for the place first")
+        return base, index
+
+    def element(self, base: Term, index: Term, node: ast.AST) -> Term:
+        """One element of a tuple, a list or an array, or of what is known."""
+        if isinstance(index, Known) and type(index.value) in (int, bool):
+            count = self._count_of(base)
+            if count and not -count <= index.value < count:
+                self.f.raises(IndexError, node)
+                index = Known(0)
+        if isinstance(base, Known) and isinstance(index, Known):
+            if is_container(base.value):
+                self.f.world.memory.place_known(base.value)
+                return Known(base.value[index.value])
+            raise self.f.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
+        if isinstance(base, Known) and isinstance(index, Code):
+            if is_table(base.value):
+                return element_of(self.f, base.value, index, node)
+            if is_dict(base.value):
+                return value_of(self.f, base.value, index, node)
+        if isinstance(base, Many) and isinstance(index, Known):
+            found: Term = base.terms[index.value]
+            return found
+        if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
+            name, of = base.type.members[index.value]
+            return Code(of, Member(self.place(base).value, name))
+        if isinstance(index, Code) and (terms := self._terms_of_tuple(base)):
+            return element_of_terms(self.f, terms, index, node)
+        if isinstance(base, Code) and isinstance(base.type, ArrayType):
+            self.f.arrays.check_length(base.type, node)
+            place = self.f.values.kept(base).value if isinstance(base, Elementwise) else base.value
+            return Code(of_element(base.type), Element(place, self.index(base.type, index, node)))
+        raise self.f.refused(node, "an element of something that is not a list of numbers")
+
+    def _terms_of_tuple(self, base: Term) -> list[Term]:
+        """The elements of a tuple of values, or of a list that is written down; none of anything else."""
+        if isinstance(base, Many):
+            return list(base.terms)
+        if isinstance(base, Code) and isinstance(base.type, TupleType):
+            place = self.place(base).value
+            return [Code(of, Member(place, name)) for name, of in base.type.members]
+        return []
+
+    def _count_of(self, base: Term) -> int:
+        """The number of elements of a tuple, or of a list that is known or written down; 0 of anything else."""
+        if isinstance(base, Known):
+            return len(base.value) if is_table(base.value) else 0
+        return len(self._terms_of_tuple(base))
+
+    def index(self, of: ArrayType, index: Term, node: ast.AST) -> Value:
+        """A place in an array; IndexError beyond it."""
+        if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
+            return Literal(index.value % of.length, INT)
+        code = self.f.values.number(index, node)
+        if code.type != INT:
+            raise self.f.refused(node, "a place in a list is a whole number")
+        return self.place_in(code, of.length, node)
+
+    def place_in(self, code: Code, length: int, node: ast.AST) -> Value:
+        """A place among so many, counted from the end where it is negative; IndexError beyond them."""
+        place, number = self.f.values.kept(code).value, Literal(length, INT)
+        below, above = Operator("<", place, Literal(-length, INT)), Operator(">=", place, number)
+        self.f.raises(IndexError, node, Operator("||", below, above))
+        return Conditional(Operator("<", place, ZERO), Operator("+", place, number), place)
+
+    # Arithmetic ----------------------------------------------------------------------------------------
+
+    def lower_unary_op(self, node: ast.UnaryOp) -> Term:
+        term = self.f.term(node.operand)
+        if isinstance(node.op, ast.Not):
+            truth = self.f.values.truth(term, node.operand)
+            return Known(not truth) if isinstance(truth, bool) else Code(BOOL, negated(truth))
+        if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
+            return Known(FOLDED[type(node.op)](term.value))
+        if isinstance(term, Known) and type(term.value) in NUMBERS:
+            return inverted_known(self.f, term.value, node)
+        self.check_sure([term], node)
+        if self.f.arrays.is_array(term):
+            return self.f.arrays.of_array(node.op, term, node)
+        code = self.f.values.number(term, node.operand)
+        if isinstance(node.op, ast.Invert):
+            return inverted(self.f, term, code, node)
+        if isinstance(node.op, ast.UAdd):
+            return code if code.type != BOOL else Code(INT, code.value)
+        of = term.type if isinstance(term, Code) and is_of_numpy(term) else code.type
+        if code.type == REAL:
+            return Code(of, Unary("-", code.value))
+        if of != code.type:
+            raise self.f.refused(node, "- of a whole number of numpy", "int(...), or 0 - x")
+        return self.arithmetic(ast.Sub(), Code(INT, ZERO), code, node)
+
+    def lower_bin_op(self, node: ast.BinOp) -> Term:
+        left, right = self.f.ordered([node.left, node.right])
+        numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
+        if len(numbers) == 2 and type(node.op) in FOLDED:
+            if isinstance(node.op, ast.Pow) and abs(numbers[1]) > MOST_POWER:
+                raise self.f.refused(node, f"a power of {numbers[1]}", "the number itself")
+            try:
+                return Known(FOLDED[type(node.op)](*numbers))
+            except ArithmeticError as error:
+                self.f.raises(type(error), node)
+                return Known(0.0)
+        if len(numbers) == 2 and is_of_bits(node.op):
+            return of_known(self.f, node.op, numbers, node)
+        if self.f.arrays.is_array(left) or self.f.arrays.is_array(right):
+            return self.f.arrays.of_arrays(node.op, left, right, node)
+        return self.of_numbers(node.op, left, right, (node.left, node.right), node)
+
+    def of_numbers(
+        self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
+    ) -> Code:
+        """An operator between numbers; between those of numpy nothing is raised."""
+        a, b = self.f.values.number(left, nodes[0]), self.f.values.number(right, nodes[1])
+        if not isinstance(sign, ast.Div):
+            self.check_sure([left, right], node)
+        if not (is_of_numpy(left) or is_of_numpy(right)):
+            if is_of_bits(sign):
+                return of_bits(self.f, sign, (left, right), (a, b), node)
+            if is_whole_power(sign, a, right):
+                return whole_power(self.f, a, right.value, node)  # type: ignore[union-attr,arg-type]
+            return self.arithmetic(sign, a, b, node)
+        if {a.type, b.type} == {BOOL}:
+            raise self.f.refused(node, "arithmetic of bools, of which one is of numpy", "int(...), and, or")
+        sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
+        if isinstance(sign, ast.Div) and sure:
+            return Code(
+                numpy_number(REAL),
+                Operator("/", self.f.values.as_type(a, REAL, node), self.f.values.as_type(b, REAL, node)),
+            )
+        if type(sign) not in CHECKED:
+            raise self.f.refused(
+                node, "numbers of numpy and of Python differ here where the divisor is 0", "float(...)"
+            )
+        found = self.arithmetic(sign, a, b, node)
+        return replace(found, type=numpy_number(found.type, sure))
+
+    def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
+        """That the result of arithmetic is a float whenever it is a real in C, and exact."""
+        if any(map(_is_mixed, terms)) and not any(map(_is_float, terms)):
+            told = "it may be a whole number at one time and a float at another"
+            raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
+
+    def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
+        if isinstance(sign, ast.Div) or REAL in (left.type, right.type):
+            a, b = (self.f.values.as_type(each, REAL, node) for each in (left, right))
+            return self._of_reals(sign, a, b, node)
+        a, b = (self.f.values.as_type(each, INT, node) for each in (left, right))
+        if type(sign) in CHECKED:
+            result = self.f.temporary(INT, "n")
+            self.f.add(Checked(CHECKED[type(sign)], result, a, b, self.f.fault(ControllerLimit, node)))
+            return Code(INT, result)
+        if isinstance(sign, ast.FloorDiv | ast.Mod):
+            b = self._divisor(b, INT, node)
+            if isinstance(sign, ast.FloorDiv) and (not isinstance(b, Literal) or b.value == -1):
+                beyond = Operator("&&", Operator("==", b, Literal(-1, INT)), Operator("==", a, LEAST_INT))
+                self.f.raises(ControllerLimit, node, beyond)
+            return Code(INT, Runtime(f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int", (a, b)))
+        if isinstance(sign, ast.Pow) and isinstance(b, Literal) and b.value < 0:
+            base, power = (self.f.values.as_type(each, REAL, node) for each in (left, right))
+            return self._power(base, power, node)
+        raise self.f.refused(
+            node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /, ** with a known exponent"
+        )
+
+    def _of_reals(self, sign: ast.operator, a: Value, b: Value, node: ast.AST) -> Code:
+        if type(sign) in CHECKED:
+            return Code(REAL, Operator(SIGNS[type(sign)], a, b))
+        if isinstance(sign, ast.Pow):
+            return self._power(a, b, node)
+        if not isinstance(sign, ast.Div | ast.FloorDiv | ast.Mod):
+            raise self.f.refused(node, "this arithmetic does not translate", "+, -, *, /, //, %, **")
+        b = self._divisor(b, REAL, node)
+        if isinstance(sign, ast.Div):
+            return Code(REAL, Operator("/", a, b))
+        return Code(REAL, Runtime(f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}", (a, b)))
+
+    def _power(self, a: Value, b: Value, node: ast.AST) -> Code:
+        self.f.world.note_inexact("**")
+        base, power = self.f.values.kept(Code(REAL, a)).value, self.f.values.kept(Code(REAL, b)).value
+        finite = [Runtime("umo_is_finite", (each,)) for each in (base, power)]
+        zero, negative = Operator("==", base, ZERO), Operator("<", power, ZERO)
+        self.f.raises(ZeroDivisionError, node, joined("&&", [zero, negative, finite[1]]))
+        broken = Operator("!=", Runtime("umo_floor", (power,)), power)
+        self.f.raises(
+            ControllerLimit, node, joined("&&", [Operator("<", base, ZERO), broken, finite[1]]), "a complex number"
+        )
+        result = self.f.values.kept(Code(REAL, Runtime("umo_pow", (base, power)))).value
+        self.f.raises(OverflowError, node, joined("&&", [negated(Runtime("umo_is_finite", (result,))), *finite]))
+        return Code(REAL, result)
+
+    def _divisor(self, divisor: Value, of: CType, node: ast.AST) -> Value:
+        if isinstance(divisor, Literal):
+            if not divisor.value:
+                self.f.raises(ZeroDivisionError, node)
+            return divisor
+        named = divisor if is_named(divisor) else self.f.values.kept(Code(of, divisor)).value
+        self.f.raises(ZeroDivisionError, node, Operator("==", named, ZERO))
+        return named
+
+
+def of_element(of: ArrayType) -> CType:
+    return of.of if of.listed else numpy_number(of.of)
+
+
+def is_of_numpy(term: Term) -> bool:
+    return isinstance(term, Code) and isinstance(plain(term.type), NumpyNumber)
+
+
+def _is_mixed(term: Term) -> bool:
+    return isinstance(term, Code) and isinstance(of := plain(term.type), MixedNumber) and of.of == REAL
+
+
+def _is_float(term: Term) -> bool:
+    """Whether it is a float in Python, too."""
+    if isinstance(term, Code):
+        return plain_number(plain(term.type)) == REAL and not _is_mixed(term)
+    return isinstance(term, Known) and isinstance(term.value, float)

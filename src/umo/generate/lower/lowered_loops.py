@@ -1,0 +1,261 @@
+"""Loops: counted ones, those over arrays, and those over objects, whose turns are written out."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from umo.generate.c_types import INT, LONG, ArrayType
+from umo.generate.check.form_effects import calls
+from umo.generate.form import (
+    ZERO,
+    Conversion,
+    CountedLoop,
+    Element,
+    Forever,
+    Labelled,
+    Leave,
+    Literal,
+    NextTurn,
+    Statement,
+    negated,
+)
+from umo.generate.lower.flow import Way
+from umo.generate.lower.function_builder import FunctionBuilder
+from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
+from umo.generate.value_kinds import is_container
+
+MOST_UNROLLED = 256
+"""Turns of a loop over objects, each written out."""
+
+
+@dataclass(frozen=True)
+class LoopAround:
+    """A loop that is being lowered: the labels to which `continue` and `break` lead, and the depth of `try` around."""
+
+    again: str
+    out: str
+    end: str
+    """The label of its own end, before its `else`."""
+    tries: int
+    is_written_out: bool
+    """Whether each turn is written out: `continue` leaves what is one turn."""
+
+
+class LoweredLoops(LoweredSubject):
+    """The loops of a function."""
+
+    def __init__(self, f: FunctionBuilder) -> None:
+        super().__init__(f)
+        self.around: list[LoopAround] = []
+        """The loops around what is being lowered."""
+
+    def lower_while(self, node: ast.While) -> bool | None:
+        self._forget(node.body)
+        start, ways = dict(self.f.flow.names), []
+        loop = self._loop_of_c(node)
+        with self.f.body_of() as body:
+            truth = self.f.values.truth(self.f.term(node.test), node.test)
+            if truth is False:
+                self.f.add(Leave(loop.end))
+            elif truth is not True:
+                self.f.add_if(negated(truth), Leave(loop.end))
+            if truth is not True:
+                ways.append(self.f.flow.way())
+            left = self._turns(node, start, loop)
+        return self._after_loop(node, loop, Forever(loop.end, tuple(body)), ways, left)
+
+    def _loop_of_c(self, node: ast.For | ast.While) -> LoopAround:
+        """A loop that is one of the form, too: `break` leads past the `else`, if there is one."""
+        end = self.f.label("left")
+        out = self.f.label("past") if node.orelse else end
+        return LoopAround(self.f.label("turn"), out, end, self.f.errors.tries, False)
+
+    def _after_loop(
+        self, node: ast.For | ast.While, loop: LoopAround, whole: Statement, ends: Sequence[Way], left: Sequence[Way]
+    ) -> bool | None:
+        """The loop; what follows where it ends, its `else`, and where `break` leaves it. False: nothing is reached."""
+        ways = list(ends)
+        with self.f.gathered() as found:
+            self.f.add(whole)
+            if node.orelse and ends:
+                self._end(ends)
+                ways = [self.f.flow.way()] if self.f.body(node.orelse) is not False else []
+        self.f.statements += [Labelled(loop.out, tuple(found), line=self.f.line)] if node.orelse else found
+        if not (ways or left):
+            return False
+        self._end([*ways, *left])
+        return None
+
+    def _turn(self, statements: Sequence[ast.stmt], loop: LoopAround) -> bool:
+        """One turn of a loop. Whether its end is reached."""
+        self.around.append(loop)
+        goes_on = self.f.body(statements)
+        self.around.pop()
+        return goes_on is not False
+
+    def _turns(self, node: ast.For | ast.While, start: dict[str, Any], loop: LoopAround) -> list[Way]:
+        """The turns of a loop, whose first one begins with these names; what is known where it is left."""
+        goes_on = self._turn(node.body, loop)
+        again = [*([self.f.flow.way()] if goes_on else []), *self.f.flow.left.pop(loop.again, [])]
+        for each in again:
+            for name, of in each.names.items():
+                if name in start and start[name] != of:
+                    told = f"{name!r} stands for another object in the next turn"
+                    raise self.f.refused(node.body[0], told, "a name for each")
+        return self.f.flow.left.pop(loop.out, [])
+
+    def _end(self, ways: Sequence[Way]) -> None:
+        """After a loop: nothing is known to be there that a turn may change."""
+        self.f.flow.go_on_from(ways)
+        self.f.flow.known.clear()
+
+    def _meet(self, label: str, goes_on: bool) -> bool:
+        """The ways that come to a label; False if there are none."""
+        ways = [*([self.f.flow.way()] if goes_on else []), *self.f.flow.left.pop(label, [])]
+        if ways:
+            self.f.flow.go_on_from(ways)
+        return bool(ways)
+
+    def _forget(self, statements: Sequence[ast.stmt]) -> None:
+        """What is assigned in a loop is not known to be there at its beginning."""
+        self.f.flow.known.clear()
+
+    def lower_for(self, node: ast.For) -> bool | None:
+        if self._is_range(node.iter):
+            return self._count(node)
+        term = self.f.term(node.iter)
+        if isinstance(term, Code) and isinstance(term.type, ArrayType):
+            return self._each(node, self.f.values.kept(term) if isinstance(term, Elementwise) else term)
+        return self._unroll(node, [self.f.values.settled(each) for each in self.elements(term, node.iter)])
+
+    def _is_range(self, node: ast.AST) -> bool:
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"):
+            return False
+        if "range" in self.f.flow.names or "range" in self.f.source.function.__code__.co_varnames:
+            return False
+        return self.f.source.meaning("range") is range and not node.keywords
+
+    def _count(self, node: ast.For) -> bool | None:
+        assert isinstance(node.iter, ast.Call)
+        terms = self.f.ordered(node.iter.args)
+        if any(isinstance(each, Known) and type(each.value) not in (int, bool) for each in terms):
+            raise self.f.refused(node, "a range of something else than whole numbers", "int(...)")
+        if all(isinstance(each, Known) for each in terms) and isinstance(node.target, ast.Name):
+            numbers = range(*(each.value for each in terms))  # type: ignore[union-attr,arg-type]
+            if len(numbers) <= MOST_UNROLLED and _indexes_objects(node):
+                return self._unroll(node, [Known(each) for each in numbers])
+        first, last, step = (Known(0), *terms, Known(1)) if len(terms) == 1 else (*terms, Known(1))[:3]
+        if not (isinstance(step, Known) and type(step.value) is int and step.value):
+            raise self.f.refused(node, "the step of a range is not known")
+        one_by_one = abs(step.value) == 1
+        turn = self.f.temporary(INT if one_by_one else LONG, "i")
+        begin = self.f.values.as_type(self.f.values.settled(first), INT, node)
+        end = self.f.values.kept(Code(INT, self.f.values.as_type(last, INT, node)), "end").value
+        self._forget(node.body)
+        start, loop = self.f.flow.way(), self._loop_of_c(node)
+        with self.f.body_of() as body:
+            self.f.assignments.store(node.target, Code(INT, turn if one_by_one else Conversion(INT, turn)), node)
+            left = self._turns(node, start.names, loop)
+        whole = CountedLoop(loop.end, turn, begin, end, step.value, tuple(body))
+        return self._after_loop(node, loop, whole, [start], left)
+
+    def _each(self, node: ast.For, values: Code) -> bool | None:
+        assert isinstance(values.type, ArrayType)
+        self.f.arrays.check_length(values.type, node)
+        turn = self.f.temporary(INT, "i")
+        self._forget(node.body)
+        start, rebound, loop = self.f.flow.way(), len(self.f.aliases.rebound), self._loop_of_c(node)
+        with self.f.body_of() as body:
+            self.f.assignments.store(node.target, Code(of_element(values.type), Element(values.value, turn)), node)
+            left = self._turns(node, start.names, loop)
+        self._check_same_array(values, body, rebound, node)
+        whole = CountedLoop(loop.end, turn, ZERO, Literal(values.type.length, INT), 1, tuple(body))
+        return self._after_loop(node, loop, whole, [start], left)
+
+    def _check_same_array(self, values: Code, body: list[Statement], rebound: int, node: ast.For) -> None:
+        """Python goes through the array that was there at the beginning."""
+        may_be_another = calls(body) and values.value in self.f.world.memory.rebound
+        if values.value in self.f.aliases.rebound[rebound:] or may_be_another:
+            raise self.f.refused(node, "what the loop goes through is assigned in it", "another name for the new one")
+
+    def _unroll(self, node: ast.For, elements: list[Term]) -> bool | None:
+        """A loop over objects: each turn is written out."""
+        if len(elements) > MOST_UNROLLED:
+            raise self.f.refused(
+                node, f"a loop of {len(elements)} turns over objects", f"at most {MOST_UNROLLED}, or a Vector"
+            )
+        out = self.f.label("done")
+        goes_on = True
+        with self.f.gathered() as turns:
+            for each in elements:
+                loop = LoopAround(self.f.label("next"), out, out, self.f.errors.tries, True)
+                with self.f.gathered() as turn, self.bound_to(node.target, each):
+                    goes_on = self._turn(node.body, loop)
+                self.f.add(Labelled(loop.again, tuple(turn)))
+                goes_on = self._meet(loop.again, goes_on)
+                if not goes_on:
+                    break
+            if goes_on and node.orelse:
+                goes_on = self.f.body(node.orelse) is not False
+        self.f.add(Labelled(out, tuple(turns)))
+        return None if self._meet(out, goes_on) else False
+
+    def elements(self, term: Term, node: ast.AST) -> list[Term]:
+        if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, ArrayType)):
+            return self.f.calls.parts(term, node)
+        if isinstance(term, Known) and is_container(term.value):
+            self.f.world.memory.place_known(term.value)
+            return [Known(each) for each in term.value]
+        raise self.f.refused(
+            node, "what it goes through is not known when the code is generated", "a list of parts, range"
+        )
+
+    @contextmanager
+    def bound_to(self, target: ast.AST, term: Term) -> Iterator[None]:
+        """The name of a loop stands for one object."""
+        if isinstance(target, ast.Name) and isinstance(term, Known) and self.f.values.type_of(term) is None:
+            self.f.flow.names[target.id] = term
+        elif isinstance(target, ast.Tuple):
+            for each, part in zip(target.elts, self.f.calls.parts(term, target), strict=True):
+                if isinstance(each, ast.Name) and isinstance(part, Known):
+                    self.f.flow.names[each.id] = part
+                elif isinstance(each, ast.Tuple):
+                    with self.bound_to(each, part):
+                        continue
+                else:
+                    self.f.assignments.store(each, part, target)
+        elif isinstance(target, ast.Name) and isinstance(term, Known):
+            self.f.flow.names[target.id] = term
+        else:
+            self.f.assignments.store(target, term, target)
+        yield
+
+    def lower_break(self, node: ast.Break) -> bool:
+        self._leave(node, self.around[-1].out)
+        self.f.add(Leave(self.around[-1].out))
+        return False
+
+    def lower_continue(self, node: ast.Continue) -> bool:
+        loop = self.around[-1]
+        self._leave(node, loop.again)
+        self.f.add(Leave(loop.again) if loop.is_written_out else NextTurn(loop.end))
+        return False
+
+    def _leave(self, node: ast.AST, label: str) -> None:
+        if self.f.errors.tries > self.around[-1].tries:
+            raise self.f.refused(node, "it leaves a `try`", "a flag")
+        self.f.flow.left.setdefault(label, []).append(self.f.flow.way())
+
+
+def _indexes_objects(node: ast.For) -> bool:
+    """Whether the number of a loop is a place in a list: of objects, perhaps, so that each turn is written out."""
+    assert isinstance(node.target, ast.Name)
+    name = node.target.id
+    indexed = [each.slice for part in node.body for each in ast.walk(part) if isinstance(each, ast.Subscript)]
+    return any(isinstance(each, ast.Name) and each.id == name for index in indexed for each in ast.walk(index))

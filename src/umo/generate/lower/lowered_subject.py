@@ -1,0 +1,12 @@
+"""One subject of the lowering of a function."""
+
+from __future__ import annotations
+
+from umo.generate.lower.function_builder import FunctionBuilder
+
+
+class LoweredSubject:
+    """A subject of the lowering of one function, such as its loops. `f` is the function, with its other subjects."""
+
+    def __init__(self, f: FunctionBuilder) -> None:
+        self.f = f

@@ -1,0 +1,245 @@
+"""Terms as values of a type: numbers, states, tuples, what may be None, conditions."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    REAL,
+    ArrayType,
+    CType,
+    MixedNumber,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    is_number,
+    numpy_number,
+    plain,
+    plain_number,
+    state,
+)
+from umo.generate.form import (
+    ONE,
+    Absent,
+    Conversion,
+    Element,
+    Given,
+    Literal,
+    Member,
+    Operator,
+    TupleOf,
+    Value,
+    differs,
+    has,
+    inside,
+    is_place,
+    is_settled,
+    negated,
+)
+from umo.generate.lower.live_fields import literal
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, UnknownText
+from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_methods, refused_truth
+from umo.objects import Quality
+
+PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
+TELLS = "a text that is made at run time"
+"""Why a condition does not translate that a text decides."""
+
+
+class LoweredValues(LoweredSubject):
+    """The values of a function."""
+
+    def type_of(self, term: Term) -> CType | None:
+        """The type of what a term is; None: it is no value of a controller."""
+        if isinstance(term, Code):
+            return term.type
+        if isinstance(term, Many):
+            types = [self.type_of(each) for each in term.terms]
+            return self.f.world.fields.tuple_type(types, term.names, term.kind or tuple)
+        if isinstance(term, Present):
+            return None
+        found = self.f.world.fields.type_of_value(term.value)
+        return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
+
+    def kept(self, code: Code, what: str = "t") -> Code:
+        """The same value under a name of its own."""
+        if not isinstance(code, Elementwise) and is_settled(code.value):
+            return code
+        name = self.f.temporary(code.type, what)
+        if isinstance(code, Elementwise):
+            self.f.arrays.fill(name, code)
+        else:
+            self.f.assign(name, code.value)
+        return Code(code.type, name)
+
+    def copied(self, code: Code) -> Code:
+        """The same value under another name than it has."""
+        name = self.f.temporary(code.type)
+        self.f.assign(name, code.value)
+        return Code(code.type, name)
+
+    def settled(self, term: Term) -> Term:
+        """The same, which nothing changes any longer."""
+        if isinstance(term, Code):
+            if isinstance(plain(term.type), ArrayType):
+                self.f.aliases.share(term)
+            return self.kept(term)
+        if isinstance(term, Many):
+            return Many(tuple(map(self.settled, term.terms)), term.names, term.kind)
+        return Present(self.kept(Code(BOOL, term.test)).value) if isinstance(term, Present) else term
+
+    def code(self, term: Term, node: ast.AST) -> Code:
+        """A term as a value in C."""
+        if isinstance(term, Code):
+            return term
+        if isinstance(term, Known):
+            value = term.value
+            if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
+                raise self.f.refused(node, f"a {type(value).__name__} of numpy", "np.float64, np.int64, float(...)")
+            of = self.f.world.fields.type_of_value(value)
+            if of is not None and is_number(of) and isinstance(value, np.generic):
+                return Code(numpy_number(of), self.literal(value.item(), of, node))
+            if of is not None and (is_number(of) or isinstance(of, StateType)):
+                return Code(of, self.literal(value, of, node))
+            if isinstance(of, ArrayType):
+                self.f.world.memory.place_known(value)
+                name = self.f.temporary(of)
+                for number, each in enumerate(value):
+                    self.f.assign(Element(name, Literal(number, INT)), self.literal(each, of.of, node))
+                return Code(of, name)
+            if isinstance(of, TupleType):
+                return self.made(Many(tuple(map(Known, value)), tuple(n for n, _ in of.members), of.kind), of, node)
+            raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller")
+        if isinstance(term, Many):
+            types = [self.code(each, node).type for each in term.terms]
+            of = self.f.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
+            if of is None:
+                raise self.f.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
+            return self.made(term, of, node)
+        raise self.f.refused(node, "only whether it is None is known on the controller")
+
+    def literal(self, value: Any, of: CType, node: ast.AST) -> Value:
+        try:
+            return literal(value, of)
+        except (ValueError, OverflowError):
+            raise self.f.refused(node, f"{value} does not fit 32 bits", "a smaller number, or a float") from None
+
+    def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
+        for each, (_, kind) in zip(term.terms, of.members, strict=True):
+            given = self.code(each, node).type if isinstance(each, Known | Code) else kind
+            if isinstance(given, NumpyNumber):
+                raise self.f.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
+            if (kind == REAL and plain_number(given) != REAL) or isinstance(given, MixedNumber):
+                raise self.f.refused(node, "a whole number where a tuple has a real one", "0.0, float(...)")
+            if kind == INT and given == BOOL:
+                raise self.f.refused(node, "a bool where a tuple has a whole number", "int(...)")
+        parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
+        return Code(of, TupleOf(of, tuple(parts)))
+
+    def as_type(self, term: Term, of: CType, node: ast.AST) -> Value:
+        """A term as a value of this type."""
+        if isinstance(of, ArrayType):
+            return self.f.arrays.as_array(term, of, node)
+        of = plain_number(of)
+        if isinstance(term, Known):
+            if isinstance(of, OptionalType) and term.value is None:
+                return Absent(of)
+            if of == MASK:
+                return literal(term.value, MASK)
+            if of == REAL and type(term.value) in (int, float, bool):
+                return self.literal(term.value, REAL, node)
+        if isinstance(term, Many) and isinstance(of, TupleType):
+            return self.made(term, of, node).value
+        code = self.code(term, node)
+        code = replace(code, type=plain_number(code.type))
+        if code.type == of or (isinstance(of, OptionalType) and code.type.name == of.name):
+            return code.value
+        if isinstance(of, OptionalType):
+            return Given(of, self.as_type(code, of.of, node))
+        if isinstance(code.type, OptionalType):
+            return self.as_type(self.present(code, node), of, node)
+        if is_number(of) and is_number(code.type):
+            if not _widens(code.type, of):
+                kinds = {REAL: "a real number", INT: "a whole number", BOOL: "a bool"}
+                nearest = f"{PLAIN_NAMES[of]}(...), or {kinds[code.type]} from the start"
+                raise self.f.refused(node, f"{kinds[code.type]} where {kinds[of]} was before", nearest)
+            return Conversion(of, code.value)
+        if of == MASK and code.type == state(Quality):
+            return Operator("<<", Conversion(MASK, ONE), code.value)
+        if isinstance(of, TupleType) and isinstance(code.type, TupleType):
+            kept = self.kept(code).value
+            terms = tuple(Code(kind, Member(kept, name)) for name, kind in code.type.members)
+            return self.made(Many(terms), of, node).value
+        raise self.f.refused(node, f"a {code.type.name} where a {of.name} was before", "one type for each name")
+
+    def present(self, code: Code, node: ast.AST) -> Code:
+        """The value of what may be None: TypeError where it is."""
+        if not isinstance(code.type, OptionalType):
+            return code
+        code = code if is_place(code.value) else self.kept(code)
+        if not self.f.flow.is_proved(code, node):
+            self.f.raises(TypeError, node, negated(has(code.value)))
+        return Code(plain(code.type), inside(code.value))
+
+    def number(self, term: Term, node: ast.AST) -> Code:
+        code = self.present(self.code(term, node), node)
+        code = replace(code, type=plain_number(code.type))
+        if not is_number(code.type):
+            raise self.f.refused(node, "it is not a number")
+        return code
+
+    def truth(self, term: Term, node: ast.AST) -> Value | bool:
+        """A condition; a bool if it is known already."""
+        if isinstance(term, Known):
+            if isinstance(term.value, UnknownText):
+                raise self.f.refused(node, TELLS, "a state of an Enum")
+            if refused_truth(term.value):
+                raise self.f.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
+            return bool(term.value)
+        if isinstance(term, Present):
+            return term.test
+        if isinstance(term, Many):
+            return bool(term.terms)
+        term = replace(term, type=plain_number(term.type))
+        if isinstance(term.type, OptionalType):
+            place = term.value if is_place(term.value) else self.kept(term).value
+            inner = self.truth(Code(term.type.of, inside(place)), node)
+            return has(place) if isinstance(inner, bool) else Operator("&&", has(place), inner)
+        if term.type == BOOL:
+            return term.value
+        if term.type in (REAL, INT, MASK):
+            return differs(term.value)
+        if isinstance(term.type, StateType):
+            if own_methods(term.type.kind, TRUTH):
+                raise self.f.refused(
+                    node, f"{term.type.kind.__name__} decides whether it is true", "`is`, with a state"
+                )
+            if is_bare_enum(term.type.kind):
+                return True
+            zeros = [n for n, each in enumerate(term.type.kind) if not each]
+            return Operator("!=", term.value, Literal(zeros[0], INT)) if zeros else True
+        nearest = "any(), all()" if isinstance(term.type, ArrayType) else ""
+        raise self.f.refused(node, "whether it is true is not known on the controller", nearest)
+
+
+def _widens(one: CType, other: CType) -> bool:
+    """Whether every value of one type is the same as the other."""
+    return one == other or other == REAL or (one == BOOL and other == INT)
+
+
+def _told(value: object) -> str:
+    if value is None:
+        return "None"
+    if isinstance(value, str | Enum):
+        return repr(value)
+    return f"a {type(value).__name__}"

@@ -1,0 +1,55 @@
+"""What a member of an Enum has, where it is computed which one it is: its value, its place in an order, its methods."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from types import FunctionType
+from typing import Any
+
+from umo.generate.c_types import StateType, is_number, plain_number
+from umo.generate.lower.function_builder import FunctionBuilder
+from umo.generate.lower.known_tables import value_of_each
+from umo.generate.lower.terms import Code, Known, Term
+from umo.generate.value_kinds import own_methods
+
+ORDER = "__lt__", "__le__", "__gt__", "__ge__"
+
+
+@dataclass(frozen=True)
+class StateMethod:
+    """A method of a member."""
+
+    function: FunctionType
+    member: Code
+
+
+def value_of_state(f: FunctionBuilder, code: Code, node: ast.AST) -> Code:
+    """`.value`, where the values of all members are numbers of one class."""
+    assert isinstance(code.type, StateType)
+    return value_of_each(f, [each.value for each in code.type.kind], code.value, node)
+
+
+def has_own_value(kind: type[Enum]) -> bool:
+    """Whether a class has another `value` than that of Enum."""
+    return inspect.getattr_static(kind, "value") is not inspect.getattr_static(Enum, "value")
+
+
+def number_of(f: FunctionBuilder, term: Term, node: ast.AST) -> Term | None:
+    """A number, or a member of an IntEnum as its number; None: it is something else."""
+    if isinstance(term, Known):
+        if isinstance(term.value, IntEnum) and _is_ordered(type(term.value)):
+            return Known(int(term.value))
+        return term if type(term.value) in (bool, int, float) else None
+    if not isinstance(term, Code):
+        return None
+    if isinstance(term.type, StateType) and _is_ordered(term.type.kind):
+        return value_of_state(f, term, node)
+    return term if is_number(plain_number(term.type)) else None
+
+
+def _is_ordered(kind: Any) -> bool:
+    """Whether the order of the members is that of their numbers."""
+    return issubclass(kind, IntEnum) and not own_methods(kind, ORDER) and not has_own_value(kind)

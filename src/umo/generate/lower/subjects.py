@@ -1,0 +1,240 @@
+"""What the subjects of the lowering of a function ask of one another."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+from umo.generate.c_types import ArrayType, CType
+from umo.generate.form import Value
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term
+from umo.objects import Vector
+from umo.objects.atomic import Atomic
+
+
+class AskedOfValues(Protocol):
+    """The values of a function."""
+
+    def type_of(self, term: Term) -> CType | None:
+        """The type of what a term is; None: it is no value of a controller."""
+
+    def kept(self, code: Code, what: str = "t") -> Code:
+        """The same value under a name of its own."""
+
+    def copied(self, code: Code) -> Code:
+        """The same value under another name than it has."""
+
+    def literal(self, value: Any, of: CType, node: ast.AST) -> Value: ...
+
+    def settled(self, term: Term) -> Term:
+        """The same, which nothing changes any longer."""
+
+    def code(self, term: Term, node: ast.AST) -> Code:
+        """A term as a value in C."""
+
+    def as_type(self, term: Term, of: CType, node: ast.AST) -> Value:
+        """A term as a value of this type."""
+
+    def present(self, code: Code, node: ast.AST) -> Code:
+        """The value of what may be None: TypeError where it is."""
+
+    def number(self, term: Term, node: ast.AST) -> Code: ...
+
+    def truth(self, term: Term, node: ast.AST) -> Value | bool:
+        """A condition; a bool if it is known already."""
+
+
+class AskedOfAliases(Protocol):
+    """What is known of the arrays of a function."""
+
+    same: dict[str, Value]
+
+    sole: set[Value]
+
+    sole_result: bool
+
+    rebound: list[Value]
+
+    changes: set[Value]
+
+    keeps: bool
+
+    def check_sole(self, place: Code, node: ast.AST) -> None:
+        """That nobody else has this array."""
+
+    def is_sole(self, term: Term) -> bool:
+        """Whether nobody else has an array."""
+
+    def share(self, term: Term) -> None:
+        """Another name is given to an array: neither is changed in place from now on."""
+
+
+class AskedOfTelling(Protocol):
+    """What is left out of a function."""
+
+    def check_told(self, nodes: Sequence[ast.AST]) -> None:
+        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail.
+        umo's own texts are known to be so."""
+
+    def does_nothing(self, node: ast.AST) -> bool:
+        """Whether evaluating an expression only looks at what there is."""
+
+    def is_joined_text(self, node: ast.Call) -> bool:
+        """A method of a text, such as `", ".join(...)`: it gives a text."""
+
+
+class AskedOfExpressions(Protocol):
+    """The part of a function that is expressions."""
+
+    def lower_name(self, node: ast.Name) -> Term: ...
+
+    def place(self, code: Code) -> Code:
+        """The same as something that has members."""
+
+    def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
+        """What has the element, as itself and not as a copy, and its place."""
+
+    def element(self, base: Term, index: Term, node: ast.AST) -> Term:
+        """One element of a tuple, a list or an array, or of what is known."""
+
+    def index(self, of: ArrayType, index: Term, node: ast.AST) -> Value:
+        """A place in an array; IndexError beyond it."""
+
+    def place_in(self, code: Code, length: int, node: ast.AST) -> Value:
+        """A place among so many, counted from the end where it is negative; IndexError beyond them."""
+
+    def of_numbers(
+        self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
+    ) -> Code:
+        """An operator between numbers; between those of numpy nothing is raised."""
+
+    def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
+        """That the result of arithmetic is a float whenever it is a real in C, and exact."""
+
+    def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code: ...
+
+
+class AskedOfArrays(Protocol):
+    """The arrays of a function."""
+
+    def is_array(self, term: Term) -> bool: ...
+
+    def array(self, term: Term, node: ast.AST) -> Code:
+        """An array, or a number; TypeError where it is None."""
+
+    def check_length(self, of: ArrayType, node: ast.AST) -> None:
+        """The length is known."""
+
+    def at(self, code: Code, of: CType, length: int) -> Value:
+        """An element, as this type."""
+
+    def kept_place(self, code: Code) -> Value:
+        """An array as a variable or a field."""
+
+    def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
+        """A loop that sets the elements of an array, those for which the condition holds."""
+
+    def as_array(self, term: Term, of: ArrayType, node: ast.AST) -> Value:
+        """A term as an array of this type."""
+
+    def of_arrays(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Code:
+        """An operator between arrays, or an array and a number."""
+
+    def of(self, code: Code) -> CType:
+        """The type of its elements."""
+
+    def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
+        """An operator before an array."""
+
+    def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code: ...
+
+    def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
+        """A function of numpy with these arguments; None: it has no translation."""
+
+    def listed(self, term: Many, node: ast.AST) -> Code: ...
+
+    def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
+        """One number of an array."""
+
+    def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term: ...
+
+    def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code: ...
+
+    def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
+        """The elements of an array become others: all, or those that a mask chooses."""
+
+
+class AskedOfVectors(Protocol):
+    """The part of a function that reads and writes Vectors."""
+
+    def attribute_of_vector(self, vector: Vector[Any], name: str, node: ast.AST) -> Term: ...
+
+    def method_of_vector(
+        self, vector: Vector[Any], name: str, arguments: list[Term], named: dict[str, Term], node: ast.AST
+    ) -> Term: ...
+
+    def values_of(self, vector: Vector[Any], more: list[Term], named: dict[str, Term], node: ast.AST) -> Code:
+        """`value_of` of a Vector."""
+
+
+class AskedOfAttributes(Protocol):
+    """The part of a function that is attributes."""
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term: ...
+
+    def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
+        """An attribute that is a number is a field; another one is known."""
+
+    def object(self, owner: Atomic, node: ast.AST) -> Value:
+        """The object; a controller samples those that are synchronous."""
+
+    def got_by(self, function: str, *arguments: Value, of: CType) -> Code:
+        """The result of a function of the runtime that may fail."""
+
+
+class AskedOfCalls(Protocol):
+    """The part of a function that is calls and attributes."""
+
+    def parts(self, term: Term, node: ast.AST) -> list[Term]:
+        """The elements of a tuple, or of a list of numbers."""
+
+    def function(
+        self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
+    ) -> Term: ...
+
+
+class AskedOfBuiltins(Protocol):
+    """The part of a function that calls min, max, abs, round, len, any, math ..."""
+
+    def of_python(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        """A function of Python itself, or of math; None: it is another one."""
+
+    def over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
+        """any, all or sum of an expression over objects."""
+
+
+class AskedOfAssignments(Protocol):
+    """The part of a function that is assignments."""
+
+    def store(self, target: ast.AST, term: Term, node: ast.AST) -> None: ...
+
+
+class AskedOfLoops(Protocol):
+    """The loops of a function."""
+
+    @property
+    def around(self) -> Sequence[object]:
+        """The loops around what is being lowered."""
+
+    def elements(self, term: Term, node: ast.AST) -> list[Term]: ...
+
+    def bound_to(self, target: ast.AST, term: Term) -> AbstractContextManager[None]:
+        """The name of a loop stands for one object."""
+
+
+class AskedOfErrors(Protocol):
+    """The errors of a function: raise, try, assert, with."""
+
+    tries: int

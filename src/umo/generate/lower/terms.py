@@ -1,0 +1,75 @@
+"""What an expression is while it is translated: a value of the form, a live object, or several of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from umo.generate.c_types import CType
+from umo.generate.form import Value
+
+
+@dataclass(frozen=True)
+class Code:
+    """A value that the controller computes."""
+
+    type: CType
+    value: Value
+
+
+@dataclass(frozen=True)
+class Elementwise(Code):
+    """An array that is computed element by element: `value` is the one at the place `Here`."""
+
+
+@dataclass(frozen=True)
+class ArrayMethod:
+    """A method of an array."""
+
+    array: Code
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Something that is known when the code is generated."""
+
+    value: Any
+    owner: Any = None
+    """The live object whose attribute it is."""
+    name: str = ""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Known) and other.value is self.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+class UnknownText(str):
+    """A text that is made at run time: a controller has none. It may be the message of an error."""
+
+    __slots__ = ()
+
+
+TEXT = UnknownText()
+
+
+@dataclass(frozen=True)
+class Many:
+    """A tuple of terms."""
+
+    terms: tuple[Term, ...]
+    names: tuple[str, ...] = ()
+    kind: Any = None
+
+
+@dataclass(frozen=True)
+class Present:
+    """Something that is only asked for whether it is None, such as the reason of an inhibition."""
+
+    test: Value
+    """The condition under which it is not None."""
+
+
+Term = Code | Known | Many | Present

@@ -1,0 +1,44 @@
+"""From a connected machine and its control code to C: lowered to the form, looked through, printed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from umo.generate.check.shape import shaped
+from umo.generate.emit import program_text
+from umo.generate.lower.code_world import lowered
+from umo.generate.translation import ControllerTarget, Translation
+from umo.objects import Compound
+
+
+def translate(
+    machine: Compound,
+    conditions: Sequence[Callable[[], Any]],
+    steps: Sequence[Callable[[], Any]],
+    target: ControllerTarget,
+) -> Translation:
+    """The conditions of a machine, which give a bool, and the steps, whose results are left out, in C. `problems`: what
+    does not translate."""
+    program, entry, world = lowered(machine, conditions, steps, target)
+    program = shaped(program)
+    return Translation(
+        header=program_text.header_text(program),
+        members=program_text.members_text(program),
+        source=program_text.source_text(program, target),
+        fault_names=program_text.faults_text(world.faults),
+        init=program_text.begin_text(program, target) if not world.problems else Translation().init,
+        access=program_text.access_text(program),
+        calls=program_text.calls_of(program),
+        entry=entry,
+        faults=world.faults,
+        layout=world.fields.layout(),
+        structs=world.fields.filled,
+        host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
+        kinds=world.kinds,
+        hosts=world.hosts,
+        known=world.known,
+        notes=world.notes,
+        problems=world.problems,
+        on_host=world.on_host,
+    )
