@@ -15,10 +15,10 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal, check_refused
+from helpers.written_programs import Cases, Program, check_equal
 
 CASES = Cases()
-equal, refused = CASES.is_equal, CASES.is_refused
+equal = CASES.is_equal
 
 
 class Pair(NamedTuple):
@@ -155,77 +155,11 @@ class SetterOfAProperty(WithHelper):
         self.k = self.helper.doubled + self.helper.k
 
 
-@refused("computed once")
-class CachedProperty(WithHelper):
-    def control(self) -> None:
-        self.helper.k = self.u
-        self.k = self.helper.once
-
-
-@refused("an attribute of the class Helper is assigned")
-class CounterOfAClass(WithHelper):
-    def control(self) -> None:
-        Helper.made += 1
-        self.c = self.helper.made
-
-
 @equal
 class CounterOfAnObject(WithHelper):
     def control(self) -> None:
         self.helper.made += 1
         self.c = self.helper.made
-
-
-@refused("__setattr__")
-class SetattrOfItsOwn(Program):
-    def begin(self) -> None:
-        self.guarded = Guarded()
-
-    def control(self) -> None:
-        self.guarded.k = self.u
-
-
-@refused("__setattr__, or is frozen")
-class FrozenDataclass(Program):
-    def begin(self) -> None:
-        self.frozen = Frozen()
-
-    def control(self) -> None:
-        self.frozen.k = self.u  # type: ignore[misc]
-
-
-@refused("a descriptor of its own")
-class DescriptorThatIsRead(Program):
-    level = Descriptor()
-
-    def control(self) -> None:
-        self.k = self.level
-
-
-@refused("a descriptor of its own")
-class DescriptorThatIsSet(Program):
-    level = Descriptor()
-
-    def control(self) -> None:
-        self.level = 2.0
-
-
-@refused("__getattribute__")
-class GetattributeOfItsOwn(Program):
-    def begin(self) -> None:
-        self.looked = Looked()
-
-    def control(self) -> None:
-        self.k = self.looked.k
-
-
-@refused("a function that an object has as an attribute")
-class FunctionAsAttribute(Program):
-    def begin(self) -> None:
-        self.curve = lambda number: number * 2.0
-
-    def control(self) -> None:
-        self.k = self.curve(self.u)
 
 
 @equal
@@ -236,36 +170,6 @@ class DecoratedFunction(Program):
 
     def control(self) -> None:
         self.k = self.scaled(self.u)
-
-
-@refused("")
-class CachedFunction(Program):
-    @functools.lru_cache  # noqa: B019
-    def scaled(self, number: float) -> float:
-        return number + self.k
-
-    def control(self) -> None:
-        self.k = self.scaled(1.0)
-
-
-@refused("whose class decides what is equal")
-class ObjectsThatAreCompared(Program):
-    def begin(self) -> None:
-        self.one, self.other = Compared(1.0), Compared(1.0)
-
-    def control(self) -> None:
-        self.one.number = self.u
-        self.c = int(self.one == self.other)
-
-
-@refused("decides whether it is true")
-class ObjectWithTruth(Program):
-    def begin(self) -> None:
-        self.one = Compared(1.0)
-
-    def control(self) -> None:
-        self.one.number = self.u
-        self.c = 1 if self.one else 2
 
 
 @equal
@@ -286,72 +190,7 @@ class RecordsOfWholeNumbers(Program):
         self.c = self.pair.second
 
 
-@refused("")
-class RecordWithItsOwnEqual(Program):
-    def control(self) -> None:
-        one, other = Counted(self.n), Counted(1)
-        self.c = int(one == other)
-
-
-@refused("a tuple is compared with something else")
-class ListThatIsNoTuple(Program):
-    def control(self) -> None:
-        self.c = int([self.n, 1] == (self.n, 1))
-
-
-@refused("what decides what its elements are")
-class SizeOfAnObject(Program):
-    def begin(self) -> None:
-        self.sized = Sized()
-
-    def control(self) -> None:
-        self.sized.size = self.n % 3
-        self.c = len(self.sized)
-
-
-@refused("")
-class ListOfItsOwnClass(Program):
-    def begin(self) -> None:
-        self.row = Sevens([1.0, 2.0])
-
-    def control(self) -> None:
-        self.row[0] = self.u
-        self.k = self.row[0] * 1.0
-
-
 # Several names for one thing ----------------------------------------------------------------------------------------
-
-
-@refused("may have another name")
-class OneListAtTwoPlaces(Program):
-    def begin(self) -> None:
-        self.one = [0.0, 0.0]
-        self.two = self.one
-
-    def control(self) -> None:
-        self.one[0] = self.u
-        self.k = self.two[0]
-
-
-@refused("may have another name")
-class OneListOfAClass(Program):
-    def begin(self) -> None:
-        self.p, self.q = Helper(), Helper()
-
-    def control(self) -> None:
-        self.p.shared[0] = self.u
-        self.k = self.q.shared[0]
-
-
-@refused("may have another name")
-class ViewOfAnArray(Program):
-    def begin(self) -> None:
-        self.row = np.zeros(4)
-        self.head = self.row[:2]
-
-    def control(self) -> None:
-        self.row[1] = self.u
-        self.k = float(self.head[1])
 
 
 @equal
@@ -364,22 +203,6 @@ class RowsOfAnArray(Program):
         self.k = float(self.one[1] + self.two[1])
 
 
-@refused("changes an array that it has under another name")
-class ArgumentThatIsChanged(Program):
-    def begin(self) -> None:
-        self.row = [1.0, 2.0]
-
-    def bump(self) -> None:
-        self.row[0] += 1.0
-
-    def first(self, row: list[float]) -> float:
-        self.bump()
-        return row[0]
-
-    def control(self) -> None:
-        self.k = self.first(self.row)
-
-
 @equal
 class ObjectAtTwoPlaces(Program):
     def begin(self) -> None:
@@ -389,62 +212,6 @@ class ObjectAtTwoPlaces(Program):
     def control(self) -> None:
         self.p.k += self.u
         self.k = self.q.k
-
-
-@refused("is changed")
-class ConstantArrayIsChanged(Program):
-    def begin(self) -> None:
-        self.GAINS = np.ones(3)
-
-    def control(self) -> None:
-        self.GAINS += self.u
-        self.k = float(self.GAINS[0])
-
-
-@refused("may have another name")
-class ListOfAModule(Program):
-    def begin(self) -> None:
-        self.row = ROW
-
-    def control(self) -> None:
-        self.row[0] = self.u
-        self.k = ROW[0] * 1.0
-
-
-@refused("may have another name")
-class ArrayInAList(Program):
-    def begin(self) -> None:
-        self.one, self.other = np.zeros(2), np.ones(2)
-        self.both = [self.one, self.other]
-
-    def control(self) -> None:
-        self.one[0] = self.u
-        for each in self.both:
-            self.k += float(each[0])
-
-
-@refused("may have another name")
-class ListInATuple(Program):
-    def begin(self) -> None:
-        self.row = [1.0, 2.0]
-        self.both = (self.row, 2.0)
-
-    def control(self) -> None:
-        self.row[0] = self.u
-        self.k = self.both[0][0] * 1.0
-
-
-@refused("may have another name")
-class ListThatIsReturned(Program):
-    def begin(self) -> None:
-        self.row = [1.0, 2.0]
-
-    def found(self) -> list[float]:
-        return self.row
-
-    def control(self) -> None:
-        self.found()[0] = self.u
-        self.k = self.row[0] * 1.0
 
 
 @equal
@@ -465,9 +232,3 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
 @pytest.mark.parametrize("kind", CASES.equal)
 def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
     check_equal(results[kind])
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.refused)
-def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
-    check_refused(results[kind], CASES.refused[kind], __file__)

@@ -5,7 +5,6 @@ period, or it is refused with its file and line. Beside it stands its nearest ne
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +12,10 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal, check_refused
+from helpers.written_programs import Cases, Program, check_equal
 
 CASES = Cases()
-equal, refused = CASES.is_equal, CASES.is_refused
+equal = CASES.is_equal
 
 ONES = np.ones(3)
 
@@ -60,16 +59,6 @@ class WithHelper(Program):
         self.helper = Helper()
 
 
-@refused("run twice")
-class ObjectIsFoundOnce(WithHelper):
-    def found(self) -> Helper:
-        self.c += 1
-        return self.helper
-
-    def control(self) -> None:
-        self.found().k += 1.0
-
-
 @equal
 class TupleBeforeACall(Program):
     def begin(self) -> None:
@@ -99,30 +88,6 @@ class ElementsOfATupleStay(Program):
         return number > 3.0
 
 
-@refused("is assigned in it")
-class LoopOverWhatIsRebound(Program):
-    def control(self) -> None:
-        values = np.zeros(3) + self.u
-        for each in values:
-            self.k += float(each)
-            values = ONES * 10.0
-        self.k += float(values[0])
-
-
-@refused("is assigned in it")
-class LoopOverAFieldThatIsRebound(Program):
-    def begin(self) -> None:
-        self.row = np.ones(3)
-
-    def replace(self) -> None:
-        self.row = ONES * 10.0
-
-    def control(self) -> None:
-        for each in self.row:
-            self.k += float(each)
-            self.replace()
-
-
 @equal
 class LoopOverWhatIsChanged(WithNext):
     def control(self) -> None:
@@ -147,41 +112,6 @@ class FilterOfAGenerator(Program):
     def control(self) -> None:
         self.c = any(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0 if each > 1.0)
         self.yes = all(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0)
-
-
-@refused("before it has a value on every way")
-class NameAfterALoopOfNoTurns(Program):
-    def control(self) -> None:
-        for i in range(self.n % 4):
-            last = i
-        self.c = last
-
-
-@refused("before it has a value on every way")
-class NameAfterAWhileOfNoTurns(Program):
-    def control(self) -> None:
-        i = self.n % 4
-        while i > 0:
-            last = i
-            i -= 1
-        self.c = last
-
-
-@refused("before it has a value on every way")
-class NameOfAConditionThatIsNotAsked(Program):
-    def control(self) -> None:
-        if self.u > 1.0 and (more := self.u - 1.0) > 2.0:
-            self.k = 1.0
-        self.k += more
-
-
-@refused("before it has a value on every way")
-class NameInFinally(Program):
-    def control(self) -> None:
-        try:
-            found = 1.0 / self.u
-        finally:
-            self.k = found
 
 
 @equal
@@ -211,24 +141,6 @@ class LettersBeyondAscii(Program):
     def control(self) -> None:
         grün, grön = self.u, 2.0
         self.k = grün + 10.0 * grön
-
-
-@refused("not the name of a field in C")
-class FieldBeyondAscii(Program):
-    def begin(self) -> None:
-        self.grün, self.grön = 1.0, 2.0
-
-    def control(self) -> None:
-        self.k = self.grün + self.grön
-
-
-@refused("not the name of a field in C")
-class FieldNamedAsAWordOfC(Program):
-    def begin(self) -> None:
-        self.register = 1.0
-
-    def control(self) -> None:
-        self.register = self.u
 
 
 def sin(number: float) -> float:
@@ -335,107 +247,11 @@ class SeveralHandlers(Program):
         self.k = best + 1.0
 
 
-@refused("outside of `except`")
-class RaiseInAFunctionThatAHandlerCalls(Program):
-    def again(self) -> None:
-        raise
-
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-        except ZeroDivisionError:
-            self.again()
-
-
-@refused("a call in a text")
-class MessageThatChangesSomething(Program):
-    def bump(self) -> float:
-        self.k += 1.0
-        return self.k
-
-    def control(self) -> None:
-        with suppress(ValueError):
-            if self.u > 1.0:
-                raise ValueError(f"{self.bump()}")
-
-
-@refused("a call in a text")
-class PrintThatChangesSomething(Program):
-    def bump(self) -> float:
-        self.k += 1.0
-        return self.k
-
-    def control(self) -> None:
-        print(self.bump())
-
-
-@refused("that may fail")
-class MessageThatFails(Program):
-    def begin(self) -> None:
-        self.row = [1.0, 2.0]
-
-    def control(self) -> None:
-        if self.u > 1.0:
-            raise ValueError(f"{self.row[self.n]}")
-
-
-@refused("that may fail")
-class FormatThatFails(Program):
-    def control(self) -> None:
-        print(f"{self.maybe:.2f}")
-
-
 @equal
 class MessagesOfNumbers(Program):
     def control(self) -> None:
         if self.u > 1.0:
             raise ValueError(f"{self.u:.2f} V, {self.n:5d}, {self.maybe}, {self.fan.pending!r}", str(self.c))
-
-
-@refused("runs code when it is made")
-class ErrorThatRunsCode(Program):
-    def control(self) -> None:
-        if self.u > 1.0:
-            raise Loud(1)
-
-
-@refused("a text that is made at run time")
-class ClassOfACaughtError(Program):
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-        except ArithmeticError as error:
-            self.c = 1 if isinstance(error, ZeroDivisionError) else 2
-
-
-@refused("a text that is made at run time")
-class TypeOfACaughtError(Program):
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-        except ArithmeticError as error:
-            self.c = 1 if type(error) is ZeroDivisionError else 2
-
-
-@refused("a text that is made at run time")
-class AttributeOfACaughtError(Program):
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-        except ArithmeticError as error:
-            self.c = 1 if error.__class__ is ZeroDivisionError or hasattr(error, "args") else 2
-
-
-@refused("a text that is made at run time")
-class CaughtErrorAsAnArgument(Program):
-    def its_class(self, error: Exception) -> int:
-        return 1 if isinstance(error, ZeroDivisionError) else 2
-
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-        except ArithmeticError as error:
-            self.c = self.its_class(error)
 
 
 @equal
@@ -445,39 +261,6 @@ class MessageOfACaughtError(Program):
             self.k = 1.0 / self.u
         except ArithmeticError as error:
             raise ValueError(f"no quotient: {error}") from error
-
-
-@refused("a text that is made at run time")
-class TextAfterNone(Program):
-    def begin(self) -> None:
-        self.note: str | None = None
-
-    def control(self) -> None:
-        self.a.write(1.0 if self.note is None else 2.0)
-        self.note = "x"
-
-
-@refused("a text that is made at run time")
-class TextThatIsSetAfterItIsRead(Program):
-    def begin(self) -> None:
-        self.note = ""
-
-    def marks(self) -> None:
-        self.note = "seen"
-
-    def control(self) -> None:
-        self.a.write(1.0 if self.note == "" else 2.0)
-        self.marks()
-
-
-@refused("a text that is made at run time")
-class TextThatMayBeAnother(Program):
-    def begin(self) -> None:
-        self.note = ""
-
-    def control(self) -> None:
-        self.a.write(1.0 if isinstance(self.note, str) and self.note in ("seen",) else 2.0)
-        self.note = "seen"
 
 
 @equal
@@ -491,20 +274,6 @@ class TextThatOnlyTells(Program):
         self.note = "seen"
 
 
-@refused("an object is returned, and elsewhere a number")
-class ObjectOrNumber(Program):
-    def begin(self) -> None:
-        self.helper = Helper()
-
-    def found(self) -> Any:
-        if self.u > 1.0:
-            return self.helper
-        return 1.0
-
-    def control(self) -> None:
-        self.yes = self.found() == 1.0
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
     return CASES.played(tmp_path_factory.mktemp("c"))
@@ -514,9 +283,3 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
 @pytest.mark.parametrize("kind", CASES.equal)
 def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
     check_equal(results[kind])
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.refused)
-def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
-    check_refused(results[kind], CASES.refused[kind], __file__)

@@ -13,11 +13,11 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal, check_refused
+from helpers.written_programs import Cases, Program, check_equal
 from umo.states import OnOff, PassFail
 
 CASES = Cases()
-equal, refused = CASES.is_equal, CASES.is_refused
+equal = CASES.is_equal
 
 
 class Side(Enum):
@@ -67,16 +67,6 @@ class Pair(NamedTuple):
 # Numbers, lists and arrays ------------------------------------------------------------------------------------------
 
 
-@refused("a real number where a whole number was before")
-class RealInAListOfWholeNumbers(Program):
-    def begin(self) -> None:
-        self.row = [1, 2, 3]
-
-    def control(self) -> None:
-        self.row[1] = self.u  # type: ignore[call-overload]
-        self.a.write(self.row[1])
-
-
 @equal
 class RealInAListOfReals(Program):
     def begin(self) -> None:
@@ -86,16 +76,6 @@ class RealInAListOfReals(Program):
         self.row[1] = self.u
         self.row[2] = self.n
         self.k = self.row[1] + self.row[2]
-
-
-@refused("a whole number where a bool was before")
-class WholeNumberInAListOfBools(Program):
-    def begin(self) -> None:
-        self.marks = [True, False]
-
-    def control(self) -> None:
-        self.marks[0] = self.n  # type: ignore[call-overload]
-        self.c = self.marks[0] + 1
 
 
 @equal
@@ -110,108 +90,16 @@ class BoolsInLists(Program):
         self.c = sum(self.marks) + self.counts[0] + -self.marks[0]
 
 
-@refused("")
-class BoolsAndNumbersInAList(Program):
-    def begin(self) -> None:
-        self.row = [True, 2]
-
-    def control(self) -> None:
-        self.row[0] = self.n
-        self.a.write(self.row[0])
-
-
-@refused("a whole number at one time and a float at another")
-class NegativeOfWholeOrReal(Program):
-    def control(self) -> None:
-        self.k = -max(0, self.u)
-
-
 @equal
 class NegativeOfReal(Program):
     def control(self) -> None:
         self.k = -max(0.0, self.u)
 
 
-@refused("a whole number at one time and a float at another")
-class ProductOfWholeOrReal(Program):
-    def control(self) -> None:
-        best = 0
-        if self.u > 1.0:
-            best = self.u
-        self.k = best * self.n
-
-
-@refused("a whole number where a tuple has a real one")
-class WholeNumberInATuple(Program):
-    def begin(self) -> None:
-        self.pair = Pair(0.0, 0.0)
-
-    def control(self) -> None:
-        self.pair = Pair(self.n, self.u)
-        self.k = -self.pair.first
-
-
-@refused("")
-class SmallIntegers(Program):
-    def begin(self) -> None:
-        self.row = np.zeros(3, np.int8)
-
-    def control(self) -> None:
-        self.row = self.row + 100
-        self.k = float(self.row[0])
-
-
-@refused("")
-class SmallReals(Program):
-    def begin(self) -> None:
-        self.row = np.zeros(3, np.float32)
-
-    def control(self) -> None:
-        self.row = self.row + 0.1
-        self.k = float(self.row[0])
-
-
-@refused("does not fit 32 bits")
-class LargeNumber(Program):
-    def begin(self) -> None:
-        self.large = 10**12
-
-    def control(self) -> None:
-        self.k = self.large * 1.0
-
-
-@refused("does not fit 32 bits")
-class LargeNumberInAList(Program):
-    def begin(self) -> None:
-        self.row = [1, 2**40]
-
-    def control(self) -> None:
-        self.k = self.row[1] * 1.0
-
-
-@refused("the class of a value")
-class ClassOfANumberThatBecomesReal(Program):
-    def begin(self) -> None:
-        self.v = 0
-
-    def control(self) -> None:
-        self.k = 1.0 if isinstance(self.v, float) else 2.0
-        self.v = self.v + 0.5  # type: ignore[assignment]
-
-
 @equal
 class ClassOfANumber(Program):
     def control(self) -> None:
         self.k = 1.0 if isinstance(self.u, float) and isinstance(self.n, (int, float)) else 2.0
-
-
-@refused("of which one is of numpy")
-class BoolsOfNumpyAreAdded(Program):
-    def begin(self) -> None:
-        self.marks = np.array([True, True])
-
-    def control(self) -> None:
-        self.c = int(self.marks[0] + self.marks[1])
 
 
 @equal
@@ -225,54 +113,6 @@ class NumbersOfNumpy(Program):
         self.k = float(abs(self.row[0]) / max(self.row[1], -self.row[0]) + self.row[0] / self.row[1])
 
 
-@refused("of which one is of numpy")
-class ComparisonsOfNumpyAreAdded(Program):
-    def begin(self) -> None:
-        self.row = np.array([1.0, 2.0])
-
-    def control(self) -> None:
-        within = 0.0 < self.row[0] < self.u
-        self.c = int(within + within)
-
-
-@refused("a number of numpy in a list")
-class NumberOfNumpyInAList(Program):
-    def begin(self) -> None:
-        self.row, self.array = [1.0, 2.0], np.ones(2)
-
-    def control(self) -> None:
-        self.row[0] = self.array[0]
-        self.k = float(self.row[0] / 0.0)
-
-
-@refused("float(...)")
-class NumberOfNumpyInATuple(Program):
-    def begin(self) -> None:
-        self.array = np.ones(2)
-
-    def control(self) -> None:
-        pair = Pair(self.array[0], self.u)
-        self.k = float(pair.first / 0.0)
-
-
-@refused("float(...)")
-class SumOfNumbersOfNumpy(Program):
-    def begin(self) -> None:
-        self.array = np.ones(2)
-
-    def control(self) -> None:
-        self.k = float(sum(self.array) // 0.0)
-
-
-@refused("float(...)")
-class NumberOfElements(Program):
-    def begin(self) -> None:
-        self.array = np.ones(2)
-
-    def control(self) -> None:
-        self.c = int(np.count_nonzero(self.array) // (self.c * 0))
-
-
 # Ends of numbers ----------------------------------------------------------------------------------------------------
 
 
@@ -283,13 +123,6 @@ class RangeToTheEnd(Program):
             self.c = i
         for i in range(-(2**31) + 8, -(2**31) + 2, -5):
             self.k += i * 1.0
-
-
-@refused("a real number where a whole number was before")
-class RangeOfReals(Program):
-    def control(self) -> None:
-        for _ in range(self.u):  # type: ignore[call-overload]
-            self.c += 1
 
 
 @equal
@@ -361,12 +194,6 @@ class NumberThatIsNotNone(Program):
 class NumberAmongNone(Program):
     def control(self) -> None:
         self.c = (self.maybe in (None, 1.5)) + 2 * (self.maybe not in (3.0, -1.0))
-
-
-@refused("a NaN that is the same object")
-class NanAmong(Program):
-    def control(self) -> None:
-        self.c = int(self.u in (self.u, 1.0))
 
 
 @equal
@@ -450,26 +277,6 @@ class NoneIsWritten(Program):
         self.a.write(self.maybe)  # type: ignore[arg-type]
 
 
-@refused("is not a number or a state")
-class StateWithItsOwnEqual(Program):
-    def begin(self) -> None:
-        self.odd = Odd.ONE
-
-    def control(self) -> None:
-        self.odd = Odd.TWO if self.u > 1.0 else Odd.ONE
-        self.c = int(self.odd == Odd.ONE)
-
-
-@refused("whether it is true")
-class TruthOfAState(Program):
-    def begin(self) -> None:
-        self.state = OnOff.ON
-
-    def control(self) -> None:
-        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
-        self.c = 1 if self.state else 2
-
-
 @equal
 class TruthOfALevel(Program):
     def begin(self) -> None:
@@ -499,43 +306,6 @@ class LevelThatIsANumber(Program):
         self.c = int(self.level == 1)
 
 
-@refused("a comparison with another type, which Python refuses")
-class StateAndStateOfAnotherType(Program):
-    def begin(self) -> None:
-        self.state, self.other = OnOff.ON, PassFail.PASS
-
-    def control(self) -> None:
-        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
-        self.other = PassFail.PASS if self.u > 2.0 else PassFail.FAIL
-        self.c = int(self.state == self.other)
-
-
-@refused("a comparison with another type, which Python refuses")
-class StateAndNumber(Program):
-    def begin(self) -> None:
-        self.state = OnOff.ON
-
-    def control(self) -> None:
-        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
-        self.c = int(self.state != 1)
-
-
-@refused("a comparison with another type, which Python refuses")
-class StateAmongTexts(Program):
-    def begin(self) -> None:
-        self.state = OnOff.ON
-
-    def control(self) -> None:
-        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
-        self.c = int(self.state in ("on", "off"))
-
-
-@refused("a comparison with another type, which Python refuses")
-class ObjectAndNumber(Program):
-    def control(self) -> None:
-        self.c = int(self.a == 1)  # type: ignore[comparison-overlap]
-
-
 @equal
 class StatesOfOneType(Program):
     def begin(self) -> None:
@@ -560,75 +330,10 @@ class StatesInTuples(Program):
 # A bool is no number for an object ----------------------------------------------------------------------------------
 
 
-@refused("it may be a bool")
-class BoolThenNumber(Program):
-    def control(self) -> None:
-        k: float = True
-        if self.u > 1.0:
-            k = 2.0
-        self.a.write(k)
-
-
-@refused("it may be a bool")
-class FieldThatIsABoolThenANumber(Program):
-    def control(self) -> None:
-        self.c = self.u > 1.0
-        self.a.write(self.c)
-
-
-@refused("it may be a bool")
-class OneOrTrue(Program):
-    def control(self) -> None:
-        self.a.write(1 if self.u > 1.0 else True)
-
-
-@refused("it may be a bool")
-class NumberOrFalse(Program):
-    def control(self) -> None:
-        self.a.write(self.u or False)
-
-
-@refused("it may be a bool")
-class ExtremeOfABoolAndANumber(Program):
-    def control(self) -> None:
-        self.a.write(max(True, self.u))
-
-
 @equal
 class ExtremeOfBools(Program):
     def control(self) -> None:
         self.a.write(min(self.u > 1.0, self.n > 1))
-
-
-@refused("it may be a bool")
-class ResultThatIsABoolOrANumber(Program):
-    def given(self) -> float:
-        if self.u > 1.0:
-            return 2.0
-        return True
-
-    def control(self) -> None:
-        self.a.write(self.given())
-
-
-@refused("a bool in a list of numbers")
-class BoolInAListOfNumbers(Program):
-    def begin(self) -> None:
-        self.counts = [0, 0]
-
-    def control(self) -> None:
-        self.counts[0] = self.u > 2.0
-        self.a.write(self.counts[0])
-
-
-@refused("a bool where a tuple has a whole number")
-class BoolInATuple(Program):
-    def begin(self) -> None:
-        self.two = Numbers(0, 1)
-
-    def control(self) -> None:
-        self.two = Numbers(self.u > 2.0, 1)
-        self.a.write(self.two[0])
 
 
 @equal
@@ -673,9 +378,3 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
 @pytest.mark.parametrize("kind", CASES.equal)
 def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
     check_equal(results[kind])
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.refused)
-def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
-    check_refused(results[kind], CASES.refused[kind], __file__)

@@ -13,10 +13,10 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played, played
-from helpers.written_programs import GIVEN, Cases, Program, check_refused
+from helpers.written_programs import GIVEN, Cases, Program
 
 CASES = Cases()
-equal, refused = CASES.is_equal, CASES.is_refused
+equal = CASES.is_equal
 WHOLE = [0, 1, -1, 2, -2, 3, 5, 7, 31, 32, 33, -31, 46340, 46341, -46341, 2**15, 2**30, 2**31 - 1, -(2**31) + 1]
 REAL = [
     0.0, -0.0, 1.0, -1.0, 0.5, 2.5, -2.5, 1.5, 0.125, 2.675, 1.005, 1e-9, 5e-324, -5e-324, 1e16, 1e300, -1e300, 1.7e308,
@@ -71,13 +71,6 @@ class BoolsOrNumbers(Numbers):
     def control(self) -> None:
         one = self.n > 3 if self.i > 0 else self.n
         self.c = (one & 3) + (one ^ self.i)
-
-
-@refused("a bool, which is written to no number")
-class PerhapsABoolIsWritten(Numbers):
-    def control(self) -> None:
-        one = self.n > 3 if self.i > 0 else self.n
-        self.a.write(one & (self.n > 2))
 
 
 @equal
@@ -137,30 +130,6 @@ class KnownShiftBelowZero(Numbers):
             self.c = 4 << -1
 
 
-@refused("with something else than whole numbers")
-class BitsOfAReal(Numbers):
-    def control(self) -> None:
-        self.c = self.n & self.u  # type: ignore[operator]
-
-
-@refused("with something else than whole numbers")
-class InvertedReal(Numbers):
-    def control(self) -> None:
-        self.c = ~self.u  # type: ignore[operator]
-
-
-@refused("with something else than whole numbers")
-class KnownBitsOfAReal(Numbers):
-    def control(self) -> None:
-        self.c = self.n + (3 & 1.5)  # type: ignore[operator]
-
-
-@refused("a shift by 100000")
-class LongShift(Numbers):
-    def control(self) -> None:
-        self.c = 1 << 100000
-
-
 # Powers ----------------------------------------------------------------------------------------------------
 
 
@@ -190,12 +159,6 @@ class RealPowers(Numbers):
 class PowersBelowZero(Numbers):
     def control(self) -> None:
         self.k = self.i**-2
-
-
-@refused("arithmetic of whole numbers")
-class PowerThatIsNotKnown(Numbers):
-    def control(self) -> None:
-        self.c = self.n**self.i
 
 
 # Functions of math -----------------------------------------------------------------------------------------
@@ -244,21 +207,9 @@ class Digits(Numbers):
         self.c = round(self.n, 2)
 
 
-@refused("a number of digits that is not known")
-class DigitsThatAreNotKnown(Numbers):
-    def control(self) -> None:
-        self.k = round(self.u, self.n)
-
-
-@refused("a whole number at one time and a float at another")
-class DigitsOfWhatMayBeWhole(Numbers):
-    def control(self) -> None:
-        self.k = round(max(0, self.u), 1) * 1.0
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
-    kinds, inputs = [*CASES.equal, *CASES.refused], list(trials())
+    kinds, inputs = CASES.equal, list(trials())
     return dict(zip(kinds, played(kinds, lambda _: inputs, tmp_path_factory.mktemp("c")), strict=True))
 
 
@@ -268,9 +219,3 @@ def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
     found = results[kind]
     assert (found.outcome, found.reasons, found.difference) == ("equal", (), None)
     assert found.limits < found.periods / 2
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.refused)
-def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
-    check_refused(results[kind], CASES.refused[kind], __file__)

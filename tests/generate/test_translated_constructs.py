@@ -9,10 +9,10 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal, check_refused
+from helpers.written_programs import Cases, Program, check_equal
 
 CASES = Cases()
-equal, refused = CASES.is_equal, CASES.is_refused
+equal = CASES.is_equal
 
 
 class Side(Enum):
@@ -72,12 +72,6 @@ class IsTrue(Program):
         self.flag = None if self.n > 3 else hot
 
 
-@refused("`is` of numbers")
-class IsTrueOfANumber(Program):
-    def control(self) -> None:
-        self.yes = self.n is True
-
-
 # Enums -----------------------------------------------------------------------------------------------------
 
 
@@ -105,26 +99,6 @@ class OrderOfMembers(Program):
         self.yes = self.level > Level.MORE
         self.c = (self.level >= 2) + 2 * (self.level == 5) + 4 * (self.level < self.u) + 8 * (self.other <= self.level)
         self.c += 16 * (self.level < Level.SOME)
-
-
-@refused("by order")
-class OrderOfItsOwn(Program):
-    def begin(self) -> None:
-        self.falling = Falling.ONE
-
-    def control(self) -> None:
-        self.falling = Falling.TWO if self.u > 1.0 else Falling.ONE
-        self.yes = self.falling < Falling.TWO
-
-
-@refused("the attribute 'name' of a state")
-class NameOfAMember(Program):
-    def begin(self) -> None:
-        self.side = Side.LEFT
-
-    def control(self) -> None:
-        self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
-        self.yes = self.side.name == "LEFT"
 
 
 # Names -----------------------------------------------------------------------------------------------------
@@ -210,17 +184,6 @@ class ElseThatLeaves(Program):
         self.c += 100
 
 
-@refused("it is used before it has a value on every way")
-class NameOfAnElse(Program):
-    def control(self) -> None:
-        for i in range(3):
-            if i > self.n:
-                break
-        else:
-            found = 1.0
-        self.k = found
-
-
 # Tables ----------------------------------------------------------------------------------------------------
 
 
@@ -252,34 +215,10 @@ class KnownPlaceBeyondTheEnd(Program):
             self.k = (self.u, 2.0)[-3]
 
 
-@refused("the place changes what has the element")
-class PlaceThatChangesTheValues(Program):
-    """Python has the values before it computes the place."""
-
-    def changes(self) -> int:
-        self.k = 7.0
-        return self.n % 2
-
-    def control(self) -> None:
-        self.a.write((self.k, self.u, 0.0)[self.changes()])
-
-
 @equal
 class TableWithABool(Program):
     def control(self) -> None:
         self.k = GAINS[self.u > 1.0] if GAINS[self.n % 3] > 0.0 else 7.0
-
-
-@refused("values are not numbers, states or tuples of one class")
-class TableOfSeveralClasses(Program):
-    def control(self) -> None:
-        self.k = MIXED[self.n % 2] * 1.0
-
-
-@refused("a place in a table is a whole number")
-class TableAtARealPlace(Program):
-    def control(self) -> None:
-        self.k = GAINS[self.u]  # type: ignore[index]
 
 
 @equal
@@ -308,12 +247,6 @@ class DictWithoutTheKey(Program):
         self.c += STEPS[self.n]
 
 
-@refused("not of the class of all its keys")
-class DictByAReal(Program):
-    def control(self) -> None:
-        self.c = STEPS[self.u]  # type: ignore[index]
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
     return CASES.played(tmp_path_factory.mktemp("c"))
@@ -323,9 +256,3 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
 @pytest.mark.parametrize("kind", CASES.equal)
 def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
     check_equal(results[kind])
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.refused)
-def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
-    check_refused(results[kind], CASES.refused[kind], __file__)

@@ -152,11 +152,10 @@ class CodeWorld:
 
     def invoke(self, caller: Any, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
         """A call of a function: its result. The function is translated if it is not yet."""
-        hints = source.function.__annotations__
         given: dict[str, CType | Known] = {}
         arguments: list[Value] = []
         for name, term in terms.items():
-            of = self._parameter(caller, source.function, name, term, hints)
+            of = self._parameter(caller, source.function, name, term, node)
             given[name] = of
             if not isinstance(of, Known):
                 arguments.append(caller.values.as_type(term, of, node))
@@ -180,9 +179,9 @@ class CodeWorld:
         return Code(found.result, result)
 
     def _parameter(
-        self, caller: FunctionBuilder, function: FunctionType, name: str, term: Term, hints: Mapping[str, Any]
+        self, caller: FunctionBuilder, function: FunctionType, name: str, term: Term, node: ast.AST
     ) -> CType | Known:
-        hinted = _hinted_parameter(function, name) if name in hints else None
+        hinted = _hinted_parameter(function, name) if name in function.__annotations__ else None
         if isinstance(term, Known):
             self._kept.append(term.value)
             if isinstance(hinted, OptionalType) and term.value is None:
@@ -200,7 +199,7 @@ class CodeWorld:
                 return of
         if isinstance(term, Code):
             return self._as_hinted(term.type, hinted)
-        raise NoTranslation(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
+        raise NoTranslation(node, f"the argument {name!r} is no value of a controller")
 
     @staticmethod
     def _as_hinted(of: CType, hinted: CType | None) -> CType:

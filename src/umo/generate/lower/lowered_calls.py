@@ -180,8 +180,8 @@ class LoweredCalls(LoweredSubject):
 
     def _of_super(self, node: ast.Call) -> Term:
         assert isinstance(node.func, ast.Attribute)
-        first = self.f.source.tree.args.args[0].arg
-        me, kind = self.f.flow.names.get(first), self.f.source.meaning("__class__")
+        me = next((self.f.flow.names.get(each.arg) for each in self.f.source.tree.args.args), None)
+        kind = self.f.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
             raise self.f.refused(node, "super() outside of a method")
         self.f.takes(type(me.value), node.func.attr, node)

@@ -1,0 +1,21 @@
+"""Array and none."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class ArrayAndNone(Program):
+    def begin(self) -> None:
+        self.x3, self.y2, self.i3, self.b3 = (
+            np.zeros(3),
+            np.zeros(2),
+            np.zeros(3, dtype=np.int64),
+            np.zeros(3, dtype=np.bool_),
+        )
+
+    def control(self) -> None:
+        # refused: an array is compared with None; is None
+        self.yes = bool(self.x3 == None)  # noqa: E711

@@ -1,0 +1,18 @@
+"""Array that may have one element."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class ArrayThatMayHaveOneElement(Program):
+    def begin(self) -> None:
+        self.one = np.zeros(1)
+        self.more = np.zeros(3)
+
+    def control(self) -> None:
+        # refused: it may have one element in Python, or more; np.zeros(n), np.full(n, ...)
+        self.k = float(len(self.one))
+        self.one = self.one + self.more

@@ -1,0 +1,14 @@
+"""Attribute becomes an object."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class AttributeBecomesAnObject(Program):
+    def begin(self) -> None:
+        self.which = self.a
+
+    def control(self) -> None:
+        # refused: self.which is no number or state; numbers, states, tuples of them
+        self.which = self.b

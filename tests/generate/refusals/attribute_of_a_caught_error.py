@@ -1,0 +1,14 @@
+"""Attribute of a caught error."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class AttributeOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            # refused: a text that is made at run time; a state of an Enum
+            self.c = 1 if error.__class__ is ZeroDivisionError or hasattr(error, "args") else 2

@@ -1,0 +1,15 @@
+"""Bools and numbers in a list."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class BoolsAndNumbersInAList(Program):
+    def begin(self) -> None:
+        self.row = [True, 2]
+
+    def control(self) -> None:
+        # refused: an element of something that is not a list of numbers
+        self.row[0] = self.n
+        self.a.write(self.row[0])

@@ -1,0 +1,16 @@
+"""Bools of numpy are added."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class BoolsOfNumpyAreAdded(Program):
+    def begin(self) -> None:
+        self.marks = np.array([True, True])
+
+    def control(self) -> None:
+        # refused: arithmetic of bools, of which one is of numpy; int(...), and, or
+        self.c = int(self.marks[0] + self.marks[1])

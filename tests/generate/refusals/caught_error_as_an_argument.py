@@ -1,0 +1,17 @@
+"""Caught error as an argument."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class CaughtErrorAsAnArgument(Program):
+    def its_class(self, error: Exception) -> int:
+        # refused: a text that is made at run time; a state of an Enum
+        return 1 if isinstance(error, ZeroDivisionError) else 2
+
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            self.c = self.its_class(error)

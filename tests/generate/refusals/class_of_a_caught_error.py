@@ -1,0 +1,14 @@
+"""Class of a caught error."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ClassOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            # refused: a text that is made at run time; a state of an Enum
+            self.c = 1 if isinstance(error, ZeroDivisionError) else 2

@@ -1,0 +1,11 @@
+"""Complex number."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ComplexNumber(Program):
+    def control(self) -> None:
+        # refused: a complex has no C; numbers, states, bools, None
+        self.k = abs(1j * self.u)

@@ -1,0 +1,17 @@
+"""Context of its own."""
+
+from __future__ import annotations
+
+import threading
+
+from helpers.written_programs import Program
+
+
+class ContextOfItsOwn(Program):
+    def begin(self) -> None:
+        self.lock = threading.Lock()
+
+    def control(self) -> None:
+        # refused: `with` does not translate; with suppress(...)
+        with self.lock:
+            self.k = 1.0

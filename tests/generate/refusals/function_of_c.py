@@ -1,0 +1,13 @@
+"""Function of c."""
+
+from __future__ import annotations
+
+import math
+
+from helpers.written_programs import Program
+
+
+class FunctionOfC(Program):
+    def control(self) -> None:
+        # refused: math.gamma has no translation; functions of Python code, math
+        self.k = math.gamma(self.u)

@@ -1,0 +1,18 @@
+"""Generator over a list that a call changes."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class GeneratorOverAListThatACallChanges(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def next(self):
+        self.row[1] = self.u
+        return self.u
+
+    def control(self) -> None:
+        # refused: code that may change what a generator goes through; a loop
+        self.yes = any(self.next() > each for each in self.row)

@@ -1,0 +1,11 @@
+"""Is true of a number."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class IsTrueOfANumber(Program):
+    def control(self) -> None:
+        # refused: `is` of numbers; ==
+        self.yes = self.n is True

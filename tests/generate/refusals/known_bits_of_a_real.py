@@ -1,0 +1,18 @@
+"""Known bits of a real."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class Numbers(Program):
+    """`u` and `v` are floats, `n` and `i` whole numbers."""
+
+    def begin(self) -> None:
+        self.v, self.i, self.flag, self.r, self.s, self.on = 0.0, 0, False, 0.0, 0.0, False
+
+
+class KnownBitsOfAReal(Numbers):
+    def control(self) -> None:
+        # refused: an operator of bits with something else than whole numbers; int(...)
+        self.c = self.n + (3 & 1.5)  # type: ignore[operator]

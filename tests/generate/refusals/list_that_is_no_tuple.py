@@ -1,0 +1,11 @@
+"""List that is no tuple."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ListThatIsNoTuple(Program):
+    def control(self) -> None:
+        # refused: a tuple is compared with something else; number by number
+        self.c = int([self.n, 1] == (self.n, 1))

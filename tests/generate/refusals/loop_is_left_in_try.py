@@ -1,0 +1,16 @@
+"""Loop is left in try."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class LoopIsLeftInTry(Program):
+    def control(self) -> None:
+        for each in (1.0, 2.0):
+            try:
+                self.k = each / self.u
+                # refused: it leaves a `try`; a flag
+                break
+            except ZeroDivisionError:
+                self.k = 0.0

@@ -1,0 +1,12 @@
+"""Loop over a number."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class LoopOverANumber(Program):
+    def control(self) -> None:
+        # refused: what it goes through is not known when the code is generated; a list of parts, range
+        for each in self.u:
+            self.k = each

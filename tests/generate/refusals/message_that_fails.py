@@ -1,0 +1,15 @@
+"""Message that fails."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class MessageThatFails(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def control(self) -> None:
+        if self.u > 1.0:
+            # refused: a text that a controller does not have, and that may fail; a name for it first
+            raise ValueError(f"{self.row[self.n]}")

@@ -1,0 +1,14 @@
+"""Name for a number and an object."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class NameForANumberAndAnObject(Program):
+    def control(self) -> None:
+        which = self.u
+        # refused: 'which' stands for different objects; a name for each
+        which = self.b
+        # refused: an attribute of something that is not known when the code is generated
+        which.write(1.0)

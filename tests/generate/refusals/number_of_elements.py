@@ -1,0 +1,16 @@
+"""Number of elements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class NumberOfElements(Program):
+    def begin(self) -> None:
+        self.array = np.ones(2)
+
+    def control(self) -> None:
+        # refused: numbers of numpy and of Python differ here where the divisor is 0; float(...)
+        self.c = int(np.count_nonzero(self.array) // (self.c * 0))

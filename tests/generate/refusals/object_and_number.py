@@ -1,0 +1,11 @@
+"""Object and number."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ObjectAndNumber(Program):
+    def control(self) -> None:
+        # refused: a comparison with another type, which Python refuses; its states
+        self.c = int(self.a == 1)  # type: ignore[comparison-overlap]

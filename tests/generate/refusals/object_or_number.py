@@ -1,0 +1,26 @@
+"""Object or number."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from helpers.written_programs import Program
+
+
+class Helper:
+    def __init__(self) -> None:
+        self.k = 0.0
+
+
+class ObjectOrNumber(Program):
+    def begin(self) -> None:
+        self.helper = Helper()
+
+    # refused: an object is returned, and elsewhere a number; one of both
+    def found(self) -> Any:
+        if self.u > 1.0:
+            return self.helper
+        return 1.0
+
+    def control(self) -> None:
+        self.yes = self.found() == 1.0

@@ -1,0 +1,16 @@
+"""Object or number is returned."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ObjectOrNumberIsReturned(Program):
+    # refused: an object is returned, and elsewhere a number; one of both
+    def found(self):
+        if self.yes:
+            return 1.0
+        return self.fan
+
+    def control(self) -> None:
+        self.found()

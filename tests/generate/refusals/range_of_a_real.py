@@ -1,0 +1,12 @@
+"""Range of a real."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class RangeOfAReal(Program):
+    def control(self) -> None:
+        # refused: a range of something else than whole numbers; int(...)
+        for each in range(2.5):
+            self.c += each

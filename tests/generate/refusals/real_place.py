@@ -1,0 +1,14 @@
+"""Real place."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class RealPlace(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def control(self) -> None:
+        # refused: a place in a list is a whole number
+        self.k = self.row[self.u]

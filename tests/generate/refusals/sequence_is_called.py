@@ -1,0 +1,14 @@
+"""Sequence is called."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class SequenceIsCalled(Program):
+    def moves(self):
+        yield 1.0
+
+    def control(self) -> None:
+        # refused: a sequence stays on the host; functions without await
+        self.moves()

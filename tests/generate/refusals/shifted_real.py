@@ -1,0 +1,11 @@
+"""Shifted real."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ShiftedReal(Program):
+    def control(self) -> None:
+        # refused: this arithmetic does not translate; +, -, *, /, //, %, **
+        self.k = self.u @ self.u

@@ -1,0 +1,18 @@
+"""Small reals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class SmallReals(Program):
+    def begin(self) -> None:
+        self.row = np.zeros(3, np.float32)
+
+    def control(self) -> None:
+        # refused: a ndarray is not a number or a state on the controller
+        self.row = self.row + 0.1
+        # refused: a float32 of numpy; np.float64, np.int64, float(...)
+        self.k = float(self.row[0])

@@ -1,0 +1,12 @@
+"""Starred name is assigned."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class StarredNameIsAssigned(Program):
+    def control(self) -> None:
+        # refused: it cannot be assigned to this; names, attributes, elements
+        for *each, last in ((1.0, 2.0),):
+            self.k = last

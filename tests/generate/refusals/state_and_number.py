@@ -1,0 +1,16 @@
+"""State and number."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+from umo.states import OnOff
+
+
+class StateAndNumber(Program):
+    def begin(self) -> None:
+        self.state = OnOff.ON
+
+    def control(self) -> None:
+        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
+        # refused: a comparison with another type, which Python refuses; its states
+        self.c = int(self.state != 1)

@@ -1,0 +1,13 @@
+"""Text is asked."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TextIsAsked(Program):
+    def control(self) -> None:
+        said = f"{self.u}"
+        # refused: a text that is made at run time; a state of an Enum
+        if said:
+            self.k = 1.0

@@ -1,0 +1,18 @@
+"""Text that is set after it is read."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TextThatIsSetAfterItIsRead(Program):
+    def begin(self) -> None:
+        self.note = ""
+
+    def marks(self) -> None:
+        self.note = "seen"
+
+    def control(self) -> None:
+        # refused: a text that is made at run time; a state of an Enum
+        self.a.write(1.0 if self.note == "" else 2.0)
+        self.marks()

@@ -1,0 +1,15 @@
+"""Text that may be another."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TextThatMayBeAnother(Program):
+    def begin(self) -> None:
+        self.note = ""
+
+    def control(self) -> None:
+        # refused: a text that is made at run time; a state of an Enum
+        self.a.write(1.0 if isinstance(self.note, str) and self.note in ("seen",) else 2.0)
+        self.note = "seen"

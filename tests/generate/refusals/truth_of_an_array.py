@@ -1,0 +1,22 @@
+"""Truth of an array."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class TruthOfAnArray(Program):
+    def begin(self) -> None:
+        self.x3, self.y2, self.i3, self.b3 = (
+            np.zeros(3),
+            np.zeros(2),
+            np.zeros(3, dtype=np.int64),
+            np.zeros(3, dtype=np.bool_),
+        )
+
+    def control(self) -> None:
+        # refused: whether it is true is not known on the controller; any(), all()
+        if self.x3:
+            self.k = 1.0

@@ -1,0 +1,11 @@
+"""Tuples of reals."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TuplesOfReals(Program):
+    def control(self) -> None:
+        # refused: tuples of real numbers are compared; number by number
+        self.yes = (self.u, self.k) == (1.0, 2.0)

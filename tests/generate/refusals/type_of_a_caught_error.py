@@ -1,0 +1,14 @@
+"""Type of a caught error."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TypeOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            # refused: a text that is made at run time; a state of an Enum
+            self.c = 1 if type(error) is ZeroDivisionError else 2

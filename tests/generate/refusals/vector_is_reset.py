@@ -1,0 +1,15 @@
+"""Vector is reset."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+from umo import Vector
+
+
+class VectorIsReset(Program):
+    def begin(self) -> None:
+        self.both = Vector([self.a, self.b])
+
+    def control(self) -> None:
+        # refused: `reset` of a Vector does not translate; read, write, quality, pending, all_good
+        self.both.reset()

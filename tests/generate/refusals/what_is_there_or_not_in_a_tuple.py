@@ -1,0 +1,14 @@
+"""What is there or not in a tuple."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class WhatIsThereOrNotInATuple(Program):
+    def begin(self) -> None:
+        self.pair = (1.0, True)
+
+    def control(self) -> None:
+        # refused: self.pair is no number or state; numbers, states, tuples of them
+        self.pair = (self.u, self.fan.inhibited)
