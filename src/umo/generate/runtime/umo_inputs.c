@@ -132,12 +132,14 @@ int64_t umo_count_of(umo_object *o, int32_t raw)
 }
 
 #ifdef __AVR__ /* its library has none: the first terms of the series, and where they are too few exp(x) - 1 */
-static umo_real expm1f(umo_real x)
+static umo_real expm1_of_avr(umo_real x)
 {
     if (fabsf(x) > 0.1f)
         return expf(x) - 1;
     return x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5))));
 }
+#undef umo_expm1
+#define umo_expm1 expm1_of_avr
 #endif
 
 /* The share of a step that a low pass passes on in dt. */
