@@ -145,6 +145,11 @@ class TextChannel(Channel):
     reading: ReadCommand | None = None
     setting: WriteCommand | None = None
     physical: PhysicalScale | None = field(default=None, compare=False)
+    limits: tuple[int, int] = field(init=False, compare=False, repr=False)
+    """`lowest` and `highest`: each transfer needs them."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "limits", (self.lowest, self.highest))
 
     @property
     def places(self) -> tuple[Hashable, ...]:
@@ -169,15 +174,18 @@ class TextChannel(Channel):
         """The raw integer in an answer."""
         assert self.reading is not None
         raw = self.reading.raw(line)
-        if not self.lowest <= raw <= self.highest:
-            raise NoValue(f"{raw} does not fit channel {self.text}: {self.lowest} to {self.highest}")
+        lowest, highest = self.limits
+        if not lowest <= raw <= highest:
+            raise NoValue(f"{raw} does not fit channel {self.text}: {lowest} to {highest}")
         return raw
 
     def request(self, raw: int) -> str:
         """The request that sets it to a raw integer; DriverError if it does not fit, or has no level."""
         if self.setting is None:
             raise DriverError(f"channel {self.text} cannot be written: it has no set")
-        self.fit(raw)
+        lowest, highest = self.limits
+        if not lowest <= raw <= highest:
+            self.fit(raw)  # says so
         return self.setting.request(raw)
 
 
