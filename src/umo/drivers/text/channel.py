@@ -145,11 +145,6 @@ class TextChannel(Channel):
     reading: ReadCommand | None = None
     setting: WriteCommand | None = None
     physical: PhysicalScale | None = field(default=None, compare=False)
-    limits: tuple[int, int] = field(init=False, compare=False, repr=False)
-    """`lowest` and `highest`: each transfer needs them."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "limits", (self.lowest, self.highest))
 
     @property
     def places(self) -> tuple[Hashable, ...]:
@@ -183,9 +178,7 @@ class TextChannel(Channel):
         """The request that sets it to a raw integer; DriverError if it does not fit, or has no level."""
         if self.setting is None:
             raise DriverError(f"channel {self.text} cannot be written: it has no set")
-        lowest, highest = self.limits
-        if not lowest <= raw <= highest:
-            self.fit(raw)  # says so
+        self.fit(raw)
         return self.setting.request(raw)
 
 
