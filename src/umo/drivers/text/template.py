@@ -57,7 +57,8 @@ class Template:
         return cls(before, fields[0][1], after, scale)
 
     def filled(self, raw: int) -> str:
-        return f"{self.before}{self._written(raw)}{self.after}"
+        number = EXACT.multiply(raw, self._step)
+        return f"{self.before}{number if self._base is None else int(number):{self._format}}{self.after}"
 
     def check(self, lowest: int, highest: int, where: str) -> None:
         """WiringError if some raw integer of this range is written as another number, or with decimals although there
@@ -69,7 +70,7 @@ class Template:
         near = [each for i in range(_CHECKED_RAWS) for each in (highest - i, i, lowest + i, -i)]
         for raw in (each for each in near if lowest <= each <= highest):
             try:
-                written = self._written(raw)
+                written = self.filled(raw).removeprefix(self.before).removesuffix(self.after)
             except (ValueError, TypeError):
                 raise no_format from None
             if self.scale is None and self._base is None and set(".eE") & set(written):
@@ -79,10 +80,6 @@ class Template:
             if self._read(written) != number:
                 fixed = "" if self.scale is None else f":.{max(0, -int(self.scale.normalize().as_tuple().exponent))}f"
                 raise WiringError(f"{what} writes {written!r} for {number:f}; use {{{fixed}}}")
-
-    def _written(self, raw: int) -> str:
-        number = EXACT.multiply(raw, self._step)
-        return format(number if self._base is None else int(number), self._format)
 
     def _read(self, written: str) -> Decimal | None:
         """The number that a device reads in this text; None if there is none."""
