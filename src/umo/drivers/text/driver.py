@@ -216,7 +216,7 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
 
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.
-        requests = [channel.request(raw) for channel, raw in zip(channels, raws, strict=True)]
+        requests = list(map(TextChannel.request, channels, raws))
         lines: Sequence[RequestLine] = self._writes.of(channels)
         if self._joins:
             lines = [line for each in lines for line in each.lines(requests, self._longest)]
