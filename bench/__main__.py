@@ -60,7 +60,7 @@ def main() -> int:
         return against.run(console, options.against, options.only, options.pairs)
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
     if options.drivers:
-        return _drivers(console, QUICK_DRIVER_ROUNDS if options.quick else DRIVER_ROUNDS, options.json)
+        return _drivers(console, options)
     if options.live:
         size = live.SHORT if options.quick else live.FULL
         report.stream(console, live.TITLE, size.takes, partial(live.measure, size))
@@ -197,7 +197,7 @@ def _options() -> argparse.Namespace:
     alone.add_argument("--alarms", type=int, metavar="ROUNDS", help="a loop with 1,000 alarms; 50 for a result")
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument(
-        "--only", default="", metavar="TEXT", help="--kills, --against and --bounds: names with this in them"
+        "--only", default="", metavar="TEXT", help="--kills, --drivers, --against and --bounds: names with this in them"
     )
     parser.add_argument("--markdown", action="store_true", help="--bounds: print the rows of docs/bounds.md")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills and --fleet: other random moments")
@@ -205,13 +205,14 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _drivers(console: Console, rounds: int, file: Path | None) -> int:
-    rows, reasons = drivers.measure(rounds, _in_kernel)
+def _drivers(console: Console, options: argparse.Namespace) -> int:
+    rounds = QUICK_DRIVER_ROUNDS if options.quick else DRIVER_ROUNDS
+    rows, reasons = drivers.measure(rounds, _in_kernel, options.only)
     console.print(drivers.grid(rows))
     for missing in reasons:
         console.print(missing)
-    if file:
-        file.write_text(json.dumps({"drivers": drivers.as_json(rows), "missing": reasons}, indent=2) + "\n")
+    if options.json:
+        options.json.write_text(json.dumps({"drivers": drivers.as_json(rows), "missing": reasons}, indent=2) + "\n")
     return 0
 
 

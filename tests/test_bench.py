@@ -120,6 +120,8 @@ def test_a_driver_whose_device_is_not_here_is_named_and_the_others_are_measured(
     assert missing == ["gone: not measured: there is no chip"]
     assert [(row.driver, row.channels, row.transfers) for row in figures] == [("one", n, 3) for n in SIZES]
     assert drivers.grid(figures).row_count == len(SIZES)
+    assert drivers.measure(rounds=1, only="gon")[1] == missing
+    assert drivers.measure(rounds=1, only="her")[1] == []
 
 
 def test_a_test_kernel_that_is_not_built_is_said_in_one_line_with_the_command(monkeypatch, tmp_path):

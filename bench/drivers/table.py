@@ -42,13 +42,13 @@ class Figures:
 Others = tuple[list[Figures], list[str]]
 
 
-def measure(rounds: int, others: Callable[[list[str]], Others] | None = None) -> Others:
+def measure(rounds: int, others: Callable[[list[str]], Others] | None = None, only: str = "") -> Others:
     """All rows, and what is missing and why. `others` measures the drivers that need the test kernel, or run outside
-    of it; default: they are left out."""
+    of it; default: they are left out. `only`: the modules with this in their names."""
     figures: list[Figures] = []
     missing: list[str] = []
     elsewhere = []
-    for name in names():
+    for name in (name for name in names() if only in name):
         try:
             cases = module(name).cases
             if getattr(module(name), "NEEDS_KERNEL", False) is not IN_KERNEL:

@@ -24,21 +24,18 @@ class Plans(Generic[K, P]):
     def __init__(self, make: Callable[[tuple[K, ...]], P]) -> None:
         self._make = make
         self._known: dict[tuple[K, ...], P] = {}
-        self._last: tuple[tuple[K, ...], P] | None = None
+        self._channels: Sequence[K] | None = None
+        self.last: P | None = None
+        """The plan that was asked for last."""
 
     def clear(self) -> None:
         """All plans are made afresh."""
         self._known.clear()
-        self._last = None
-
-    @property
-    def last(self) -> P | None:
-        """The plan that was asked for last."""
-        return None if self._last is None else self._last[1]
+        self._channels = self.last = None
 
     def of(self, channels: Sequence[K]) -> P:
-        if self._last is not None and channels is self._last[0]:
-            return self._last[1]
+        if channels is self._channels and self.last is not None:
+            return self.last
         key = tuple(channels)
         plan = self._known.get(key)
         if plan is None:
@@ -46,7 +43,7 @@ class Plans(Generic[K, P]):
             if len(self._known) >= _MAX_PLANS:
                 self._known.clear()
             self._known[key] = plan
-        self._last = key, plan
+        self._channels, self.last = key, plan
         return plan
 
 

@@ -88,18 +88,30 @@ class Channel:
 
     def fit(self, raw: int) -> None:
         """DriverError if the raw integer does not fit its bits."""
-        if not self.lowest <= raw <= self.highest:
-            raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
+        lowest, highest = self.limits
+        if not lowest <= raw <= highest:
+            raise DriverError(f"{raw} does not fit {self.text}: it takes {lowest} to {highest}")
 
     @property  # a cached one would give each channel a dict of its own, and every driver slower attributes
+    def limits(self) -> tuple[int, int]:
+        """The least and the greatest raw integer that its bits and an int64 hold."""
+        return _limits(self.bits, self.signed)
+
+    @property
     def lowest(self) -> int:
-        """The least raw integer that its bits and an int64 hold."""
-        return max(-(1 << (self.bits - 1)), _LEAST) if self.signed else 0
+        return self.limits[0]
 
     @property
     def highest(self) -> int:
-        """The greatest raw integer that its bits and an int64 hold."""
-        return min((1 << (self.bits - 1 if self.signed else self.bits)) - 1, _GREATEST)
+        return self.limits[1]
+
+
+@cache
+def _limits(bits: int, signed: bool) -> tuple[int, int]:
+    """The least and the greatest integer of so many bits, within those of an int64."""
+    if signed:
+        return max(-(1 << (bits - 1)), _LEAST), min((1 << (bits - 1)) - 1, _GREATEST)
+    return 0, min((1 << bits) - 1, _GREATEST)
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from math import hypot
 from pathlib import Path
@@ -124,23 +124,22 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         return super().read(channel)
 
     def read_many(self, channels: Sequence[FmuChannel], out: IntArray) -> None:
-        self._in_turn(self._reads.of(channels), lambda group: group.get(out))
+        in_turn(self._reads.of(channels), lambda group: group.get(out), _texts_of, self._is_lost)
 
     def write_many(self, channels: Sequence[FmuChannel], raws: IntArray) -> None:
         groups = self._writes.of(channels)
         for group in groups:
             group.check(raws)  # all of them before the first is set
-        self._in_turn(groups, lambda group: group.set(raws))
+        in_turn(groups, lambda group: group.set(raws), _texts_of, self._is_lost)
 
     def _write(self, channels: Sequence[FmuChannel], raws: list[int]) -> None:
         for channel, raw in zip(channels, raws, strict=True):
             channel.fit(raw)
         self.write_many(channels, np.array(raws, np.int64))
 
-    def _in_turn(self, groups: Sequence[_Group], transfer: Callable[[_Group], None]) -> None:
-        """Transfer the groups. None is transferred after the model has failed."""
-        instance = self._opened()
-        in_turn(groups, transfer, lambda group: group.texts, lambda error: bool(instance.lost))
+    def _is_lost(self, error: DriverError) -> bool:
+        """Whether the model has failed: it transfers nothing any more."""
+        return bool(self._opened().lost)
 
     def report(self) -> Mapping[str, Any]:
         """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. Of one
@@ -187,23 +186,25 @@ class _Group:
         self._places: Any = ... if len(places) == len(channels) else np.array(places)
         sizes = {channel.reference: channel.size for channel in self._channels}
         starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
-        buffer, self._arguments = instance.arguments(kind, list(sizes), sum(sizes.values()))
+        buffer = instance.buffer(kind, sum(sizes.values()))
         self._buffer: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
         index = [starts[channel.reference] + channel.element for channel in self._channels]
         self._index: Any = ... if index == list(range(len(self._buffer))) else np.array(index)
         self._get_others = (
-            instance.function("Get", kind) if verb == "Set" and any(size > 1 for size in sizes.values()) else None
+            instance.transfer("Get", kind, list(sizes), buffer)
+            if verb == "Set" and any(size > 1 for size in sizes.values())
+            else None
         )
-        """Function that reads the elements that are not set: FMI sets arrays as a whole."""
+        """What reads the elements that are not set: FMI sets arrays as a whole."""
         scales = [channel.scale for channel in self._channels]
         self._scales = None if None in scales else np.array(scales, float)
         self._few = scales if None not in scales and len(scales) <= _FEW_FLOATS else []
         self._counts = np.zeros(len(places))
         self._lowest, self._highest = self._channels[0].lowest, self._channels[0].highest  # the same for one type
-        self._call, self._function = instance.call, instance.function(verb, kind)
+        self._call, self._transfer = instance.call, instance.transfer(verb, kind, list(sizes), buffer)
 
     def get(self, out: IntArray) -> None:
-        self._call(self._function, *self._arguments)
+        self._call(self._transfer)
         values = self._buffer if self._index is ... else self._buffer[self._index]
         if self._few and (few := self._rounded(values)):
             out[self._places] = few
@@ -245,14 +246,18 @@ class _Group:
 
     def set(self, raws: IntArray) -> None:
         if self._get_others is not None:
-            self._call(self._get_others, *self._arguments)
+            self._call(self._get_others)
         if self._scales is None:
             self._buffer[self._index] = raws[self._places]
         elif self._index is ...:
-            np.multiply(raws[self._places], self._scales, self._buffer, casting="same_kind")
+            np.multiply(raws[self._places], self._scales, self._buffer)
         else:
             self._buffer[self._index] = raws[self._places] * self._scales
-        self._call(self._function, *self._arguments)
+        self._call(self._transfer)
+
+
+def _texts_of(group: _Group) -> list[str]:
+    return group.texts
 
 
 def _check_directions(verb: str, channels: Sequence[FmuChannel]) -> None:

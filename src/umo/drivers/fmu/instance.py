@@ -6,9 +6,10 @@ import os
 import tempfile
 import zipfile
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from ctypes import byref
+from ctypes import byref, c_size_t, c_void_p
+from functools import partial
 from itertools import count
 from math import isfinite, prod
 from pathlib import Path
@@ -59,6 +60,7 @@ class FmuInstance:
         self._status = 0
         """Status of the last call that failed."""
         self._is3 = description.fmiVersion.startswith("3.")
+        self._prefix = "fmi3" if self._is3 else "fmi2"
         self._fatal = False
         self._running = False
         self._number = next(_numbers)
@@ -144,20 +146,23 @@ class FmuInstance:
 
     # Transfers -----------------------------------------------------------------------------------
 
-    def function(self, verb: str, kind: str) -> Any:
-        """FMI's own function, such as fmi2GetReal."""
-        return getattr(self._fmu, f"fmi{3 if self._is3 else 2}{verb}{kind}")
+    def transfer(self, verb: str, kind: str, references: Sequence[int], buffer: Any) -> Callable[[], object]:
+        """The call of FMI's own function, such as fmi2GetReal, that gets or sets the values of these variables, for
+        `call`. Its arguments are prepared: FMPy's functions convert theirs with each call."""
+        name, number = f"{self._prefix}{verb}{kind}", len(references)
+        function = self._fmu.dll[name]  # in brackets it is a new one, which shares nothing with FMPy's
+        function.errcheck = partial(_check_status, name)
+        listed = (self._type("ValueReference") * number)(*references)
+        arguments = [c_void_p(self._fmu.component), listed, c_size_t(number), buffer]
+        return partial(function, *arguments, *([c_size_t(len(buffer))] if self._is3 else []))
 
-    def arguments(self, kind: str, references: list[int], size: int | None = None) -> tuple[Any, tuple[Any, ...]]:
-        """A buffer for the values of these variables, and the arguments of FMI's functions that transfer it. `size`:
-        number of the values; None: one for each variable."""
-        module, prefix = (fmi3, "fmi3") if self._is3 else (fmi2, "fmi2")
-        number = len(references)
-        size = number if size is None else size
-        buffer = (getattr(module, prefix + kind) * size)()
-        listed = (getattr(module, f"{prefix}ValueReference") * number)(*references)
-        arguments = (self._fmu.component, listed, number, buffer)
-        return buffer, (*arguments, size) if self._is3 else arguments
+    def buffer(self, kind: str, size: int) -> Any:
+        """Room for so many values of a type."""
+        return (self._type(kind) * size)()
+
+    def _type(self, name: str) -> Any:
+        """FMI's own type, such as fmi2Real."""
+        return getattr(fmi3 if self._is3 else fmi2, self._prefix + name)
 
     @property
     def readable(self) -> bool:
@@ -166,17 +171,20 @@ class FmuInstance:
 
     def value(self, variable: Any) -> Any:
         """The present value of a variable, in its unit, as plain data: a list of an array, hexadecimal digits of bytes.
-        None: not finite, a clock, or an array of more than 1,000 numbers."""
+        None: not finite, a clock, or an array of more than 1,000 numbers. A model that has ended still has its last
+        values."""
         kind = kind_of(self.description, variable)
         shape = shape_of(self.description, variable)
         number = prod(shape)
         if not (kind in FLOATS or kind in INTEGERS or kind in ("String", "Binary")) or number > MAX_SHOWN_SIZE:
             return None
+        if not self.readable:
+            raise DriverError(self.lost)
         if kind == "Binary":
             read = self._call(self._fmu.getBinary, [variable.valueReference], number)
             return arranged([_hexadecimal(each or b"") for each in read], shape)
-        buffer, arguments = self.arguments(kind, [variable.valueReference], number)
-        self._call(self.function("Get", kind), *arguments)
+        buffer = self.buffer(kind, number)
+        self._call(self.transfer("Get", kind, [variable.valueReference], buffer))
         return arranged([_plain(each, kind) for each in buffer], shape)
 
     def call(self, function: Any, *arguments: Any) -> Any:
@@ -186,9 +194,6 @@ class FmuInstance:
         return self._call(function, *arguments)
 
     def _call(self, function: Any, *arguments: Any) -> Any:
-        """The same of what is read: a model that has ended still has its last values."""
-        if not self.readable:
-            raise DriverError(self.lost)
         self._log.clear()
         try:
             return function(*arguments)
@@ -251,6 +256,13 @@ class FmuInstance:
         kind = kind_of(self.description, variable)
         convert = float if kind in FLOATS else (bool if kind == "Boolean" else int) if kind in INTEGERS else str
         self.call(getattr(self._fmu, f"set{kind}"), [variable.valueReference], [convert(value)])
+
+
+def _check_status(name: str, status: int, *_: object) -> int:
+    """FMPy's own error for a call that has failed."""
+    if status > WARNING:
+        raise FMICallException(function=name, status=status)
+    return status
 
 
 def _plain(value: Any, kind: str) -> float | int | bool | str | None:

@@ -1,10 +1,13 @@
-"""Checks the answer to a request: pure functions, no line.
+"""Checks the answer to a request, and takes the values out of it: pure functions, no line.
 
 pymodbus does not check lengths and confirmations; values for a machine need these checks. Requests and answers are
 unit, function and data here: what TCP and serial lines have in common.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from struct import unpack_from
 
 from umo.drivers.streams import Lost
 from umo.errors import DriverError
@@ -37,6 +40,13 @@ def check(request: bytes, answer: bytes) -> None:
         _check_length("an answer", answer, answer_size(request))
     else:
         _check_echo(request, answer)
+
+
+def cells_of(answer: bytes) -> Sequence[int]:
+    """The cells that an answer has, which has been checked: registers, or bits with those that fill its last byte."""
+    if answer[1] <= 2:
+        return [byte >> bit & 1 for byte in answer[3:] for bit in range(8)]
+    return unpack_from(f">{answer[2] // 2}H", answer, 3)
 
 
 def check_start(request: bytes, answer: bytes) -> None:

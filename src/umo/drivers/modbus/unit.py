@@ -1,13 +1,13 @@
 """The requests to one unit, through pymodbus; imported only when a driver is made.
 
-pymodbus builds the requests and decodes the answers. umo sends and receives them (tcp.py, rtu.py): pymodbus's own
-transactions have a timeout each, although a call may need several, and they skip wrong answers. Here all requests of a
-call share one deadline, and an answer is decoded only if it fits its request in every part.
+pymodbus builds the requests. umo sends and receives (tcp.py, rtu.py): pymodbus's own transactions have a timeout each,
+although a call may need several, and they skip wrong answers. Here all requests of a call share one deadline, and an
+answer counts only if it fits its request in every part (answer.py). Then its values are where they must be, and nothing
+is left for a decoder to find out.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,7 @@ from typing import TypeVar
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.pdu import ModbusPDU
 
-from umo.drivers.modbus.answer import Recovering, Refused
+from umo.drivers.modbus.answer import Recovering, Refused, cells_of
 from umo.drivers.modbus.channel import COIL, DISCRETE, HOLDING, INPUT, Table
 from umo.drivers.modbus.plan import Request
 from umo.drivers.modbus.rtu import Rtu
@@ -40,18 +40,17 @@ EXCEPTIONS = {
 }
 
 
-class _Client(ModbusClientMixin[ModbusPDU]):
-    """pymodbus's requests over a transport of umo's; every method raises Lost."""
+class _Client(ModbusClientMixin[bytes]):
+    """pymodbus's requests over a transport of umo's. Every method gives unit, function and data of the answer, which
+    may be an exception answer, and raises Lost."""
 
     def __init__(self, transport: Tcp | Rtu, pause: float) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._transport, self._pause, self._free_at = transport, pause, 0.0
         self.deadline = 0.0
         """The time at which the call of the driver ends."""
-        self._decode = transport.framer.decoder.decode
 
-    def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
-        """Send the request; its answer, which may be an exception answer."""
+    def execute(self, no_response_expected: bool, request: ModbusPDU) -> bytes:
         now = monotonic()
         if (wait := self._free_at - now) > 0:
             if now + wait > self.deadline:
@@ -59,16 +58,13 @@ class _Client(ModbusClientMixin[ModbusPDU]):
             sleep(wait)
         is_sent = True
         try:
-            answer = self._decode(self._transport.exchange(request)[1:])
+            return self._transport.exchange(request)
         except Recovering:
             is_sent = False
             raise
         finally:
             if self._pause and is_sent:
                 self._free_at = monotonic() + self._pause
-        if answer is None:
-            raise Lost("a malformed answer")
-        return answer
 
 
 class _Requests(ModbusClientMixin[ModbusPDU]):
@@ -94,7 +90,6 @@ class Unit:
     never taken for a later one."""
 
     def __init__(self, place: Place, unit: int, rules: UnitRules) -> None:
-        _be_quiet()
         self._unit = unit
         self._name = f"unit {unit}"
         self._timeout = 0.0
@@ -137,8 +132,8 @@ class Unit:
     def read(self, request: Request) -> Sequence[int]:
         """The cells of the answer, at least as many as were asked for."""
         read, unit = self._readers[request.table], self._unit
-        answer = self._answer("reading", request, lambda: read(request.address, count=request.count, device_id=unit))
-        return answer.bits or answer.registers
+        send = partial(read, request.address, count=request.count, device_id=unit)
+        return cells_of(self._answer("reading", request, send))
 
     def write(self, request: Request, cells: list[int]) -> None:
         """Write; the device must confirm what it was sent."""
@@ -148,7 +143,7 @@ class Unit:
         """Write registers by function 23; what they hold afterwards."""
         address, count, ask = request.address, request.count, self._client.readwrite_registers
         send = partial(ask, read_address=address, read_count=count, write_address=address, values=cells)
-        return self._answer("writing", request, partial(send, device_id=self._unit)).registers
+        return cells_of(self._answer("writing", request, partial(send, device_id=self._unit)))
 
     def mask_write(self, request: Request, cells: list[int]) -> None:
         """Write the bits that the request has of its one register, by function 22."""
@@ -156,19 +151,19 @@ class Unit:
         others = ~request.masks[0] & 0xFFFF
         self._answer("writing bits of", request, lambda: send(and_mask=others, or_mask=cells[0]))
 
-    def _answer(self, doing: str, request: Request, send: Callable[[], ModbusPDU]) -> ModbusPDU:
+    def _answer(self, doing: str, request: Request, send: Callable[[], bytes]) -> bytes:
         """The answer to a request, if the device carried it out."""
         try:
             answer = send()
         except Lost as error:
             raise self._broken(f"{doing} {request.what}", error) from None
-        if answer.isError():  # the connection stays as it is
-            code = answer.exception_code
+        if answer[1] & 0x80:  # the connection stays as it is
+            code = answer[2]
             what = f"exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}"
             raise Refused(f"{self._name}: {doing} {request.what}: {what}")
         return answer
 
-    def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
+    def _write(self, request: Request, cells: list[int]) -> bytes:
         """Write by function 5 or 6, or by 15 or 16 where there is more than one cell, or where the unit wants it."""
         client, unit, address = self._client, self._unit, request.address
         single = request.count == 1 and not self._write_multiple
@@ -193,17 +188,10 @@ class Unit:
         return DeviceTimeout(f"{self._name}: {what}: {why}")
 
 
-def _readers_of(client: ModbusClientMixin[ModbusPDU]) -> dict[Table, Callable[..., ModbusPDU]]:
+def _readers_of(client: ModbusClientMixin[T]) -> dict[Table, Callable[..., T]]:
     return {
         COIL: client.read_coils,
         DISCRETE: client.read_discrete_inputs,
         HOLDING: client.read_holding_registers,
         INPUT: client.read_input_registers,
     }
-
-
-def _be_quiet() -> None:
-    """pymodbus logs each failure, formatted, inside the period; a level that the user set is left alone."""
-    logger = logging.getLogger("pymodbus")
-    if logger.level == logging.NOTSET:
-        logger.setLevel(logging.CRITICAL)

@@ -169,8 +169,9 @@ class TextChannel(Channel):
         """The raw integer in an answer."""
         assert self.reading is not None
         raw = self.reading.raw(line)
-        if not self.lowest <= raw <= self.highest:
-            raise NoValue(f"{raw} does not fit channel {self.text}: {self.lowest} to {self.highest}")
+        lowest, highest = self.limits
+        if not lowest <= raw <= highest:
+            raise NoValue(f"{raw} does not fit channel {self.text}: {lowest} to {highest}")
         return raw
 
     def request(self, raw: int) -> str:

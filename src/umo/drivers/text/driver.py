@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, TypeVar, get_args
+from collections.abc import Mapping, Sequence
+from typing import Literal, get_args
 
 from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers.contract import IntArray
@@ -32,9 +32,6 @@ _MAX_WATCHDOG = 86400.0
 """Time in s of a watchdog at most."""
 Encoding = Literal["ascii", "latin-1", "utf-8"]
 _DEFAULT = Host("", 5025), Serial("", 9600, "none")
-
-
-Step = TypeVar("Step", QueryLine, RequestLine)
 
 
 class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
@@ -194,7 +191,7 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
 
     def read_many(self, channels: Sequence[TextChannel], out: IntArray) -> None:
         plan, link = self._reads.of(channels), self._begin()
-        _in_turn(plan, channels, lambda asked: asked.read(link, out))
+        in_turn(plan, lambda line: line.read(link, out), _texts_of, _ends_call)
 
     def look(self) -> bool | None:
         """The device is asked for what is read anyway, or identified; where it is never asked, it is connected."""
@@ -219,12 +216,12 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
 
     def _write(self, channels: Sequence[TextChannel], raws: list[int]) -> None:
         # All requests are made before the first is sent: a value that does not fit leaves the device alone.
-        requests = [channel.request(raw) for channel, raw in zip(channels, raws, strict=True)]
+        requests = list(map(TextChannel.request, channels, raws))
         lines: Sequence[RequestLine] = self._writes.of(channels)
         if self._joins:
             lines = [line for each in lines for line in each.lines(requests, self._longest)]
         link = self._begin()
-        _in_turn(lines, channels, lambda each: each.write(link, requests))
+        in_turn(lines, lambda line: line.write(link, requests), _texts_of, _ends_call)
 
     def _begin(self) -> TextLink:
         if self._link is None:
@@ -233,13 +230,13 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         return self._link
 
 
-def _in_turn(steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: Callable[[Step], object]) -> None:
-    """Carry out the lines. After a lost connection the later ones fail too."""
+def _texts_of(line: QueryLine | RequestLine) -> Sequence[str]:
+    return line.texts
 
-    def texts_of(step: Step) -> list[str]:
-        return [channels[place].text for place in step.places]
 
-    in_turn(steps, carry_out, texts_of, lambda error: not isinstance(error, NoValue))
+def _ends_call(error: DriverError) -> bool:
+    """Whether the connection is lost with it: the later lines fail too."""
+    return not isinstance(error, NoValue)
 
 
 def _check_times(**times: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from umo.drivers.contract import IntArray
 from umo.drivers.text.channel import Ends, Query, TextChannel
@@ -12,41 +12,44 @@ from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
 from umo.drivers.text.text_link import TextLink
 from umo.errors import ChannelsFailed, DriverError
 
+T = TypeVar("T")
+
 
 class QueryLine(NamedTuple):
-    """One line that asks. `parts` has an element for each query in it: the channels that take a part of its answer,
-    with their places in the block."""
+    """One line that asks, and the channels that take a part of its answer."""
 
     request: str
     ends: Ends
     by: str | None
-    parts: tuple[tuple[tuple[int, TextChannel], ...], ...]
+    queries: int
+    """Number of queries that the line joins."""
+    takers: tuple[tuple[int, int, TextChannel], ...]
+    """The place in the block of each channel, and the number of its query in the line."""
 
     @property
-    def places(self) -> list[int]:
-        return [place for part in self.parts for place, _ in part]
+    def texts(self) -> list[str]:
+        """The texts of its channels."""
+        return [channel.text for _, _, channel in self.takers]
 
     def read(self, link: TextLink, out: IntArray) -> None:
         """Put the values into their places. ChannelsFailed for those for which the device has no value."""
-        answer, parts = link.ask(self.request, self.ends), self.parts
-        answers = [answer] if len(parts) == 1 else answer.split(self.by)
-        if len(answers) != len(parts):
-            text = f"{len(parts)} queries, {len(answers)} answers: {shown(answer)}"
+        answer = link.ask(self.request, self.ends)
+        answers = [answer] if self.queries == 1 else answer.split(self.by)
+        if len(answers) != self.queries:
+            text = f"{self.queries} queries, {len(answers)} answers: {shown(answer)}"
             raise link.dropped(UnexpectedAnswer(text))
         failed: dict[str, str] = {}
-        try:
-            for part, line in zip(parts, answers, strict=True):
-                for place, channel in part:
-                    try:
-                        if link.errors and len(answers) > 1:
-                            link.refuse(line, self.request)
-                        out[place] = channel.raw(line)
-                    except NoValue as error:
-                        if len(parts) == len(part) == 1:
-                            raise
-                        failed[channel.text] = str(error)
-        except UnexpectedAnswer as error:
-            raise link.dropped(error) from None
+        for place, query, channel in self.takers:
+            try:
+                if self.queries > 1 and link.errors:
+                    link.refuse(answers[query], self.request)
+                out[place] = channel.raw(answers[query])
+            except NoValue as error:
+                if len(self.takers) == 1:
+                    raise
+                failed[channel.text] = str(error)
+            except UnexpectedAnswer as error:
+                raise link.dropped(error) from None
         if failed:
             raise ChannelsFailed(failed)
 
@@ -56,6 +59,8 @@ class RequestLine(NamedTuple):
     channel."""
 
     places: tuple[int, ...]
+    texts: tuple[str, ...]
+    """The texts of its channels."""
     acknowledge: Pattern | None
     confirm: Query | None
     ends: Ends
@@ -66,7 +71,7 @@ class RequestLine(NamedTuple):
         if self.by is None:
             return [self]
         groups = joined([requests[i] for i in self.places], self.by, longest)
-        return [self._replace(places=tuple(self.places[i] for i in group)) for group in groups]
+        return [self._replace(places=_those(self.places, group), texts=_those(self.texts, group)) for group in groups]
 
     def write(self, link: TextLink, requests: Sequence[str]) -> None:
         places = self.places
@@ -81,13 +86,13 @@ def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) ->
         if (reading := channel.reading) is None:
             raise DriverError(f"channel {channel.text} cannot be read: it has no ask")
         readers.setdefault(reading.ends, {}).setdefault(reading.ask, []).append((i, channel))
-    lines = [
-        QueryLine((by or "").join(asks[i] for i in group), ends, by, tuple(tuple(of[asks[i]]) for i in group))
-        for ends, of in readers.items()
-        for asks in [list(of)]
-        for group in joined(asks, by, longest)
-    ]
-    return tuple(sorted(lines, key=lambda line: line.places[0]))
+    lines: list[QueryLine] = []
+    for ends, of in readers.items():
+        asks = list(of)
+        for group in joined(asks, by, longest):
+            takers = tuple((i, query, each) for query, at in enumerate(group) for i, each in of[asks[at]])
+            lines.append(QueryLine((by or "").join(_those(asks, group)), ends, by, len(group), takers))
+    return tuple(sorted(lines, key=lambda line: line.takers[0]))
 
 
 def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[RequestLine, ...]:
@@ -95,10 +100,10 @@ def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[Reques
     lines: list[RequestLine] = []
     for (acknowledge, confirm, ends), run in groupby(range(len(channels)), lambda i: channels[i].done):
         places = tuple(run)
-        if by is not None and acknowledge is None:
-            lines.append(RequestLine(places, acknowledge, confirm, ends, by))
-        else:
-            lines.extend(RequestLine((i,), acknowledge, confirm, ends, None) for i in places)
+        joins = by is not None and acknowledge is None
+        for some in [places] if joins else [(i,) for i in places]:
+            texts = tuple(channels[i].text for i in some)
+            lines.append(RequestLine(some, texts, acknowledge, confirm, ends, by if joins else None))
     return tuple(lines)
 
 
@@ -114,3 +119,7 @@ def joined(requests: Sequence[str], by: str | None, longest: int) -> list[list[i
             groups.append([i])
             length = len(request)
     return groups
+
+
+def _those(things: Sequence[T], places: Sequence[int]) -> tuple[T, ...]:
+    return tuple(things[place] for place in places)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from string import Formatter
 from typing import Any
@@ -15,7 +15,7 @@ _N = re.compile(r"\{n(?::([^{}]*))?\}")
 _CHANNEL_NUMBER = re.compile(r"0?[0-9]{0,2}[bdoxX]?")
 _BASES = {"d": 10, "x": 16, "X": 16, "o": 8, "b": 2}
 """Bases of the formats of whole numbers."""
-_KINDS = ("", *_BASES, "e", "E", "f", "F", "g", "G")
+_KINDS = (*_BASES, "e", "E", "f", "F", "g", "G")
 _CHECKED_RAWS = 10
 """Raw integers at each end of a channel's range, and on each side of 0, whose texts are read back: as many as there are
 last digits."""
@@ -29,6 +29,18 @@ class Template:
     spec: str
     after: str
     scale: Decimal | None
+    _step: Decimal = field(init=False, compare=False)
+    """The scale; 1 if there is none."""
+    _format: str = field(init=False, compare=False)
+    """The format; one without a kind is written with all of its digits and no exponent."""
+    _base: int | None = field(init=False, compare=False)
+    """The base of a format of whole numbers."""
+
+    def __post_init__(self) -> None:
+        kind = self.spec[-1:] if self.spec[-1:].isalpha() else ""
+        prepared = {"_step": self.scale or Decimal(1), "_format": self.spec if kind else f"{self.spec}f"}
+        for name, value in {**prepared, "_base": _BASES.get(kind)}.items():
+            object.__setattr__(self, name, value)
 
     @classmethod
     def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
@@ -45,41 +57,29 @@ class Template:
         return cls(before, fields[0][1], after, scale)
 
     def filled(self, raw: int) -> str:
-        return f"{self.before}{self._written(raw)}{self.after}"
+        number = EXACT.multiply(raw, self._step)
+        return f"{self.before}{number if self._base is None else int(number):{self._format}}{self.after}"
 
     def check(self, lowest: int, highest: int, where: str) -> None:
         """WiringError if some raw integer of this range is written as another number, or with decimals although there
         is no scale."""
         what = f"{where}: {f'{self.before}{{:{self.spec}}}{self.after}'!r}"
+        no_format = WiringError(f"{what} has {{:{self.spec}}}, which is not the format of a number")
+        if self._format[-1:] not in _KINDS:
+            raise no_format
         near = [each for i in range(_CHECKED_RAWS) for each in (highest - i, i, lowest + i, -i)]
         for raw in (each for each in near if lowest <= each <= highest):
             try:
-                written = self._written(raw)
+                written = self.filled(raw).removeprefix(self.before).removesuffix(self.after)
             except (ValueError, TypeError):
-                raise WiringError(f"{what} has {{:{self.spec}}}, which is not the format of a number") from None
+                raise no_format from None
             if self.scale is None and self._base is None and set(".eE") & set(written):
                 step = "set scale, the step of one raw integer, such as 0.001"
                 raise WiringError(f"{what} writes decimals, and the channel has no scale; {step}")
-            number = self._number(raw)
+            number = EXACT.multiply(raw, self._step)
             if self._read(written) != number:
                 fixed = "" if self.scale is None else f":.{max(0, -int(self.scale.normalize().as_tuple().exponent))}f"
                 raise WiringError(f"{what} writes {written!r} for {number:f}; use {{{fixed}}}")
-
-    @property
-    def _base(self) -> int | None:
-        """The base of a format of whole numbers."""
-        return _BASES.get(self.spec[-1:])
-
-    def _number(self, raw: int) -> Decimal:
-        return Decimal(raw) if self.scale is None else EXACT.multiply(raw, self.scale)
-
-    def _written(self, raw: int) -> str:
-        """The number in the format; one without a kind is written with all of its digits and no exponent."""
-        kind = self.spec[-1:] if self.spec[-1:].isalpha() else ""
-        if kind not in _KINDS:
-            raise ValueError(kind)
-        number = self._number(raw)
-        return format(number if self._base is None else int(number), self.spec if kind else f"{self.spec}f")
 
     def _read(self, written: str) -> Decimal | None:
         """The number that a device reads in this text; None if there is none."""

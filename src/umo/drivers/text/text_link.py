@@ -245,11 +245,17 @@ class TextLink:
         return line
 
     def _next_line(self, request: str) -> str:
-        end = self._end
-        received = b"" if self._data else self._received(request)
-        at = received.find(end)
-        whole = 0 <= at == len(received) - len(end) <= self._longest  # as it mostly is: no more and no less
-        line = received[:at] if whole else self._pieces(received, request)
+        stream, end = self._stream, self._end
+        assert stream is not None
+        try:
+            received = b"" if self._data else stream.receive(self._deadline)
+            at = received.find(end)
+            whole = 0 <= at == len(received) - len(end) <= self._longest  # as it mostly is: no more and no less
+            line = received[:at] if whole else self._pieces(received, stream, request)
+        except TimedOut:
+            raise self._late(request) from None
+        except Gone as error:
+            raise self.dropped(DriverError(f"waiting for the answer to {shown(request)}: {error}")) from None
         if self._dialogue.pause:
             self._free = monotonic()
         try:
@@ -258,7 +264,7 @@ class TextLink:
             text = f"the answer to {shown(request)} is not {self._dialogue.encoding}: {shown(line)}"
             raise self.dropped(UnexpectedAnswer(text)) from None
 
-    def _pieces(self, received: bytes, request: str) -> bytes:
+    def _pieces(self, received: bytes, stream: Stream, request: str) -> bytes:
         """The next line of what has been received and what follows."""
         data, end, searched = self._data, self._end, 0
         data += received
@@ -266,23 +272,13 @@ class TextLink:
             if len(data) > self._longest:
                 break
             searched = max(len(data) - len(end) + 1, 0)  # a terminator may be in two pieces
-            data += self._received(request)
+            data += stream.receive(self._deadline)
         if not 0 <= at <= self._longest:
             text = f"the answer to {shown(request)} is longer than {self._longest} bytes"
             raise self.dropped(UnexpectedAnswer(text))
         line = bytes(data[:at])
         del data[: at + len(end)]
         return line
-
-    def _received(self, request: str) -> bytes:
-        """Bytes that were waited for."""
-        assert self._stream is not None
-        try:
-            return self._stream.receive(self._deadline)
-        except TimedOut:
-            raise self._late(request) from None
-        except Gone as error:
-            raise self.dropped(DriverError(f"waiting for the answer to {shown(request)}: {error}")) from None
 
     def _late(self, request: str) -> DriverError:
         limit = duration(self._timeout)
