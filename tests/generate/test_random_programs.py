@@ -51,9 +51,9 @@ def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:
 @pytest.mark.full
 def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.MonkeyPatch) -> None:
     """As one would be where the translator took `<` for `<=`."""
-    from umo.generate.lower import expressions
+    from umo.generate.lower import lowered_expressions
 
-    monkeypatch.setitem(expressions.SIGNS, ast.Lt, "<=")
+    monkeypatch.setitem(lowered_expressions.SIGNS, ast.Lt, "<=")
     body = "self.c = 1\nself.yes = self.n < 2"
     monkeypatch.setattr("helpers.reduced_programs.program", lambda seed: _with_body(program(seed), body))
     text, found = reduced(0)
