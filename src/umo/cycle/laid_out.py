@@ -20,7 +20,7 @@ from umo.cycle.showing import Showing
 from umo.cycle.stopping import StopFlag
 from umo.drivers.wrapping import bare
 from umo.objects import Compound, walk
-from umo.wiring.wired import Wired, apply_parameters
+from umo.wiring.wired import Wired, apply_calibrations, apply_parameters
 
 
 def machine_of(
@@ -68,7 +68,7 @@ def wired_numbers(root: Compound, wired: Wired) -> Iterator[None]:
     """Inside, the objects have the calibrations of the wiring, and the machine has its parameters."""
     undo: list[Callable[[], object]] = []
     try:
-        undo.extend(wire.apply().apply for wire in wired.wires)
+        undo.append(apply_calibrations(wired.wires))
         apply_parameters(root, wired.parameters, undo.append)
         yield
     finally:

@@ -14,6 +14,8 @@ from umo.text import did_you_mean
 FIRST = "; a new one gets its first value in the class or in `setup`"
 """Words of a message: what to do where another attribute was meant."""
 OBJECTS = "umo.objects."
+assign = object.__setattr__
+"""An assignment without a look. By this name it is found sooner: a machine of 10,000 objects makes 200,000."""
 
 
 class DeclaredAttributes:
@@ -45,7 +47,7 @@ class DeclaredAttributes:
         def __setattr__(self, name, value):
             if name not in self._class_names:
                 check_declared(self, name)
-            object.__setattr__(self, name, value)
+            assign(self, name, value)
 
 
 def names_in(cls: type) -> set[str]:
