@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from enum import Enum
 from math import nan
@@ -24,6 +25,7 @@ from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
 from umo.states import TwoState, comparisons, shown
 from umo.text import cut_repr, did_you_mean
+from umo.user_code import incomplete
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -57,6 +59,8 @@ class Atomic(Node):
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
+        if self._abstract:
+            raise incomplete(type(self), self._abstract)
         self._parent = None
         self._name = ""
         self._synchronous = checked_truth("synchronous", synchronous)
@@ -69,6 +73,7 @@ class Atomic(Node):
         return self._path
 
     @property
+    @abstractmethod
     def calibration(self) -> Calibration:
         """Its range and scale."""
         raise NotImplementedError
@@ -104,22 +109,27 @@ class Atomic(Node):
     def acknowledge(self) -> bool:
         return self._image.claims.acknowledge(frozenset((self._slot,)))
 
+    @abstractmethod
     def describe(self) -> str:
         """Range and units as a short text, for tables."""
         raise NotImplementedError
 
+    @abstractmethod
     def _about(self) -> dict[str, Any]:
         """What its values mean, as plain data (`umo.presentation.described`)."""
-        raise NotImplementedError
+        return {}
 
+    @abstractmethod
     def _number(self, value: Any) -> float:
         """The number of the image for a value as `write` takes it; StateError or RangeError for what is none."""
         raise NotImplementedError
 
+    @abstractmethod
     def _plain(self, value: Any) -> Any:
         """A value as plain data."""
         raise NotImplementedError
 
+    @abstractmethod
     def _from_plain(self, value: Any) -> float:
         """The number of the image for a value as plain data, within the range; StateError or RangeError if it is
         none."""
@@ -127,8 +137,11 @@ class Atomic(Node):
 
     def _levels(self, inverted: bool) -> Calibration:
         """Of an object with states: its calibration on a channel, inverted or not. DeclarationError if it cannot be."""
-        raise NotImplementedError
+        if inverted:
+            raise DeclarationError(f"a {type(self).__name__} cannot be inverted")
+        return self.calibration
 
+    @abstractmethod
     def _calibrate(self, calibration: Calibration) -> None:
         """Take range and scale from a wiring entry."""
         raise NotImplementedError
@@ -157,7 +170,9 @@ class Atomic(Node):
         self._image = cast("Image", Unconnected(self))
 
     def _shown(self) -> str:
-        raise NotImplementedError
+        """Its value in words."""
+        value = self._image.values[self._slot]
+        return NO_VALUE if value != value else number_text(value)
 
     def __repr__(self) -> str:
         name = f"{type(self).__name__} {self.path}".rstrip()
@@ -342,6 +357,7 @@ class Digital(Atomic):
         """`read()` in another unit of the same dimension."""
         return convert(self.read(), self._units, unit)
 
+    @abstractmethod
     def read(self) -> float:
         raise NotImplementedError
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from umo.objects.stored_names import MAKING, is_slip, refuse_slips, stores_in
 from umo.text import did_you_mean
+from umo.user_code import abstract_names
 
 FIRST = "; a new one gets its first value in the class or in `setup`"
 """Words of a message: what to do where another attribute was meant."""
@@ -31,6 +32,8 @@ class DeclaredAttributes:
     _class_names: ClassVar[frozenset[str]] = frozenset()
     _stored: ClassVar[frozenset[str]] = frozenset()
     """The names that the functions of this class assign to their own object."""
+    _abstract: ClassVar[frozenset[str]] = frozenset()
+    """The functions that an object must have, and that this class lacks."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -41,6 +44,7 @@ class DeclaredAttributes:
         refuse_slips(cls, stores, own_names(cls))
         cls._stored = shared(each.name for each in stores)
         cls._class_names = shared(names_in(cls))
+        cls._abstract = abstract_names(cls)
 
     if not TYPE_CHECKING:  # typed, any attribute could be assigned
 

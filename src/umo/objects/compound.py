@@ -31,7 +31,7 @@ from umo.objects.paths import named
 from umo.signature import hints_of
 from umo.states import shown
 from umo.text import cut_repr, in_brackets, shown_place
-from umo.user_code import check_overrides, definition
+from umo.user_code import check_overrides, definition, incomplete
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -150,6 +150,8 @@ class Compound(Node):
 
     @final
     def __post_init__(self) -> None:
+        if self._abstract:
+            raise incomplete(type(self), self._abstract)
         self._parent = None
         self._name = ""
         self._disconnect()
