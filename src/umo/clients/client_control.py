@@ -2,7 +2,7 @@
 
 Once per period, before the sequences, `look` takes what has come in. Nothing of it can end the run: what is wrong is
 refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
-called. In manual mode the application is suspended (`umo.cycle.suspension`); actuators can be written and all actions
+called. In manual mode the application is suspended (`umo.clients.suspension`); actuators can be written and all actions
 called. What a client holds (a written actuator, a jog) is under dead-man control: it ends when the client gives no
 sign of life for it, or loses the lease.
 
@@ -30,12 +30,12 @@ from umo.clients.client_commands import (
     Levels,
     Mode,
 )
+from umo.clients.suspension import Suspension
 from umo.cycle.columns import TAKEN_BY_CLIENT, Source
 from umo.cycle.equipment import Equipment
 from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences
-from umo.cycle.suspension import Suspension
 from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, TaskFailed, UmoError
 from umo.objects import Actuator, Atomic, Compound, atoms, described, walk
 from umo.presentation.digits import setting_text

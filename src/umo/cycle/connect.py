@@ -218,6 +218,7 @@ class connect(Generic[C]):
         try:
             for each in machine.attached:
                 each.begin()
+            machine.has_begun = True
             machine.phases.sample_all()
         finally:
             transfer.journal = None

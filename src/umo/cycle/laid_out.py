@@ -30,8 +30,8 @@ def machine_of(
     `states`: what its capabilities had at the end of the last run."""
     clock = WallClock() if wired.period is None else Clock(wired.period)
     declared = declared_capabilities(root)
-    rows = {column: count for each in declared for column, count in each.shown_rows().items()}
-    image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)), **rows)
+    rows = len(equipment_in(root)), len(axes_in(root)), sum(each.alarm_rows for each in declared)
+    image = Image(wired, clock, *rows)
     if wired.injection is not None:
         wired.injection.clock, wired.injection.say = clock, image.events.log
     parts = PartPeriods() if any(rate.every > 1 for rate in wired.rates) else None

@@ -86,6 +86,8 @@ class ConnectedMachine:
         self.observers = self.phases.observers
         """Called after every period with its frame."""
         self.attached: list[Capability] = []
+        self.has_begun = False
+        """Whether their `begin` was called."""
         for each in attached:
             self.attach(each)
         self.phases.bind()
@@ -108,9 +110,11 @@ class ConnectedMachine:
 
     def attach(self, capability: K) -> K:
         """Attach it. One that is attached after the others adds to `commanding`, `before_laws` and `showing` only: the
-        other phases are bound. Its `begin` is not called."""
+        other phases are bound. To a machine that has begun, its `begin` is called too."""
         capability.attach(self)
         self.attached.append(capability)
+        if self.has_begun:
+            capability.begin()
         return capability
 
     def find(self, kind: type[K]) -> K | None:
