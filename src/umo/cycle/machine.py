@@ -20,6 +20,7 @@ from umo.cycle.image import Image
 from umo.cycle.part_slots import SlotsOfParts
 from umo.cycle.period import Period
 from umo.cycle.piling_up import PilingUp
+from umo.cycle.sampled_writes import SampledWrites
 from umo.cycle.sequences import Sequences
 from umo.cycle.stage import Progress
 from umo.cycle.stopping import StopFlag
@@ -91,7 +92,11 @@ class ConnectedMachine:
         for each in attached:
             self.attach(each)
         self.phases.bind()
-        image.connect(self.claims, self.commands, TwoWriters(image, self.sequences.current).writes)
+        writers = TwoWriters(image, self.sequences.current)
+        image.connect(self.claims, self.commands, writers.writes)
+        if writers.writes is None:
+            sampled = SampledWrites(image, self.commands, self.sequences.current, writers.changed)
+            self.phases.commanding.insert(0, sampled.begin_period)
         self.compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
 
     def skip_ticks(self) -> None:
