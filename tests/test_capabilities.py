@@ -194,12 +194,15 @@ class Counted(Capability):
     """Counts its calls, and the stops."""
 
     def __init__(self) -> None:
-        self.calls, self.stops = 0, 0
+        self.begun, self.calls, self.stops = 0, 0, 0
 
     def attach(self, machine: Any) -> None:
         machine.phases.commanding.append(self.count)
         machine.under_way.before_cancel.append(self.stop)
         machine.facts.append(lambda: {"counted": str(self.calls)})
+
+    def begin(self) -> None:
+        self.begun += 1
 
     def count(self) -> None:
         self.calls += 1
@@ -217,9 +220,18 @@ def test_one_is_attached_while_the_machine_runs_and_found_by_its_class(box: Scri
         counted = running.attach(Counted())
         assert running.find(Counted) is counted
         periods(m, 3)
-        assert (counted.calls, counted.stops) == (3, 0)
+        assert (counted.begun, counted.calls, counted.stops) == (1, 3, 0)
         assert m._machine.facts()["counted"] == "3"
     assert counted.stops == 1
+
+
+def test_one_that_is_attached_before_the_machine_begins_begins_with_it(box: Scripted) -> None:
+    machine, counted = plant(), Counted()
+    connection = connect(machine, wired(machine, box))
+    begun: list[int] = []
+    connection.laid_out = lambda running: begun.append(running.attach(counted).begun)
+    with connection:
+        assert (begun, counted.begun) == ([0], 1)
 
 
 def test_one_that_cannot_be_attached_is_not_there(m: Any) -> None:

@@ -21,7 +21,7 @@ from umo import (
 )
 from umo.control import next_period
 from umo.errors import DeclarationError, DriverError, StopError
-from umo.objects import atoms
+from umo.objects import Atomic, atoms
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -379,6 +379,20 @@ def test_calibration_and_parameters_hold_while_connected_and_are_restored(fails)
             assert (m.z.encoder.resolution, m.gripper.read(), m.gain) == (-0.1, PassFail.FAIL, 0.25)
             assert box.get("z.motor") == 0  # the default 1.0 V at this circuit
     assert settings_of(machine) == before
+
+
+def test_connecting_assigns_to_an_object_its_place_and_else_what_its_wiring_changes(monkeypatch):
+    machine, box, assigned = arm(), Scripted(), set()
+    look = Atomic.__setattr__
+
+    def note(item, name, value):
+        assigned.add((item.path, name))
+        look(item, name, value)
+
+    monkeypatch.setattr(Atomic, "__setattr__", note)
+    with connect(machine, wired(machine, box, entries={"z.motor": {"maximum": 5.0}})):
+        changed = {("z.motor", name) for name in ("_calibration", "_minimum", "_maximum")}
+        assert assigned == changed | {(item.path, name) for item in atoms(machine) for name in ("_image", "_slot")}
 
 
 def test_a_parameter_that_cannot_be_set_leaves_nothing_half_done():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
+from umo import Compound, connect
 from umo.drivers import Channel, Direction, Driver, HasShortForm, HasWatchdog, KnowsScale, Looks, Reports
 from umo.drivers.optional import (
     OPTIONAL,
@@ -23,7 +25,7 @@ from umo.drivers.optional import (
 )
 from umo.drivers.simulated import Simulated
 from umo.drivers.wrapping import Wrapper, bare
-from umo.errors import DeclarationError
+from umo.errors import DeclarationError, WiringError
 from umo.testing import Scripted
 
 
@@ -203,12 +205,24 @@ def test_a_function_that_another_base_brings_is_refused_too_and_an_attribute_of_
     assert report_of(Shown()) == {}
 
 
-def test_a_class_that_is_named_without_its_function_cannot_be_made() -> None:
-    class Card(Least, HasWatchdog):
+class Empty(Compound):
+    pass
+
+
+class Misspelt(Least, HasWatchdog):
+    def watchdogg(self, timeout: float) -> None:
         pass
 
-    with pytest.raises(TypeError, match="watchdog"):
-        Card()
+
+def test_a_class_that_is_named_without_its_function_is_refused_with_the_nearest_one_and_the_place() -> None:
+    line = inspect.getsourcelines(Misspelt)[1]
+    what = "Misspelt has no `watchdog` (did you mean 'watchdogg'?), which each HasWatchdog must have"
+    place = rf"\(\S*test_driver_contract.py:{line}\)"
+    with pytest.raises(DeclarationError, match=f"^{re.escape(what)} {place}$"):
+        Misspelt()
+    wiring = {"drivers": {"card": {"type": f"{__name__}:Misspelt"}}}
+    with pytest.raises(WiringError, match=rf"drivers.card: {re.escape(what)} {place}"):
+        connect(Empty(), wiring).__enter__()
 
 
 class Full(Least, Looks, KnowsScale, HasShortForm, Reports):

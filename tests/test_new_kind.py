@@ -14,7 +14,7 @@ from helpers.machines import sensor, timer, wired
 from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect, published
 from umo.cli.tree import _declared
-from umo.errors import BadInput, DriverError, StateError, WiringError
+from umo.errors import BadInput, DeclarationError, DriverError, StateError, WiringError
 from umo.faces.face_declaration import ItemKind, items_of
 from umo.frames import Reader
 from umo.generate.controller_model import model_of
@@ -23,6 +23,8 @@ from umo.objects.atomic import Calibration
 from umo.presentation.rows import value_of
 from umo.recording.message_tree import leaves_of
 from umo.testing import Scripted, VirtualTimer, periods, put
+from umo.text import shown_place
+from umo.user_code import class_place
 from umo.wiring import resolve
 
 
@@ -49,10 +51,6 @@ class States(Atomic):
         low, high = self._raws[0], self._raws[-1]
         between = sorted({*range(low, high)} - {*self._raws})
         return Calibration(float(low), float(high), 1.0, 0.0, invalid_raws=tuple(between))
-
-    def _levels(self, inverted: bool) -> Calibration:
-        assert not inverted
-        return self.calibration
 
     def _calibrate(self, calibration: Calibration) -> None:
         pass
@@ -192,3 +190,24 @@ def test_a_controller_has_none_of_it() -> None:
     with connection:
         problems = [str(each) for each in model_of(connection.machine, connection.wired).problems]
     assert any("lever" in each and "a controller has no MultiStateSensor" in each for each in problems)
+
+
+class Without(Atomic):
+    """What a kind of object has to say, but for `describe`."""
+
+    calibration = _about = _calibrate = _number = _plain = _from_plain = None
+
+
+class Half(Sensor, Without):
+    def describ(self) -> str:
+        return ""
+
+
+def test_a_kind_that_lacks_a_function_is_refused_as_it_is_made_with_the_nearest_one_and_the_place() -> None:
+    place = shown_place(class_place(Half))
+    assert place.startswith("tests/test_new_kind.py:")
+    with pytest.raises(DeclarationError) as refused:
+        Half(True)
+    assert (
+        str(refused.value) == f"Half has no `describe` (did you mean 'describ'?), which each Atomic must have ({place})"
+    )

@@ -984,6 +984,24 @@ def test_a_device_whose_writing_times_out_for_long_is_initialised_again() -> Non
         assert moved(box, "initialize") == begun + 4
 
 
+def test_a_retried_output_that_the_device_does_not_take_is_not_good_before_it_does_though_it_is_initialised() -> None:
+    box = TakesNoPeriod()
+    with running(box, bench(motor=actuator(**RETRIED), valve=relay(**RETRIED))) as (m, _):
+        period(m, 100)
+        m.motor.write(3.0)
+        begun, box.error = moved(box, "initialize"), DeviceTimeout("no answer")
+        period(m, 400)
+        seen = set()
+        for _ in range(3000):
+            period(m)
+            seen.add(m.motor.quality)
+        assert moved(box, "initialize") > begun + 4
+        assert seen == {Quality.STALE}
+        box.error = None
+        period(m, 1500)
+        assert (m.motor.quality, m.motor.read()) == (Quality.GOOD, 3.0)
+
+
 def test_what_was_wanted_is_not_sent_when_the_machine_has_ended_during_the_reading() -> None:
     time = [0]
     box, proxy, channels = served(time)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,6 +51,14 @@ def test_on_a_terminal_one_line_is_redrawn_ten_times_a_second() -> None:
 
 def test_elsewhere_a_line_is_written_for_every_new_text() -> None:
     assert shown([1.0, 2.0, 3.0, 4.0], terminal=False) == "   1.000 s  homing\n   4.000 s  picking?[2J\n"
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_share_is_worked_out_where_a_line_is_drawn_and_in_no_other_period(terminal: bool, monkeypatch: Any) -> None:
+    asked: list[Progress] = []
+    monkeypatch.setattr(Progress, "share", property(lambda progress: asked.append(progress) or 0.5))
+    shown([1.0, 1.05, 1.09], terminal=terminal)
+    assert asked == [Progress("homing", 1, 2)]
 
 
 def test_numbers_that_are_not_given_stay() -> None:

@@ -20,6 +20,7 @@ from umo.control import Lock, Servo, first, next_period, together, unless, wait
 from umo.cycle import two_writers
 from umo.cycle.columns import TOLD
 from umo.cycle.events import MISTAKE, CommandState
+from umo.cycle.sampled_writes import FIRST, LOOKED_AT, OF
 from umo.cycle.two_writers import TwoWriters
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
@@ -591,17 +592,63 @@ def test_manual_mode_and_the_way_back_are_not_accused() -> None:
         assert rig.told == {}
 
 
-def test_without_the_extension_values_are_written_and_nobody_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def without_extension(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
     choose(monkeypatch, "numpy")
     with running() as rig:
-        rig.m.law = heat
-        rig.start(warm(rig.m, 3.0))
-        pumps = Vector(each.pump for each in (rig.m.left, rig.m.right))
-        assert pumps.write([1.0, 2.0])
-        periods(rig.m, 3)
-        assert rig.m.heater.read() == 2.0
-        assert pumps.read().tolist() == [1.0, 2.0]
-        rig.m.hot = True
-        periods(rig.m, 2)
-        assert not rig.m.heater.write(1.0)
-        assert rig.told == {}
+        yield rig
+
+
+async def warm_on(m: Plant, value: float) -> None:
+    while True:
+        m.heater.write(value)  # warm on
+        await next_period()
+
+
+def test_without_the_extension_two_writers_are_told_in_a_period_that_is_looked_at(without_extension: Rig) -> None:
+    rig, asked = without_extension, without_extension.connection.image.restrictions
+    rig.m.law = heat
+    rig.start(warm_on(rig.m, 3.0))
+    periods(rig.m, FIRST - 1)
+    assert (rig.told, any(asked)) == ({}, True)  # the asynchronous one is asked for in any case
+    periods(rig.m, LOOKED_AT)
+    text = rig.told["heater"]
+    assert f"{line('warm on')}warm_on) and control of Plant (" in text
+    assert f"{line('the law')}heat)" in text
+    assert list(rig.told) == ["heater"]
+    slot = rig.m.heater._slot
+    periods(rig.m, 2)
+    assert asked[slot] == 0  # its writes go straight into the image again
+    periods(rig.m, 2 * OF)
+    assert list(rig.told) == ["heater"]
+
+
+def test_without_the_extension_they_are_found_later_too(without_extension: Rig) -> None:
+    rig = without_extension
+    rig.m.law = heat
+    periods(rig.m, OF - 20)
+    rig.start(warm_on(rig.m, 3.0))
+    assert rig.told == {}
+    periods(rig.m, 20 + FIRST + LOOKED_AT)
+    assert list(rig.told) == ["heater"]
+
+
+def test_without_the_extension_who_writes_alone_or_was_handed_it_over_is_not_accused(without_extension: Rig) -> None:
+    async def one_after_the_other(m: Plant) -> None:
+        while True:
+            await warm(m, 3.0)
+            m.heater.write(0.0)
+            await m.cycle.start(late(m, 4.0))
+
+    rig = without_extension
+    rig.start(one_after_the_other(rig.m))
+    pumps = Vector(each.pump for each in (rig.m.left, rig.m.right))
+    for number in range(OF + 100):
+        assert pumps.write([number % 7.0, 2.0])
+        rig.m.valve.write(OnOff.ON if number % 2 else OnOff.OFF)
+        periods(rig.m, 1)
+    assert pumps.read().tolist() == [(OF + 99) % 7.0, 2.0]
+    rig.m.hot = True
+    periods(rig.m, 2)
+    assert not rig.m.heater.write(1.0)
+    assert rig.told == {}

@@ -9,16 +9,16 @@ from __future__ import annotations
 import json
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from inspect import CO_COROUTINE, iscoroutinefunction, unwrap
+from inspect import CO_COROUTINE, getsourcefile, getsourcelines, iscoroutinefunction, unwrap
 from math import nan
 from types import FunctionType
 from typing import Any, NamedTuple
 
 from umo.errors import Cancelled, DeclarationError, Interrupted, TaskFailed, UmoError, forget_frames, text_of
-from umo.text import CodePlace, in_brackets, is_own, shown_place
+from umo.text import CodePlace, did_you_mean, in_brackets, is_own, shown_place
 
 MAX_LENGTH = 2000
 """Length of an error's text at most, characters."""
@@ -83,6 +83,32 @@ def definition(function: Callable[..., Any]) -> CodePlace | None:
     """The place of a function in the source; None: it is not written in Python."""
     code = getattr(unwrap(function), "__code__", None)
     return None if code is None else CodePlace(code.co_filename, code.co_firstlineno, "<module>")
+
+
+def abstract_names(cls: type) -> frozenset[str]:
+    """The functions that are declared for its objects (`abstractmethod`) and that neither it nor a base has, as
+    `__abstractmethods__` of the classes of `abc`."""
+    known = {name for base in cls.__bases__ for name in getattr(base, "_abstract", ())}
+    known |= {name for name, value in vars(cls).items() if getattr(value, "__isabstractmethod__", False)}
+    return frozenset(name for name in known if getattr(getattr(cls, name, None), "__isabstractmethod__", False))
+
+
+def incomplete(cls: type, names: Collection[str]) -> DeclarationError:
+    """The error for an object of a class that lacks these functions."""
+    base = next(each for each in reversed(cls.__mro__) if min(names) in vars(each))
+    kinds = cls.__mro__[: cls.__mro__.index(base)]
+    own = {name for kind in kinds for name, value in vars(kind).items() if isinstance(value, FunctionType | property)}
+    missing = ", ".join(f"`{name}`{did_you_mean(name, own - {*names})}" for name in sorted(names))
+    place = in_brackets(shown_place(class_place(cls)))
+    return DeclarationError(f"{cls.__name__} has no {missing}, which each {base.__name__} must have{place}")
+
+
+def class_place(cls: type) -> CodePlace | None:
+    """Where a class begins in the source; None: its source is not there."""
+    try:
+        return CodePlace(getsourcefile(cls) or "", getsourcelines(cls)[1], "<module>")
+    except (OSError, TypeError):  # it was made by a program, or in an interactive session
+        return None
 
 
 def check_acts_at_once(what: str, function: Any) -> None:

@@ -61,7 +61,6 @@ class Two:
             self.stack.enter_context(connection)
             if prepared is not None:
                 self.laws = connection.machine.attach(CompiledLaws(prepared))
-                self.stack.callback(self.laws.release)
             self.machines.append(machine)
             self.boxes.append(box)
             self.connections.append(connection)

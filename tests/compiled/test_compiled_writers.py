@@ -71,7 +71,6 @@ def compiled() -> Iterator[tuple[Oven, Any]]:
         assert laws.state == "compiled"
         yield m, connection
         assert laws.state == "compiled"
-        laws.release()
 
 
 def told(connection: Any) -> dict[str, str]:

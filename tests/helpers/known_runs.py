@@ -40,7 +40,6 @@ class Played:
             self.m: Any = stack.enter_context(self._connection)
             if prepared is not None:
                 self.laws = self._connection.machine.attach(CompiledLaws(prepared))
-                stack.callback(self.laws.release)
             self._connection.machine.observers.append(lambda frame: self._act("observer"))
             self.m.cycle.start(self._sequence())
             self.written = [self._period(number) for number in range(PERIODS)]

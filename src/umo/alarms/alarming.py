@@ -56,9 +56,7 @@ class AttachedAlarms(Capability):
 
     def __init__(self, declared: Sequence[DeclaredAlarm]) -> None:
         self._declared = declared
-
-    def shown_rows(self) -> Mapping[str, int]:
-        return {"alarms": len(self._declared)}
+        self.alarm_rows = len(declared)
 
     def attach(self, machine: ConnectedMachine) -> None:
         equipment, declared, clock, events = machine.equipment.all, self._declared, machine.clock, machine.events

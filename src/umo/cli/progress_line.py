@@ -41,11 +41,17 @@ class OneLine:
 
     def show(self, seconds: float, text: str, share: float | None) -> None:
         """The time, a bar for the share that is done, and a text."""
+        if self._is_due(text):
+            self._draw(seconds, text, share)
+
+    def _is_due(self, text: str) -> bool:
+        return self._clock() >= self._next if self._terminal else bool(text) and text != self._text
+
+    def _draw(self, seconds: float, text: str, share: float | None) -> None:
         if self._terminal:
-            if (now := self._clock()) >= self._next:
-                self._next = now + PICTURE_PAUSE
-                self._write(f"{CLEAR_LINE}{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
-        elif text and text != self._text:
+            self._next = self._clock() + PICTURE_PAUSE
+            self._write(f"{CLEAR_LINE}{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
+        else:
             self._text = text
             self._write(f"{seconds:8.3f} s  {printable(text)}\n")
 
@@ -63,4 +69,5 @@ class OneLine:
 class RunProgressLine(OneLine):
     def __call__(self, frame: Frame) -> None:
         progress = frame.progress
-        self.show(frame.time, progress.text, progress.share if progress.total else None)
+        if self._is_due(progress.text):
+            self._draw(frame.time, progress.text, progress.share if progress.total else None)

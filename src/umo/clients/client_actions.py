@@ -13,7 +13,7 @@ from umo.cycle.equipment import Equipment
 from umo.cycle.events import EVENT_TEXT_BYTES, LET_GO, CommandState, Event, around
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
-from umo.errors import CommandRefused, EquipmentFault, PathError
+from umo.errors import CommandRefused, PathError
 from umo.objects import Action, Atomic, Compound
 from umo.objects.paths import is_within
 from umo.text import some
@@ -104,9 +104,8 @@ class ClientActions:
         try:
             result = self._call(begun, partial(action.call, **arguments))
             if begun not in self._running:
-                raise self._machine.equipment.fault_of(begun.part) or CommandRefused(
-                    f"{path} was cancelled as it began"
-                )
+                self._machine.equipment.check_may_begin(begun.part)
+                raise CommandRefused(f"{path} was cancelled as it began")
         except BaseException:  # what it has begun until then ends with it
             self._end(begun, "")
             self.release(path, "")
@@ -137,14 +136,16 @@ class ClientActions:
         return _Action(command, part, self._machine.sequences.others())
 
     def _call(self, action: _Action, call: Callable[[], Any]) -> Any:
-        """Its result; the sequence that this is, and those that it starts, belong to the action. EquipmentFault if a
-        sequence is to be started in equipment in fault."""
+        """Its result; the sequence that this is, and those that it starts, belong to the action. One that may not begin
+        is refused."""
         result = self.within(action.started, call)
         if isinstance(result, Coroutine):
             task = action.started.task(result, action.part)
-            if (fault := self._machine.equipment.fault_of(action.part)) is not None:
+            try:
+                self._machine.equipment.check_may_begin(action.part)
+            except BaseException:
                 task.cancel()  # it never begins
-                raise fault
+                raise
             action.task = task
         return result
 
@@ -240,7 +241,7 @@ class ClientActions:
         self.cancel(why)
         self._release_each(self.held, why)
 
-    def end_in(self, equipment: Equipment, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+    def end_in(self, equipment: Equipment, fault: Callable[[], BaseException]) -> list[BaseException]:
         """End the actions of one equipment, and the sequences of it that others have started; the errors of their
         cleaning up."""
         errors: list[BaseException] = []

@@ -2,7 +2,7 @@
 
 Once per period, before the sequences, `look` takes what has come in. Nothing of it can end the run: what is wrong is
 refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
-called. In manual mode the application is suspended (`umo.cycle.suspension`); actuators can be written and all actions
+called. In manual mode the application is suspended (`umo.clients.suspension`); actuators can be written and all actions
 called. What a client holds (a written actuator, a jog) is under dead-man control: it ends when the client gives no
 sign of life for it, or loses the lease.
 
@@ -30,13 +30,13 @@ from umo.clients.client_commands import (
     Levels,
     Mode,
 )
+from umo.clients.suspension import Suspension
 from umo.cycle.columns import TAKEN_BY_CLIENT, Source
 from umo.cycle.equipment import Equipment
 from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences
-from umo.cycle.suspension import Suspension
-from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, TaskFailed, UmoError
+from umo.errors import CommandRefused, DriverError, PathError, TaskFailed, UmoError
 from umo.objects import Actuator, Atomic, Compound, atoms, described, walk
 from umo.presentation.digits import setting_text
 from umo.presentation.run_facts import driven_text, facts_of
@@ -269,8 +269,7 @@ class ClientControl(Commanding):
         action = directory.action_at(command.path) or _known(directory.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
-            if (fault := self._machine.equipment.fault_of(action.part)) is not None:
-                raise fault
+            self._machine.equipment.check_may_begin(action.part)
         arguments = action.converted(command.arguments)
         signed = 0.0 if action.release is None else self._last_sign(action.path, DEAD_MAN_TIME)
         return self._actions.begin(command, action, arguments, signed)
@@ -359,7 +358,7 @@ class ClientControl(Commanding):
         if errors := self._actions.cancel("the machine stops"):
             raise TaskFailed(str(errors[0]))
 
-    def end_in(self, equipment: Equipment, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+    def end_in(self, equipment: Equipment, fault: Callable[[], BaseException]) -> list[BaseException]:
         """End the actions and sequences of one equipment; the errors of their cleaning up."""
         self._suspension.forget(equipment.compound)
         resuming = self._suspension.resuming

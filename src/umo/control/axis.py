@@ -534,7 +534,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Whether the setpoint moves."""
         return self._state is not _DISABLED and not (self.profile.done and not self.profile.setpoint.velocity)
 
-    # While another is in charge (`umo.cycle.suspension`) -------------------------------------------------
+    # While another is in charge (`umo.clients.suspension`) -------------------------------------------------
 
     def _leave(self) -> LeftMotion:
         """Whoever moves the axis has to wait: what it does is left, and it is free for another motion."""

@@ -2,7 +2,6 @@
 
 A capability has these calls, made in this order:
 
-    shown_rows()     its rows of the shown memory, by column; asked before the image is made
     attach(machine)  the machine is laid out, no driver was called yet: add to the phases of its period
     begin()          every object is initialised; the first sample follows
     end()            the sequences are cancelled; nothing is reset yet; what it raises is told and hinders no reset
@@ -41,7 +40,7 @@ connected machine (`machine.attach`), which add to `commanding`, `before_laws` a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -56,10 +55,9 @@ that."""
 class Capability:
     """What a machine may have beside objects, laws and sequences."""
 
-    def shown_rows(self) -> Mapping[str, int]:
-        """The number of its rows in a column of the shown memory (`umo.cycle.columns`), by the column's name: `alarms`
-        is the one column whose rows a capability brings. What is to be shown of a part is one of its `numbers`."""
-        return {}
+    alarm_rows: int = 0
+    """The number of its rows in the column `alarms` of the shown memory (`umo.cycle.columns`). What else is to be shown
+    of a part is one of its `numbers`."""
 
     def attach(self, machine: Any) -> None:
         """`machine` (`umo.cycle.machine.ConnectedMachine`) is laid out: add to its phases. No driver was called yet."""

@@ -104,6 +104,12 @@ class CommandStage:
         self._watching.append(call)
         self._ask()
 
+    def end_watch(self, call: WriteWatch) -> None:
+        """It is told no longer."""
+        if call in self._watching:
+            self._watching.remove(call)
+        self._ask()
+
     def _ask(self) -> None:
         """All writes pass this stage while somebody looks at them."""
         self._claims.ask_all(self.noted is not None or bool(self._watching))

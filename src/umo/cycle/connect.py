@@ -33,7 +33,7 @@ from umo.system.device_record import DeviceClaim
 from umo.text import Moment, add_note
 from umo.user_code import attempt
 from umo.wiring import Wired, distribute_options, resolve
-from umo.wiring.wired import apply_parameters
+from umo.wiring.wired import apply_calibrations, apply_parameters
 
 C = TypeVar("C", bound=Compound)
 
@@ -163,8 +163,7 @@ class connect(Generic[C]):
         undo, machine = self._restore.callback, None
         try:
             undo(not_awaited.hear())
-            for wire in self.wired.wires:
-                undo(wire.apply().apply)  # one by one: the next may fail
+            undo(apply_calibrations(self.wired.wires))
             if self.kept:
                 self.not_restored = restore(self.root, self.wired.parameters, self.kept, undo)
             else:
@@ -219,6 +218,7 @@ class connect(Generic[C]):
         try:
             for each in machine.attached:
                 each.begin()
+            machine.has_begun = True
             machine.phases.sample_all()
         finally:
             transfer.journal = None

@@ -62,6 +62,8 @@ class Directory:
         self.tunables = {path: each for path, each in self.numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.axes = axes_in(root)
+        self.units: list[Any] = []
+        """The laws that are states of a part, told by what carries them out (`umo.operation.supervisors`)."""
         self._laws = [each for each in laws_in(root) if type(each[2]).__module__ not in DATA]
         self.laws = [each for each in self._laws if has_loops(each[2])]
         """Its laws with loops, each with the compound that has it and its path."""
@@ -84,11 +86,6 @@ class Directory:
     def books(self) -> dict[str, Book]:
         """The laws from which clients choose what comes next, by path."""
         return dict(self.having("choose", "next", "describe"))
-
-    @cached_property
-    def units(self) -> list[Any]:
-        """The laws that are states of a part (`umo.operation.unit_states`)."""
-        return [law for _, law in self.having("supervise", "note_faults", "describe")]
 
     def having(self, *names: str) -> list[tuple[str, Any]]:
         """Its laws whose class has all of these methods, each with its path."""

@@ -170,6 +170,12 @@ class Containment:
                 return each.error()
         return None
 
+    def check_may_begin(self, node: Node) -> None:
+        """Raise the fault of the equipment around an object: nothing is begun there."""
+        for each in self.around(node):
+            if each.in_fault:
+                raise each.error()
+
     def around(self, node: Node | None) -> tuple[Equipment, ...]:
         """The equipment around an object, the innermost first."""
         if node is None:

@@ -20,7 +20,7 @@ from umo.cycle.showing import Showing
 from umo.cycle.stopping import StopFlag
 from umo.drivers.wrapping import bare
 from umo.objects import Compound, walk
-from umo.wiring.wired import Wired, apply_parameters
+from umo.wiring.wired import Wired, apply_calibrations, apply_parameters
 
 
 def machine_of(
@@ -30,8 +30,8 @@ def machine_of(
     `states`: what its capabilities had at the end of the last run."""
     clock = WallClock() if wired.period is None else Clock(wired.period)
     declared = declared_capabilities(root)
-    rows = {column: count for each in declared for column, count in each.shown_rows().items()}
-    image = Image(wired, clock, len(equipment_in(root)), len(axes_in(root)), **rows)
+    rows = len(equipment_in(root)), len(axes_in(root)), sum(each.alarm_rows for each in declared)
+    image = Image(wired, clock, *rows)
     if wired.injection is not None:
         wired.injection.clock, wired.injection.say = clock, image.events.log
     parts = PartPeriods() if any(rate.every > 1 for rate in wired.rates) else None
@@ -68,7 +68,7 @@ def wired_numbers(root: Compound, wired: Wired) -> Iterator[None]:
     """Inside, the objects have the calibrations of the wiring, and the machine has its parameters."""
     undo: list[Callable[[], object]] = []
     try:
-        undo.extend(wire.apply().apply for wire in wired.wires)
+        undo.append(apply_calibrations(wired.wires))
         apply_parameters(root, wired.parameters, undo.append)
         yield
     finally:

@@ -20,6 +20,7 @@ from umo.cycle.image import Image
 from umo.cycle.part_slots import SlotsOfParts
 from umo.cycle.period import Period
 from umo.cycle.piling_up import PilingUp
+from umo.cycle.sampled_writes import SampledWrites
 from umo.cycle.sequences import Sequences
 from umo.cycle.stage import Progress
 from umo.cycle.stopping import StopFlag
@@ -86,10 +87,16 @@ class ConnectedMachine:
         self.observers = self.phases.observers
         """Called after every period with its frame."""
         self.attached: list[Capability] = []
+        self.has_begun = False
+        """Whether their `begin` was called."""
         for each in attached:
             self.attach(each)
         self.phases.bind()
-        image.connect(self.claims, self.commands, TwoWriters(image, self.sequences.current).writes)
+        writers = TwoWriters(image, self.sequences.current)
+        image.connect(self.claims, self.commands, writers.writes)
+        if writers.writes is None:
+            sampled = SampledWrites(image, self.commands, self.sequences.current, writers.changed)
+            self.phases.commanding.insert(0, sampled.begin_period)
         self.compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
 
     def skip_ticks(self) -> None:
@@ -108,9 +115,11 @@ class ConnectedMachine:
 
     def attach(self, capability: K) -> K:
         """Attach it. One that is attached after the others adds to `commanding`, `before_laws` and `showing` only: the
-        other phases are bound. Its `begin` is not called."""
+        other phases are bound. To a machine that has begun, its `begin` is called too."""
         capability.attach(self)
         self.attached.append(capability)
+        if self.has_begun:
+            capability.begin()
         return capability
 
     def find(self, kind: type[K]) -> K | None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from inspect import iscoroutine
 from random import Random
-from typing import Any, cast
+from typing import Any
 
 from umo.cycle.clock import Clock
 from umo.cycle.events import Event
@@ -84,9 +84,11 @@ class MachineView:
 
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
         machine = self.whole
-        if machine.equipment.is_in_fault(part):
+        try:
+            machine.equipment.check_may_begin(part)
+        except EquipmentFault:
             Task(sequence).cancel()  # it never begins
-            raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
+            raise
         sequences = machine.at_work
         task = sequences.start(sequence, part)
         if sequences is machine.sequences:

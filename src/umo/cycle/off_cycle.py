@@ -405,6 +405,12 @@ class Posted(WithPeriod):
         if not self._drivers.confirms_later(slot):
             super().accepted(slot)
 
+    def goes_on(self, slot: int) -> None:
+        """It may be initialised again and again while it takes nothing else: of one that retries what is pending is not
+        confirmed."""
+        if self._items[slot]._max_age is not None and not self._image.is_at_default(slot):
+            self._image.set_quality(slot, Quality.STALE)
+
 
 class Ordered(AtOnce):
     """A write orders it, and the device confirms it later."""

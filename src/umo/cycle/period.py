@@ -62,7 +62,7 @@ PHASES = (
     PeriodPhase(CONTROL, "LAWS", "those of the whole, a parent's before those of its parts", CONTAINED,
         "cycle/acting_laws"),
     PeriodPhase(CONTROL, "SETTLE", "on demand: what nobody is in charge of goes to its default", "raised",
-        "cycle/suspension"),
+        "clients/suspension"),
     PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED,
         "cycle/image, deliveries"),
     PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD of all together, then "

@@ -1,6 +1,7 @@
 """Two writers of one actuator, neither of which has handed it over, are told once (docs/decisions/0082).
 
-Asked only where another one than before writes an actuator (`writes.py`).
+Asked only where another one than before writes an actuator: by the extension of each write (`writes.py`), without it of
+those in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations

@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event
 from umo.cycle.sequences import Sequences
-from umo.errors import EquipmentFault
 from umo.objects import Compound, walk
 from umo.user_code import Raised, attempt, told
 
-EndIn = Callable[[Equipment, Callable[[], EquipmentFault]], list[BaseException]]
+EndIn = Callable[[Equipment, Callable[[], BaseException]], list[BaseException]]
 """A function that ends what somebody has under way in equipment, for this fault; the errors of the cleaning up."""
 
 
@@ -43,7 +42,7 @@ class UnderWay:
         for note in self.noting if faults else ():
             note(faults)
 
-    def end(self, equipment: Equipment, fault: Callable[[], EquipmentFault], now: float) -> list[Event]:
+    def end(self, equipment: Equipment, fault: Callable[[], BaseException], now: float) -> list[Event]:
         """End it all; events of what has failed in its cleaning up. `now`: s on the cycle's clock."""
         raised: list[Raised] = []
         if moving := self._moving.get(id(equipment.compound)):

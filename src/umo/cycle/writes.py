@@ -2,7 +2,7 @@
 
 Beside a value, a write leaves who has written it, and a bit that says so until the values are sent. Only where another
 one than before writes another value anything is called (`two_writers.py`). Without the extension only the value is
-stored: the rest would take three times as long as that.
+stored, as the rest would take as long again; in some periods writes are looked at (`sampled_writes.py`).
 """
 
 from __future__ import annotations

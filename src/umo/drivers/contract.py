@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from enum import Flag
 from functools import cache
 from operator import index
-from typing import Any, ClassVar, Generic
+from typing import Any, ClassVar, Generic, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from typing_extensions import TypeVar
 
 from umo.drivers.optional import check_named
 from umo.errors import ChannelsFailed, DriverError, text_of
-from umo.user_code import check_overrides
+from umo.user_code import check_overrides, incomplete
 
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
@@ -153,6 +153,12 @@ class Driver(ABC, Generic[C]):
         super().__init_subclass__(**keywords)
         check_overrides(cls)
         check_named(cls)
+
+    def __new__(cls, *options: object, **named: object) -> Self:
+        """DeclarationError for a class that lacks a function of its bases."""
+        if lacking := cls.__abstractmethods__:
+            raise incomplete(cls, lacking)
+        return super().__new__(cls)
 
     # The paper's five segments -------------------------------------------------------------------
 

@@ -375,12 +375,8 @@ class CompiledLaws(Capability):
     def _tell(self, text: str, logged: bool = False) -> None:
         self._machine.events.add(Event(self._machine.clock.now, "", text), logged=logged)
 
-    def release(self) -> None:
-        """The machine is disconnected: its objects have their attributes themselves again."""
-        if self.state != "python":
-            self._release()
-
     def _release(self) -> None:
+        """The objects have their attributes themselves again."""
         self.state = "python"
         self._call_before_laws(None)
         self._conditions.release()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
@@ -35,6 +36,7 @@ class Actuator(Atomic):
     """Whether the nearest bound is taken of a value beyond the range."""
 
     @property
+    @abstractmethod
     def default(self) -> Any:
         """The safe value: written on connect, on reset and when the connection ends."""
         raise NotImplementedError

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from enum import Enum
 from math import nan
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar, cast
@@ -13,7 +13,7 @@ import numpy as np
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
-from umo.objects.attributes import check_declared
+from umo.objects.attributes import assign, check_declared
 from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
@@ -25,6 +25,7 @@ from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
 from umo.states import TwoState, comparisons, shown
 from umo.text import cut_repr, did_you_mean
+from umo.user_code import incomplete
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -58,6 +59,8 @@ class Atomic(Node):
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
+        if self._abstract:
+            raise incomplete(type(self), self._abstract)
         self._parent = None
         self._name = ""
         self._synchronous = checked_truth("synchronous", synchronous)
@@ -70,6 +73,7 @@ class Atomic(Node):
         return self._path
 
     @property
+    @abstractmethod
     def calibration(self) -> Calibration:
         """Its range and scale."""
         raise NotImplementedError
@@ -105,22 +109,27 @@ class Atomic(Node):
     def acknowledge(self) -> bool:
         return self._image.claims.acknowledge(frozenset((self._slot,)))
 
+    @abstractmethod
     def describe(self) -> str:
         """Range and units as a short text, for tables."""
         raise NotImplementedError
 
+    @abstractmethod
     def _about(self) -> dict[str, Any]:
         """What its values mean, as plain data (`umo.presentation.described`)."""
-        raise NotImplementedError
+        return {}
 
+    @abstractmethod
     def _number(self, value: Any) -> float:
         """The number of the image for a value as `write` takes it; StateError or RangeError for what is none."""
         raise NotImplementedError
 
+    @abstractmethod
     def _plain(self, value: Any) -> Any:
         """A value as plain data."""
         raise NotImplementedError
 
+    @abstractmethod
     def _from_plain(self, value: Any) -> float:
         """The number of the image for a value as plain data, within the range; StateError or RangeError if it is
         none."""
@@ -128,8 +137,11 @@ class Atomic(Node):
 
     def _levels(self, inverted: bool) -> Calibration:
         """Of an object with states: its calibration on a channel, inverted or not. DeclarationError if it cannot be."""
-        raise NotImplementedError
+        if inverted:
+            raise DeclarationError(f"a {type(self).__name__} cannot be inverted")
+        return self.calibration
 
+    @abstractmethod
     def _calibrate(self, calibration: Calibration) -> None:
         """Take range and scale from a wiring entry."""
         raise NotImplementedError
@@ -140,7 +152,7 @@ class Atomic(Node):
             if name not in self._class_names:
                 check_declared(self, name, self._instead_of_setting("..."))
             try:
-                object.__setattr__(self, name, value)
+                assign(self, name, value)
             except AttributeError as error:
                 raise AttributeError(f"{error}{self._instead_of_setting('...')}") from None
 
@@ -158,7 +170,9 @@ class Atomic(Node):
         self._image = cast("Image", Unconnected(self))
 
     def _shown(self) -> str:
-        raise NotImplementedError
+        """Its value in words."""
+        value = self._image.values[self._slot]
+        return NO_VALUE if value != value else number_text(value)
 
     def __repr__(self) -> str:
         name = f"{type(self).__name__} {self.path}".rstrip()
@@ -275,9 +289,7 @@ LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1
 class Digital(Atomic):
     """A group of bits with a numeric meaning (section 4.4)."""
 
-    __slots__ = (
-        "_invalid_raws", "_linearization", "_maximum", "_minimum", "_resolution", "_rollover", "_units", "_zero_offset",
-    )  # fmt: skip
+    __slots__ = ("_calibration", "_maximum", "_minimum", "_units")
 
     _word, _has_states = "digital", False
 
@@ -291,20 +303,19 @@ class Digital(Atomic):
         synchronous: bool,
         linearization: Linearization | None = None,
         invalid_raws: Sequence[int] = (),
+        rollover: bool | int = False,
     ) -> None:
         super().__init__(synchronous)
         self._units = check_unit(units)
-        self._minimum, self._maximum = _finite("minimum", minimum), _finite("maximum", maximum)
-        self._resolution, self._zero_offset = _finite("resolution", resolution), _finite("zero_offset", zero_offset)
-        if self._resolution == 0:
+        low, high = _finite("minimum", minimum), _finite("maximum", maximum)
+        scale = _finite("resolution", resolution), _finite("zero_offset", zero_offset)
+        if scale[0] == 0:
             raise DeclarationError("resolution must not be 0: it is the change of the value for one bit")
-        if self._minimum >= self._maximum:
+        if low >= high:
             raise DeclarationError(f"minimum {number_text(minimum)} is not below maximum {number_text(maximum)}")
         if linearization is not None:
-            linearization = fitted(linearization, units, self._minimum, self._maximum)
-        self._linearization = linearization
-        self._invalid_raws = _raws(invalid_raws)
-        self._rollover: bool | int = False
+            linearization = fitted(linearization, units, low, high)
+        self._calibrate(Calibration(low, high, *scale, linearization, _raws(invalid_raws), rollover))
 
     @property
     def units(self) -> str:
@@ -322,43 +333,43 @@ class Digital(Atomic):
     def resolution(self) -> float:
         """The change of the value for one bit; negative where the circuit counts the other way. With a linearization:
         the change of the electrical quantity."""
-        return self._resolution
+        return self._calibration.resolution
 
     @property
     def zero_offset(self) -> float:
         """The value of raw 0; with a linearization the electrical quantity."""
-        return self._zero_offset
+        return self._calibration.zero_offset
 
     @property
     def linearization(self) -> Linearization | None:
         """The function from the electrical quantity to the value; None: the value is raw * resolution + zero_offset."""
-        return self._linearization
+        return self._calibration.linearization
 
     @property
     def calibration(self) -> Calibration:
-        scale = self._resolution, self._zero_offset, self._linearization
-        return Calibration(self._minimum, self._maximum, *scale, self._invalid_raws, self._rollover)
+        return self._calibration
 
     def _calibrate(self, calibration: Calibration) -> None:
-        self._minimum, self._maximum, self._resolution, self._zero_offset = calibration[:4]
-        self._linearization, self._invalid_raws, self._rollover = calibration[4:]
+        self._calibration = calibration
+        self._minimum, self._maximum = calibration[:2]  # each write looks at them
 
     def read_in(self, unit: str) -> float:
         """`read()` in another unit of the same dimension."""
         return convert(self.read(), self._units, unit)
 
+    @abstractmethod
     def read(self) -> float:
         raise NotImplementedError
 
     def describe(self) -> str:
-        of = "" if self._linearization is None else f" through a {self._linearization}"
-        return f"{span(self._minimum, self._maximum, self._units)} by {number_text(abs(self._resolution))}{of}"
+        of = "" if self.linearization is None else f" through a {self.linearization}"
+        return f"{span(self._minimum, self._maximum, self._units)} by {number_text(abs(self.resolution))}{of}"
 
     def _about(self) -> dict[str, Any]:
         """Without a linearization the resolution and the zero offset, from which its digits follow."""
         about: dict[str, Any] = {"unit": self._units, "minimum": self._minimum, "maximum": self._maximum}
-        if self._linearization is None:
-            about |= {"resolution": self._resolution, "zero_offset": self._zero_offset}
+        if self.linearization is None:
+            about |= {"resolution": self.resolution, "zero_offset": self.zero_offset}
         return about
 
     def _plain(self, value: Any) -> Any:
@@ -385,17 +396,17 @@ class Digital(Atomic):
         return number
 
     def _shown(self) -> str:
-        digits = digits_of(self._resolution, self._zero_offset) if self._linearization is None else None
+        digits = digits_of(self.resolution, self.zero_offset) if self.linearization is None else None
         value = self._image.values[self._slot]
         return measure(value, self._units, digits) if math.isfinite(value) else NO_VALUE
 
 
 def _finite(name: str, number: float) -> float:
-    is_number = isinstance(number, int | float) and not isinstance(number, bool)
-    value = nan
-    if is_number:
-        with suppress(OverflowError):
-            value = float(number)
+    is_number = isinstance(number, float | int) and not isinstance(number, bool)
+    try:
+        value = float(number) if is_number else nan
+    except OverflowError:
+        value = nan
     if not math.isfinite(value):
         raise DeclarationError(f"{name}={cut_repr(number)} is not a finite number")
     return value

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from umo.objects.stored_names import MAKING, is_slip, refuse_slips, stores_in
 from umo.text import did_you_mean
+from umo.user_code import abstract_names
 
 FIRST = "; a new one gets its first value in the class or in `setup`"
 """Words of a message: what to do where another attribute was meant."""
 OBJECTS = "umo.objects."
+assign = object.__setattr__
+"""An assignment without a look. By this name it is found sooner: a machine of 10,000 objects makes 200,000."""
 
 
 class DeclaredAttributes:
@@ -29,6 +32,8 @@ class DeclaredAttributes:
     _class_names: ClassVar[frozenset[str]] = frozenset()
     _stored: ClassVar[frozenset[str]] = frozenset()
     """The names that the functions of this class assign to their own object."""
+    _abstract: ClassVar[frozenset[str]] = frozenset()
+    """The functions that an object must have, and that this class lacks."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -39,13 +44,14 @@ class DeclaredAttributes:
         refuse_slips(cls, stores, own_names(cls))
         cls._stored = shared(each.name for each in stores)
         cls._class_names = shared(names_in(cls))
+        cls._abstract = abstract_names(cls)
 
     if not TYPE_CHECKING:  # typed, any attribute could be assigned
 
         def __setattr__(self, name, value):
             if name not in self._class_names:
                 check_declared(self, name)
-            object.__setattr__(self, name, value)
+            assign(self, name, value)
 
 
 def names_in(cls: type) -> set[str]:

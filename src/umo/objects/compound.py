@@ -23,7 +23,7 @@ from typing import (
 
 from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Atomic, Binary
-from umo.objects.attributes import check_declared, shared
+from umo.objects.attributes import assign, check_declared, shared
 from umo.objects.keywords import AlarmsByName, ByAttribute, ClassSettings, Reaction, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
@@ -31,7 +31,7 @@ from umo.objects.paths import named
 from umo.signature import hints_of
 from umo.states import shown
 from umo.text import cut_repr, in_brackets, shown_place
-from umo.user_code import check_overrides, definition
+from umo.user_code import check_overrides, definition, incomplete
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -104,7 +104,7 @@ class Compound(Node):
     _settings: ClassVar[ClassSettings] = ClassSettings()
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
-    _free: frozenset[str] = frozenset()  # the attributes that are assigned without a look, when it is made
+    _free: frozenset[str] = frozenset()  # the attributes that are assigned without a look
     _parametrised: bool = False  # `setup` last saw fields that a wiring had set
     _machine: Machine
 
@@ -121,6 +121,7 @@ class Compound(Node):
         **unknown: Never,
     ) -> None:
         super().__init_subclass__()
+        cls._free = cls._class_names  # until it has its parts
         given = {
             "stop_order": stop_order,
             "max_period": max_period,
@@ -149,6 +150,8 @@ class Compound(Node):
 
     @final
     def __post_init__(self) -> None:
+        if self._abstract:
+            raise incomplete(type(self), self._abstract)
         self._parent = None
         self._name = ""
         self._disconnect()
@@ -162,19 +165,19 @@ class Compound(Node):
             frozen, parts = _parts(field.name, getattr(self, field.name))
             _check_type(f"{type(self).__name__}.{field.name}", frozen, hints.get(field.name, Any))
             if parts:
-                object.__setattr__(self, field.name, frozen)
+                assign(self, field.name, frozen)
                 children.update(parts)
                 fixed.add(field.name)
         for name, child in children.items():
             child._adopt(self, name)
         self._children, self._fixed = MappingProxyType(children), RESERVED | fixed
+        self._free = shared(self._class_names.union(vars(self)) - self._fixed)
         for path in self._settings.stop_order:
             try:
                 named(self, path)
             except PathError as error:
                 raise PathError(f"stop_order: {error}") from None
         self.setup()
-        vars(self)["_free"] = shared(self._class_names.union(vars(self)) - self._fixed)
 
     def setup(self) -> None:
         """Called at the end of construction, and again on connect if a wiring sets fields of the machine
@@ -191,9 +194,9 @@ class Compound(Node):
     if not TYPE_CHECKING:  # typed, any attribute could be assigned
 
         def __setattr__(self, name, value):
-            if name not in self._free or (isinstance(value, Node) and value._parent is None):
+            if name not in self._free or (isinstance(value, Node) and value._parent is None and self._fixed):
                 self._admit(name, value)
-            object.__setattr__(self, name, value)
+            assign(self, name, value)
 
     def _admit(self, name: str, value: object) -> None:
         """An assignment that is looked at: of a part, of an object, of an attribute that is not known."""
@@ -207,8 +210,7 @@ class Compound(Node):
             raise DeclarationError(f"{type(self).__name__}.{name}: declare an object as an annotated field")
         if name not in self._class_names:
             check_declared(self, name)
-            if self._free:
-                vars(self)["_free"] = shared(self._free | {name})
+            self._free = shared(self._free | {name})
 
     def interlocks(self) -> Iterable[Interlock]:
         """The interlocks of this object. Override it to declare interlocks. Called on connect."""

@@ -111,9 +111,9 @@ class DigitalSensor(Sensor, Digital):
         filter: str | float | None = None,
         velocity: str | float | None = None,
     ) -> None:
-        super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization, invalid_raws)
+        scale = minimum, maximum, resolution, zero_offset
+        super().__init__(units, *scale, synchronous, linearization, invalid_raws, checked_rollover(rollover))
         self._incremental = checked_truth("incremental", incremental)
-        self._rollover = checked_rollover(rollover)
         self._filter, self._velocity = _time("filter", filter), _time("velocity", velocity)
         self._max_age, self._marks = _on_error(on_error, max_age)
 
@@ -147,7 +147,7 @@ class DigitalSensor(Sensor, Digital):
         """
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")
-        if at is not None and self._linearization is not None:
+        if at is not None and self.linearization is not None:
             raise DeclarationError(f"{self.path}: referenced(at=...) is for sensors without a linearization")
         if at is not None and not known:
             raise DeclarationError(f"{self.path}: referenced(False) takes no value")

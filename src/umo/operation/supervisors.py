@@ -46,6 +46,7 @@ class Supervisors(Capability):
     def attach(self, machine: Any) -> None:
         """DeclarationError for one whose part can have no states."""
         self._machine = machine
+        machine.directory.units = [law for _, law in self._laws]
         for path, law in self._laws:
             law.begin(path)
             for node in outwards(law.part):

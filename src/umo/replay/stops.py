@@ -134,7 +134,7 @@ def _refused(node: ast.AST) -> str:
     return ""
 
 
-def _names(kind: type[Atomic]) -> Iterator[str]:
+def _names(kind: type[Any]) -> Iterator[str]:
     """The names of all kinds of objects."""
     yield kind.__name__
     for each in kind.__subclasses__():

@@ -358,6 +358,8 @@ class _Resolver:
             )
         if entry.invalid_raws is not None:
             override["invalid_raws"] = tuple(entry.invalid_raws)
+        if not override:
+            return declared
         if override.get("resolution") == 0:
             self.source.mistake(f"{key}.resolution", "is 0; it is the change of the value for one bit")
             return declared

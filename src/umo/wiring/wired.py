@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -129,11 +129,18 @@ class Wire:
         """The object and its channel, for messages."""
         return f"{self.path} (channel {self.channel.text})"
 
-    def apply(self) -> Wire:
-        """Set the object to this wire's calibration; returns the wire that restores what it had."""
-        before = self.item.calibration
-        self.item._calibrate(self.calibration)
-        return Wire(self.item, self.driver, self.channel, before, self.path)
+
+def apply_calibrations(wires: Sequence[Wire]) -> Callable[[], object]:
+    """Give the objects the calibrations of their wires. Returns what gives them back those that they had."""
+    before = [(wire.item, wire.item.calibration) for wire in wires]
+    _calibrate((wire.item, wire.calibration) for wire in wires)
+    return partial(_calibrate, before)
+
+
+def _calibrate(each: Iterable[tuple[Atomic, Calibration]]) -> None:
+    for item, calibration in each:
+        if item.calibration is not calibration:  # most wirings change none
+            item._calibrate(calibration)
 
 
 class Parameter(NamedTuple):
