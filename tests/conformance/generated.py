@@ -1,8 +1,8 @@
 """Broken drivers that are generated: eight correct ones with one change of their syntax tree each.
 
 An operator stands for a kind of mistake (`KINDS`). `generated(seed, count)` gives so many mutants, the kinds and the
-drivers in turns; `Generated.name` tells one. Some change nothing that a driver promises: they stand in
-equivalent.txt, each with its argument.
+drivers in turns, `later()` all of the kinds that were found to be missed later; `Generated.name` tells one. Some change
+nothing that a driver promises: they stand in equivalent.txt, each with its argument.
 """
 
 from __future__ import annotations
@@ -204,6 +204,76 @@ def lines(node: ast.AST) -> Iterator[ast.AST]:
 KINDS: dict[str, Change] = {
     each.__name__: each for each in (order, width, sign, scale, time, buffer, state, life, lines)
 }
+
+
+# Operators of later kinds: what is added to a function --------------------------------------------
+
+
+def _code(text: str) -> list[ast.stmt]:
+    return ast.parse(text).body
+
+
+def form(node: ast.AST) -> Iterator[ast.AST]:
+    """The form of a block differs from that of single transfers."""
+    match node:
+        case ast.FunctionDef(name="write_many", body=body):
+            yield _with(node, body=[*_code(UNCHANGED_LEFT_OUT), *body, *_code("self.__dict__['old'] = now")])
+            yield _with(node, body=[ast.Try(body, _code("try: pass\nexcept TimeoutError: pass")[0].handlers, [], [])])  # type: ignore[attr-defined]
+        case ast.FunctionDef(name="read_many", body=body):
+            again = _code("try: pass\nexcept OSError: pass")[0].handlers[0]  # type: ignore[attr-defined]
+            yield _with(node, body=[ast.Try(body, [_with(again, body=body)], [], [])])
+
+
+def kept(node: ast.AST) -> Iterator[ast.AST]:
+    """What is done with is kept for as long as the driver is."""
+    match node:
+        case ast.Expr(value=ast.Call(func=ast.Attribute(attr="close", value=ast.Attribute() as what))):
+            yield _code(f"self.__dict__.setdefault('_kept', []).append({ast.unparse(what)})")[0]
+        case ast.FunctionDef(name="read" | "write", body=body, args=ast.arguments(args=[_, channel, *_])):
+            yield _with(node, body=[*_code(f"self.__dict__.setdefault('_seen', []).append([{channel.arg}])"), *body])
+
+
+def stages(node: ast.AST) -> Iterator[ast.AST]:
+    """Each stage of a call has the timeout."""
+    match node:
+        case ast.Expr(value=ast.Call(func=ast.Attribute(attr="connect"))):
+            yield ast.If(ast.Constant(True), [node, *_code("self.begin()")], [])
+        case ast.Assign(value=ast.Call(func=ast.Attribute(attr="connected"))):
+            yield ast.If(ast.Constant(True), [node, *_code("deadline = monotonic() + self.timeout")], [])
+
+
+def thread(node: ast.AST) -> Iterator[ast.AST]:
+    """A thread of the driver asks the device while nothing is called."""
+    match node:
+        case ast.FunctionDef(name="open", body=body):
+            yield _with(node, body=[*body, *_code(ASKS_BY_ITSELF)])
+        case ast.FunctionDef(name="close", body=body):
+            yield _with(node, body=[*_code("import threading\nthreading.Thread(target=threading.Event().wait, "
+                                           "args=(20.0,), daemon=True).start()"), *body])  # fmt: skip
+
+
+UNCHANGED_LEFT_OUT = """
+now = dict(zip((c.text for c in channels), raws.tolist()))
+new = [i for i, c in enumerate(channels) if self.__dict__.get('old', {}).get(c.text) != now[c.text]]
+channels, raws = tuple(channels[i] for i in new), raws[new]
+"""
+ASKS_BY_ITSELF = """
+import threading, time
+def ask():
+    from conformance.device import READ, frame
+    while self.is_open:
+        time.sleep(0.02)
+        try:
+            with socket.create_connection((self.host, self.port), 0.1) as own:
+                own.settimeout(0.1)
+                own.sendall(frame(1, READ, [(40, 0)]))
+                own.recv(100)
+        except OSError:
+            pass
+threading.Thread(target=ask, daemon=True).start()
+"""
+LATER_KINDS: dict[str, Change] = {each.__name__: each for each in (form, kept, stages, thread)}
+ALL_KINDS = KINDS | LATER_KINDS
 ANY_KIND = {"answers", "kind of errors", "range"}
 """Rules that any change may break: nothing works, another exception than an OSError is raised, levels are wrong."""
 RIGHT_RULES = {
@@ -228,6 +298,10 @@ RIGHT_RULES = {
         "channels", "one beyond", "directions", "block failures", "timeout", "one deadline", "late answer",
         "old answer", "short answer", "garbled answer", "error answer", "vanish", "look", "watchdog", "idle",
     },
+    "form": {"block write", "timeout", "retry", "reset after failure", "vanish", "two clients"},
+    "kept": {"descriptors", "long run", "memory"},
+    "stages": {"one deadline"},
+    "thread": {"watchdog", "descriptors"},
 }  # fmt: skip
 """The rules that are right to catch a mutant of this kind, beside those for any kind."""
 
@@ -309,7 +383,7 @@ def _made(correct: Correct, mutant: Generated | None = None) -> type[Any]:
         tree = _class(owner)
         if mutant is not None and owner == mutant.owner:
             node = list(ast.walk(tree))[mutant.site]
-            tree = _Replaced(node, list(KINDS[mutant.kind](node))[mutant.choice]).visit(tree)
+            tree = _Replaced(node, list(ALL_KINDS[mutant.kind](node))[mutant.choice]).visit(tree)
         made[name] = _executed(module, tree, made)[name]
     kept: type[Any] = made[correct.classes[0].partition(":")[2]]
     return kept
@@ -333,7 +407,7 @@ def _sites(correct: Correct, kind: str) -> Iterator[Generated]:
         for site, node in enumerate(ast.walk(tree)):
             if id(node) not in functions or id(node) in left_out:
                 continue
-            for choice, new in enumerate(KINDS[kind](node)):
+            for choice, new in enumerate(ALL_KINDS[kind](node)):
                 line = f"{functions[id(node)]}:{getattr(node, 'lineno', 0) - tree.lineno}"
                 words = f"{line}: {_words(node, new)}"
                 yield Generated(correct, kind, owner, site, choice, words)
@@ -364,6 +438,14 @@ def _words(old: ast.AST, new: ast.AST) -> str:
         return "its last two statements exchanged"
     texts = (" / ".join(map(str.strip, each))[:100] for each in (one, other))
     return " -> ".join(texts)
+
+
+@cache
+def later() -> tuple[Generated, ...]:
+    """Every mutant of the later kinds. Only a device of requests has what a thread asks for."""
+    found = [each for kind in LATER_KINDS for correct in DRIVERS for each in _sites(correct, kind)]
+    asking = [each for each in found if "def ask" not in each.words or each.correct.subject is careful]
+    return tuple({(each.correct, each.kind, each.words): each for each in asking}.values())
 
 
 @cache

@@ -43,6 +43,13 @@ def careful(
         yield Subject(**given | changes)
 
 
+@contextmanager
+def without_watchdog(driver: type[Careful]) -> Iterator[Subject]:
+    """The device's own watchdog is left alone."""
+    with careful(driver) as subject:
+        yield replace(subject, watchdog=0.0)
+
+
 def off_cycle(subject: Subject) -> Subject:
     """The same driver off the cycle: each call of it is a request."""
 

@@ -61,6 +61,13 @@ SIGNS_OF_LIFE = (
     "the checksum of an answer that says failed is not verified",
     "a report empties what it counts",
     "the garbage collector of the process is switched off",
+    "a block of writes leaves out what the last one has confirmed, also on a new connection",
+    "a block of writes leaves out the levels of the last one, whether that succeeded or not",
+    "a thread asks the device ten times within the time of its watchdog",
+    "an answer with a sound head and a wrong checksum is asked for once more",
+    "the block before is given for as long as the device is silent, with an age of zero",
+    "the first reading on a new connection is that of the channel before",
+    "the start of an answer that was cut short stays in the buffer of the driver",
 )
 """Those that `make test` tries, with their rule alone."""
 

@@ -5,7 +5,19 @@ from __future__ import annotations
 
 import pytest
 
-from conformance.generated import DRIVERS, KINDS, RIGHT_RULES, Correct, equivalent, generated, judged, rightly_caught
+from conformance.generated import (
+    ALL_KINDS,
+    DRIVERS,
+    KINDS,
+    LATER_KINDS,
+    RIGHT_RULES,
+    Correct,
+    equivalent,
+    generated,
+    judged,
+    later,
+    rightly_caught,
+)
 from umo.testing.conformance import all_rules, conform, runner
 
 SEED, COUNT, PART = 1, 300, 30
@@ -28,12 +40,12 @@ def test_each_kind_has_mutants_and_each_can_be_made() -> None:
 
 
 def test_each_kind_has_rules_that_are_right_to_catch_it() -> None:
-    assert RIGHT_RULES.keys() == KINDS.keys()
+    assert RIGHT_RULES.keys() == ALL_KINDS.keys()
     assert set().union(*RIGHT_RULES.values()) <= {rule.id for rule in all_rules()}
 
 
 def test_each_argument_is_that_of_a_mutant() -> None:
-    assert equivalent().keys() <= {each.name for each in generated(SEED, COUNT)}
+    assert equivalent().keys() <= {each.name for each in (*generated(SEED, COUNT), *later())}
 
 
 @pytest.mark.parametrize("correct", DRIVERS, ids=lambda each: each.name)
@@ -54,5 +66,19 @@ def test_some_are_found_at_once(number: int) -> None:
 @pytest.mark.parametrize("first", range(0, COUNT, PART))
 def test_the_mutants_are_found(first: int) -> None:
     tried = [each for each in generated(SEED, COUNT)[first : first + PART] if each.name not in equivalent()]
+    missed = [each.name for each in tried if not rightly_caught(each, judged(each))]
+    assert len(missed) <= MOST_MISSED * len(tried), "\n".join(missed)
+
+
+def test_each_later_kind_has_mutants_and_each_can_be_made() -> None:
+    assert {each.kind for each in later()} == LATER_KINDS.keys()
+    assert all(each.driver() for each in later())
+
+
+@pytest.mark.full
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kind", LATER_KINDS)
+def test_the_mutants_of_later_kinds_are_found(kind: str) -> None:
+    tried = [each for each in later() if each.kind == kind and each.name not in equivalent()]
     missed = [each.name for each in tried if not rightly_caught(each, judged(each))]
     assert len(missed) <= MOST_MISSED * len(tried), "\n".join(missed)

@@ -20,7 +20,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from conformance.careful import Careful
-from conformance.device import READ, frame
+from conformance.device import READ, Device, frame
 from conformance.subjects import careful, simulated
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.simulated import Simulated
@@ -40,6 +40,7 @@ from umo.testing.conformance import (
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.leak_rules import _grows
 from umo.testing.conformance.level_rules import Witness
+from umo.testing.conformance.probe import failed
 from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import RuleContext
 
@@ -418,6 +419,8 @@ def test_after_the_device_was_away_a_driver_may_bring_outputs_to_their_defaults_
 class Answers:
     """A line on which a request is carried out until its answer comes, not sooner."""
 
+    passes = False
+
     def __init__(self, carried_out: Callable[[], object]) -> None:
         self.carried_out = carried_out
 
@@ -724,3 +727,77 @@ def test_a_rule_says_what_it_did_not_look_at(rule: str) -> None:
         found = conform(replace(subject, watchdog=0.0), only=[rule], cycles=10).finding(rule)
     assert found.verdict is not Judgement.FAILED
     assert UNSEEN[rule] in found.why
+
+
+# What the subject says of its levels, and what was disturbed -------------------------------------------------
+
+
+def test_a_record_that_gives_no_level_is_told_as_a_fault_of_the_subject() -> None:
+    with careful(levels=lambda text: []) as subject:
+        certificate = conform(subject, only=["answers", "range", "levels kept"], cycles=10)
+    assert certificate.finding("answers").why.startswith("`levels` of the subject gave no level of out:0; the first is")
+    assert certificate.finding("levels kept").why.startswith("as above (answers): `levels` of the subject")
+
+
+def test_a_record_that_does_not_begin_with_the_level_at_its_last_call_is_told_as_such() -> None:
+    with careful() as subject:
+        record = subject.levels
+        assert record is not None
+        found = conform(replace(subject, levels=lambda text: list(record(text))[1:] or [0]), only=["answers"])
+    assert "the first must be the level at the last call of this function" in found.finding("answers").why
+
+
+def test_a_call_that_fails_names_what_was_disturbed_just_before() -> None:
+    with careful() as subject:
+        context = RuleContext(subject)
+        with context.opened() as probe:
+            probe.timeout = context.haste
+            context.unanswered(probe.read, "in:8")
+            probe.driver.connect = lambda: [][0]
+            error = context.failure(probe.read, "in:8")
+            assert error is not None and failed(error).startswith("read of in:8 failed, right after a lost answer: ")
+            del probe.driver.connect
+            probe.read("in:8")
+            error = context.failure(probe.read, "in:40")
+            assert error is not None and failed(error).startswith("read of in:40 failed: ")
+
+
+def test_what_a_failing_call_leaves_in_the_kit_does_not_count_as_memory_of_the_driver() -> None:
+    class AnotherError(Careful):
+        def check(self, channels: Any, answer: Any) -> None:
+            if any(status for status, _ in answer):
+                raise KeyError("refused")
+
+    with careful(AnotherError) as subject:
+        found = conform(subject, only=["memory"], cycles=100).finding("memory")
+    assert found.verdict is Judgement.PASSED, found
+
+
+def test_a_watchdog_that_is_disarmed_once_it_has_let_go_is_armed_again_by_the_kit() -> None:
+    with careful() as subject, Device(watchdog=float("inf"), defaults={0: 5}) as device:
+        carry_out = device._let_go
+
+        def let_go_and_disarm() -> None:
+            heard = device._heard
+            carry_out()
+            if heard != device._heard:
+                device._watchdog = float("inf")
+
+        device._let_go = let_go_and_disarm  # type: ignore[method-assign]
+        with TcpTap(device.host, device.port) as tap:
+            latched = replace(
+                subject, line=tap, levels=device.levels, make=lambda: Careful(port=tap.port),
+                direct=lambda: Careful(host=device.host, port=device.port),
+            )  # fmt: skip
+            found = conform(latched, only=["watchdog"]).finding("watchdog")
+    assert found.verdict is Judgement.PASSED, found
+
+
+def test_a_driver_that_umo_takes_off_the_cycle_only_is_wired_so() -> None:
+    class Slow(Careful):
+        only_off_cycle = True
+
+    with careful(Slow) as subject:
+        found = conform(subject, only=["errors are named"]).finding("errors are named")
+    assert found.verdict is Judgement.NOT_TRIED
+    assert found.why.startswith("umo takes this driver off the cycle only")

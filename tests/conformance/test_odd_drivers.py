@@ -37,7 +37,7 @@ from conformance.odd import (
     WritesTwice,
 )
 from conformance.plain import Bytes, Scpi, TwoBytes, of_bytes, scpi
-from conformance.subjects import careful, plain
+from conformance.subjects import careful, plain, without_watchdog
 from helpers.tiers import some
 from umo.testing.conformance import Input, Judgement, Output, Subject, conform
 from umo.testing.conformance.budget import Budget
@@ -61,7 +61,7 @@ ODD: dict[str, Callable[[], Any]] = {
     "its reset writes twice": lambda: careful(WritesTwice, levels=None),
     "it has no blocks": lambda: careful(OneByOne),
     "it greets the device": lambda: careful(GreetsTheDevice),
-    "a thread of it beats": lambda: careful(Beats),
+    "a thread of it beats": lambda: without_watchdog(Beats),
     "its outputs have steps": lambda: careful(Steps, agree=lambda one, raw, other, seen: 0 <= raw - seen < 4),
     "sensors only": lambda: careful(inputs=INPUTS, **NO_OUTPUTS),
     "sensors that move": lambda: careful(Moving, inputs=MOVING, **NO_OUTPUTS),

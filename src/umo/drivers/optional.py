@@ -108,7 +108,9 @@ class HasWatchdog(ABC):
 
     @abstractmethod
     def watchdog(self, seconds: float) -> None:
-        """Arm it: after this time without a request the circuit sets its outputs to safe levels."""
+        """Arm it: after this time without a request the circuit sets its outputs to safe levels. Called once the driver
+        is open, and again when its device was away and is back, not when it has let go: whether the circuit is armed
+        then is its own choice. A driver that makes requests beside its calls must not keep it from letting go."""
 
     def check_watchdog(self, seconds: float) -> None:  # noqa: B027  most take any time
         """WiringError or DriverError if `watchdog` cannot take this time. Nothing is sent; called before `open`."""

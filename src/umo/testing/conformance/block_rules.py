@@ -15,7 +15,7 @@ from umo.drivers.contract import Direction
 from umo.errors import ChannelsFailed
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import WRITTEN_MANY, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -176,7 +176,10 @@ def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], li
 
 def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws: list[int], after: str) -> None:
     for output, raw in zip(outputs, raws, strict=True):
-        context.expect(probe, output, raw, f"{after} of {raw}" if after == "write_many" else after)
+        if after == "write_many":
+            context.expect(probe, output, raw, f"{after} of {raw}", WRITTEN_MANY)
+        else:
+            context.expect(probe, output, raw, after)
 
 
 @rule(Cost(each=2, calls=8))
@@ -204,6 +207,7 @@ def _raws(context: RuleContext, probe: Probe) -> None:
         probe.write_many(texts, part)
         if part.tolist() != raws:
             raise RuleBroken(f"write_many changed its array from {raws} to {part.tolist()}")
+        _check(context, probe, outputs, raws, "write_many")
         part[:] = [output.other(number + 1) for output in outputs]  # for the next period; not sent yet
         _check(context, probe, outputs, raws, "a write_many whose array was changed later")
 

@@ -75,10 +75,10 @@ def _comes_late(
     first = context.watch.doing
     if line.spoiled == before:
         return False
-    if None in errors:
+    if None in errors and context.made_up(probe):
         raise RuleBroken(f"{first} succeeded before its answer came", MADE_UP)
     error, lost = context.unanswered(later)
-    if error is None and lost:
+    if error is None and lost and context.made_up(probe):
         raise RuleBroken(f"{context.watch.doing} took the late answer to the {first}")
     return True
 
@@ -144,8 +144,8 @@ def old_answer(context: RuleContext) -> str | None:
             for later in _calls(context, probe):
                 _alive(context, probe)
                 found, changed = context.spoiled(lambda answer: old, False, later)  # noqa: B023
-                if changed and not isinstance(found, OSError):
-                    raise RuleBroken(f"{context.watch.doing} succeeded with an earlier answer")
+                if changed and not isinstance(found, OSError) and context.made_up(probe):
+                    raise RuleBroken(f"{context.watch.doing} succeeded with an earlier answer", MADE_UP)
                 tried |= changed
         recovers(context, probe, values(context, probe), "an earlier answer")
     if not tried:
@@ -187,7 +187,7 @@ def short_answer(context: RuleContext) -> str | None:
         [
             Spoilt("no answer and the end of the connection", lambda answer: b"", hangup=True, blind=True),
             Spoilt("no answer and a reset of the connection", lambda answer: b"", reset=True, blind=True),
-            Spoilt("half of an answer", half, blind=True),
+            Spoilt("half of an answer", half, blind=True, tries=1),
             Spoilt("half of an answer and the end of the connection", half, hangup=True, blind=True),
             Spoilt("the first byte of an answer and the end of the connection", lambda a: a[:1], hangup=True),
         ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import pairwise
@@ -27,6 +27,8 @@ MANY_FAILURES = 100
 """Calls that fail while the device is away."""
 STILL = 40
 """Readings of a level that stays, after which a driver might take it for one that always does."""
+OWN_PERIOD = 0.1
+"""Period in s of a driver that umo takes off the cycle only."""
 MAX_LEVEL = 1 << 40
 """Raw level of an object at most, up and down."""
 SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
@@ -34,7 +36,7 @@ SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer
 
 @rule(Cost(each=4, calls=8, connects=7, waits=7))
 def reset_after_failure(context: RuleContext) -> str | None:
-    """Reset reaches the default also after calls that failed."""
+    """Reset reaches the default also after calls that failed, and a write its level, alone and as a block."""
     outputs = context.required_outputs
     with context.opened() as probe:
         for output in outputs:
@@ -45,40 +47,46 @@ def reset_after_failure(context: RuleContext) -> str | None:
             probe.reset(output.channel, output.default)
             context.expect(probe, output, output.default, "reset after failed calls")
         if context.subject.line is not None:
-            for output in outputs[:2]:
-                _carried_out_unknown(context, probe, output)
+            for output, many in _by_both_forms(outputs):
+                _carried_out_unknown(context, probe, output, many)
     return context.remark()
 
 
-def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output) -> None:
+def _by_both_forms(outputs: Sequence[Output]) -> list[tuple[Output, bool]]:
+    """An output that is written alone, and another one, if there are two, that is written as a block."""
+    return [(outputs[0], False), (outputs[-1], True)] if outputs else []
+
+
+def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, many: bool) -> None:
     """A write that the device carried out, and whose answer got lost: the default that was written before it is no
     longer there."""
     for reset in (True, False):
         probe.timeout = context.patience
-        probe.write(output.channel, output.default)
+        probe.write_by(many, output.channel, output.default)
         probe.timeout = context.haste
-        context.unanswered(probe.write, output.channel, output.other())
+        context.unanswered(probe.write_by, many, output.channel, output.other())
         probe.timeout = context.patience
         for text in context.readable[:1]:
             context.failure(probe.read, text)  # connected again
         if reset:
             probe.reset(output.channel, output.default)
         else:
-            rewrite(context, probe, output, output.default, "a write without an answer")
-        call = "reset" if reset else "write"
+            rewrite(context, probe, output, output.default, "a write without an answer", many=many)
+        call = "reset" if reset else "write_many" if many else "write"
         context.expect(probe, output, output.default, f"{call} after a write without an answer")
 
 
-@rule(Cost(opens=4, each=8, calls=14, connects=8, waits=8, more=10))
+@rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
     """While the device is away each call fails in time; when it is back the next call works, however many have failed,
-    and what failed is not made up for. A level that was written before is written again: the device may have lost it.
-    """
+    its reading is right, and what failed is not made up for. A level that was written before is written again, alone
+    and as a block: the device may have lost it."""
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
         for call in (*context.transfers(probe), *alone):
             call()  # what is kept of it must not be given later
+        before = {text: probe.read(text) for text in context.known[:MAX_ALONE]}
         probe.timeout = context.haste
         with loss():
             for call in (*alone, *reversed(context.transfers(probe, default=False))):
@@ -88,7 +96,8 @@ def vanish(context: RuleContext) -> str | None:
             for _ in context.as_time_allows(range(MANY_FAILURES), 0, "failures in a row"):
                 context.failure(context.transfers(probe)[0])
         probe.timeout = context.patience
-        _moves_nothing(context, probe)
+        _reads(context, probe, before)
+        _writes_what_failed(context, probe)
         context.must_work(probe, "the device is back", default=False)
         _right(context, probe, "the device was away")
         _writes_again(context, probe)
@@ -104,18 +113,35 @@ def vanish(context: RuleContext) -> str | None:
     return context.looked(*(["whether a write that failed is made up for was not seen: no record"] if unseen else []))
 
 
-def _moves_nothing(context: RuleContext, probe: Probe) -> None:
-    """A reading, now that the device is back, moves no output: a write that failed is not made up for. What the device
-    itself did to its outputs meanwhile is not judged."""
-    if context.subject.levels is None or not context.readable:
-        return
-    before = {output: context.level(probe, output) for output in context.visible}
-    if (error := context.failure(probe.read, context.readable[0])) is not None:
+def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> None:
+    """Readings, now that the device is back: the first of each channel is as right as the next, as what the device has
+    lost meanwhile does not come back by itself; and they move no output, as a write that failed is not made up for.
+    What the device itself did to its outputs meanwhile is not judged."""
+    recorded = context.visible if context.subject.levels is not None else ()
+    levels = {output: context.level(probe, output) for output in recorded}
+    try:
+        first = {text: probe.read(text) for text in before or context.readable[:1]}
+    except OSError as error:
         raise RuleBroken(f"since the device is back, {context.watch.doing} fails: {text_of(error)}") from error
-    for output, raw in before.items():
+    for output, raw in levels.items():
         now = context.level(probe, output)
         if context.same(output, output.other(), now) and not context.same(output, output.other(), raw):
             raise RuleBroken(f"{output.channel} went from {raw} to {now} by a write that had failed")
+    for text, raw in before.items():
+        then = probe.read(text)
+        if context.alike(text, raw, then) and not context.alike(text, raw, first[text]) and not context.told(probe):
+            why = f"the first reading of {text} since the device is back was {first[text]}, the next one {then}"
+            raise RuleBroken(why, f"reading of {text}")
+
+
+def _writes_what_failed(context: RuleContext, probe: Probe) -> None:
+    """The block that failed while the device was away, once more."""
+    outputs = context.subject.outputs
+    if not outputs:
+        return
+    probe.write_many([each.channel for each in outputs], [each.other() for each in outputs])
+    for output in context.visible:
+        context.expect(probe, output, output.other(), f"write_many of {output.other()}, which had failed before")
 
 
 def _writes_again(context: RuleContext, probe: Probe) -> None:
@@ -125,15 +151,16 @@ def _writes_again(context: RuleContext, probe: Probe) -> None:
     with context.second(direct=context.subject.direct is not None) as other:
         if other is None:
             return
-        for output in context.visible[:2]:
+        for output, many in _by_both_forms(context.visible):
             raw = output.other()
-            rewrite(context, probe, output, raw, "the device was away")
+            rewrite(context, probe, output, raw, "the device was away", many=many)
             with context.loss():
                 context.failure(context.transfers(probe)[0])
             for level in (raw, output.default):  # the other client may send changes only
                 rewrite(context, other, output, level, "the device was away")
-            rewrite(context, probe, output, raw, "the device was away")
-            context.expect(probe, output, raw, f"write({raw}), written before the device was away, and moved since")
+            rewrite(context, probe, output, raw, "the device was away", many=many)
+            call = f"write_many of {raw}" if many else f"write({raw})"
+            context.expect(probe, output, raw, f"{call}, written before the device was away, and moved since")
 
 
 def _not_opened(context: RuleContext) -> Probe:
@@ -354,6 +381,8 @@ def errors_are_named(context: RuleContext) -> None:
                     failed = True
                     _check_names(error, texts)
         connection.driver("subject").timeout = context.patience
+    if not failed and context.new().driver.only_off_cycle:
+        raise NotTried("umo takes this driver off the cycle only, where a value becomes stale in place of a failure")
     if not failed:
         raise NotTried("no transfer of a connected machine has failed without an answer")
 
@@ -401,8 +430,11 @@ def _machine_of(context: RuleContext) -> tuple[Machine, dict[str, Any]]:
     )
     wire = {f"outputs.{i}": {"driver": "subject", "channel": each.channel} for i, each in enumerate(outputs)}
     wire |= {f"inputs.{i}": {"driver": "subject", "channel": text} for i, text in enumerate(inputs)}
-    drivers = {"subject": {"type": context.new().driver, "timeout": context.patience}}
-    return machine, {"drivers": drivers, "wire": wire}
+    driver = context.new().driver
+    table: dict[str, Any] = {"type": driver, "timeout": context.patience}
+    if driver.only_off_cycle:
+        table |= {"off_cycle": True, "period": OWN_PERIOD}
+    return machine, {"drivers": {"subject": table}, "wire": wire}
 
 
 def _sensor(context: RuleContext, text: str) -> DigitalSensor:

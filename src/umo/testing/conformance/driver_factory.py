@@ -18,7 +18,7 @@ class DriverFactory:
 
     def __init__(self, subject: Subject) -> None:
         self.subject = subject
-        self.watch = Watch()
+        self.watch = Watch(subject.line)
         self.unreached: list[str] = []
         """Outputs that could not be brought to their defaults."""
         self.dirty = False

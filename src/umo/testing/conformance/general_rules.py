@@ -22,8 +22,8 @@ def readings(context: RuleContext) -> None:
         for text in context.readable:
             probe.read(text)
         probe.read_many(context.readable)
-    if context.watch.wrong_types:
-        raise RuleBroken(context.watch.wrong_types[0])
+    if context.watch.wrong_type:
+        raise RuleBroken(context.watch.wrong_type)
 
 
 @rule(Cost(calls=4, connects=2, waits=2))
@@ -36,8 +36,8 @@ def kind_of_errors(context: RuleContext) -> str | None:
             context.fail_some(probe)
     except NotTried as reason:
         remark = str(reason)
-    if context.watch.wrong_kinds:
-        raise RuleBroken(context.watch.wrong_kinds[0])
+    if context.watch.wrong_kind:
+        raise RuleBroken(context.watch.wrong_kind)
     return remark
 
 

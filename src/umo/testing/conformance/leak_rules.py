@@ -26,6 +26,8 @@ OPENINGS = 100
 """Times that the driver is opened and closed, and that its connection is dropped."""
 FEWEST_OPENINGS = 3
 """Openings that are made at any rate."""
+LOSSES = 2
+"""Times that connections and answers are lost within one opening."""
 SILENT_OPENINGS = 3
 """Openings on a line where nobody answers."""
 LOOK_INTERVAL = 0.005
@@ -56,15 +58,16 @@ class LeakLimit:
     """Objects that only the garbage collector frees."""
 
 
+PER_LONGER_CYCLE = LeakLimit(fewest=14)
 PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0)
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
-@rule(Cost(opens=15, each=12, calls=100, connects=48, waits=14, sleeps=0.6, more=600))
+@rule(Cost(opens=16, each=12, calls=115, connects=54, waits=18, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
     """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
-    garbled answers, and calls without an answer, nor by a `close` that fails or ends a look. No child process inherits
-    one."""
+    garbled answers, and calls without an answer, nor by a `close` that fails or ends a look; also not until `close`. No
+    child process inherits one."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before = _counts(context, None)
@@ -75,10 +78,40 @@ def descriptors(context: RuleContext) -> str:
     for what, number in before.items():
         if after[what] > number:
             raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
+    _check_while_open(context)
     _check_inherited(context)
     words = [f"{openings} openings"]
     words += [] if context.subject.line is not None else ["no line, so no lost connections and spoiled answers"]
     return "; ".join(words)
+
+
+def _check_while_open(context: RuleContext) -> None:
+    """A driver is open for as long as the machine runs: what each lost connection leaves until `close` is too much."""
+    line = context.subject.line
+    if line is None:
+        return
+    with context.opened() as probe:
+        for number in range(1 + LOSSES):
+            _lose(context, probe, line)
+            context.insist(context.transfers(probe)[0])
+            if number == 0:
+                before = _counts(context, None)
+        after = _counts(context, before)
+        for what, count in before.items():
+            if (more := after[what] - count) >= LOSSES:
+                lost = f"{LOSSES} lost connections, as many garbled answers and as many lost ones"
+                raise RuleBroken(f"{more} more {what} are there after {lost}, while the driver is open")
+
+
+def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
+    """A connection is lost, an answer is garbled, another one gets lost."""
+    call = context.transfers(probe)[0]
+    line.drop()
+    for change in (_all_wrong, lambda answer: b""):
+        context.insist(call)
+        probe.timeout = context.haste
+        context.spoiled(change, False, call)
+        probe.timeout = context.patience
 
 
 def _check_inherited(context: RuleContext) -> None:
@@ -174,7 +207,7 @@ def _garble(context: RuleContext, probe: Probe) -> None:
     for call in context.transfers(probe)[:4:2]:
         earlier = context.traffic(context.insist, call).answer
         for spoil in (
-            lambda answer: bytes(each ^ 0x95 for each in answer),
+            _all_wrong,
             lambda answer: answer[:-1] + b"~",
             lambda answer: earlier,  # noqa: B023
         ):
@@ -182,6 +215,10 @@ def _garble(context: RuleContext, probe: Probe) -> None:
             probe.timeout = context.haste
             context.spoiled(spoil, False, call)
             probe.timeout = context.patience
+
+
+def _all_wrong(answer: bytes) -> bytes:
+    return bytes(each ^ 0x95 for each in answer)
 
 
 def _counts(context: RuleContext, goal: dict[str, int] | None) -> dict[str, int]:
@@ -225,19 +262,21 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
         raise RuleBroken(f"a cycle takes {took}")
 
 
-@rule(Cost(opens=3, calls=520, connects=13, sleeps=0.5, more=2000))
+@rule(Cost(opens=3, calls=560, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
-    """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail,
-    lost connections, or looks for a device that is away."""
+    """Python's memory does not grow over many calls, alone and as blocks, without the garbage collector; also not by
+    calls that fail, lost connections, or looks for a device that is away."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever
     with context.opened(direct=True) as probe:
         run = LongRun(context, probe)
         words = []
-        for what, repeat in (("cycles", run.cycle), ("failed calls", run.fail)):
+        for what, repeat, each in (
+            ("cycles", run.longer_cycle, PER_LONGER_CYCLE), ("failed calls", run.fail, LeakLimit()),
+        ):  # fmt: skip
             if what == "failed calls" and not run.failing:
                 words.append("no call can be made to fail at once")
                 continue
-            words.append(_grows(context, repeat, what))
+            words.append(_grows(context, repeat, what, each))
     if context.subject.line is not None:
         words.append(_over_lost_connections(context, context.subject.line))
         words.append(_without_a_device(context, context.subject.line))

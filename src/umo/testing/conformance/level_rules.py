@@ -187,10 +187,10 @@ class Witness:
 
     def _levels(self) -> dict[Output, list[int]]:
         """The levels that the outputs had since the last look at them, as far as others see them."""
-        record, other = self.context.subject.levels, self._apart
-        if record is not None:
-            return {each: list(record(each.channel)) for each in self.context.subject.outputs}
+        context, other = self.context, self._apart
+        if context.subject.levels is not None:
+            return {each: list(context.recorded(each)) for each in context.subject.outputs}
         if other is None or not self._looped:
             return {}
-        other.timeout = self.context.patience
-        return {each: [self.context.insist(other.read, self.context.view(each))] for each in self._looped}
+        other.timeout = context.patience
+        return {each: [context.insist(other.read, context.view(each))] for each in self._looped}

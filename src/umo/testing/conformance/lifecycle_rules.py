@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from umo.errors import text_of
-from umo.testing.conformance.probe import Probe, call_of
+from umo.testing.conformance.probe import Probe, failed
 from umo.testing.conformance.pulses import looks_for_pulses
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -250,7 +250,7 @@ def reopen(context: RuleContext) -> str | None:
                 for text in context.channels:
                     _use(context, probe, text)
             except OSError as error:
-                raise RuleBroken(f"opened again, {call_of(error)} failed: {text_of(error)}") from error
+                raise RuleBroken(f"opened again, {failed(error)}") from error
         probe.close()
         for output in context.subject.outputs[:1]:
             _leave_at(context, output, output.other())

@@ -26,7 +26,7 @@ REFERENCE_CALLS = 3
 """Calls that are alike, whose requests are compared."""
 
 
-@rule(Cost(opens=2, each=4, calls=58, connects=13, waits=8, sleeps=0.3))
+@rule(Cost(opens=2, each=4, calls=66, connects=20, waits=14, sleeps=0.3))
 def retry(context: RuleContext) -> str | None:
     """A request is sent once within a call, also if it fails: a pulse would come twice."""
     line = context.line
@@ -34,6 +34,8 @@ def retry(context: RuleContext) -> str | None:
         ("got no answer", lambda answer: b"", False),
         ("found the connection closed", lambda answer: b"", True),
         ("got a garbled answer", lambda answer: bytes(each ^ 0x95 for each in answer), False),
+        ("got an answer with a wrong byte, whose start and end are right", _with_a_wrong_byte, False),
+        ("got an answer without one of its bytes, whose start and end are right", _without_a_byte, False),
     ]
     opening = _opening(context)  # a greeting before the second attempt is answered, or it is never made: `first_only`
     tried = False
@@ -56,6 +58,17 @@ def retry(context: RuleContext) -> str | None:
     if not tried:
         raise NotTried("no call sends anything over the line")
     return None
+
+
+def _with_a_wrong_byte(answer: bytes) -> bytes:
+    """A digit stays a digit, and a letter a letter."""
+    half = len(answer) // 2
+    return answer[:half] + bytes([answer[half] ^ 1]) + answer[half + 1 :]
+
+
+def _without_a_byte(answer: bytes) -> bytes:
+    half = len(answer) // 2
+    return answer[:half] + answer[half + 1 :]
 
 
 def _opening(context: RuleContext) -> list[bytes]:

@@ -14,13 +14,15 @@ from umo.drivers.contract import Direction, IntArray
 from umo.testing.conformance.budget import LONG_RUN_TRANSFERS
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import RuleBroken
+from umo.testing.conformance.rules import WRITTEN_MANY, RuleBroken
 from umo.testing.conformance.subject import Output
 
 WARMING_CYCLES = 50
 """Cycles in which a loop-back that takes its time is found."""
 FEWEST_CYCLES = 5
 """Cycles that are run at any rate."""
+MAX_ALONE = 2
+"""Channels of each direction that are transferred alone where memory is measured."""
 LEVEL_SETS = 64
 """Sets of levels that are written in turn."""
 QUICK_FAILURE = 0.02
@@ -79,6 +81,18 @@ class LongRun:
         if self.readable:
             driver.read_many(self.readable, self._out)
             self._alone = turn % len(self.readable), driver.read(self.readable[turn % len(self.readable)])
+
+    def longer_cycle(self) -> None:
+        """A cycle, and then some channels alone: what each single transfer leaves shows sooner."""
+        self.cycle()
+        self.probe.call("cycle", self._some_alone)
+
+    def _some_alone(self) -> None:
+        driver, raws = self.probe.driver, self._raws.tolist()
+        for channel, raw in zip(self.outputs[:MAX_ALONE], raws, strict=False):
+            driver.write(channel, raw)
+        for channel in self.readable[:MAX_ALONE]:
+            driver.read(channel)
 
     def fail(self) -> None:
         """One call that fails."""
@@ -173,7 +187,8 @@ class LongRun:
         on_its_way = low <= now <= high or view in self._lags or self.context.subject.agree is not None
         if not there or (not on_its_way and number > WARMING_CYCLES):
             recorded = self.context.subject.levels is not None
-            self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")
+            causes = [f"reading of {view}" if recorded else f"level of {output.channel}"]
+            self._wrong(view, now, raw, *causes, *([] if there else [WRITTEN_MANY]))
         if view not in self._lags and not self._told:
             self._check_is_time(view, output)
             self.probe.write_many([each.channel for each in self.context.subject.outputs], self._raws)
@@ -198,8 +213,8 @@ class LongRun:
         self.probe.write_many([each.channel for each in outputs],
                               [raw if each == output else each.default for each in outputs])  # fmt: skip
 
-    def _wrong(self, text: str, now: int, expected: int, cause: str) -> None:
-        raise RuleBroken(f"{text} read {now} after {self.calls:,} transfers, not {expected}", cause)
+    def _wrong(self, text: str, now: int, expected: int, *causes: str) -> None:
+        raise RuleBroken(f"{text} read {now} after {self.calls:,} transfers, not {expected}", *causes)
 
     # Calls that fail ------------------------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ def look(context: RuleContext) -> str | None:
     kinds = [context.line.silent] if context.subject.line is not None else []
     tried = goes_on = False
     with context.opened() as probe:
+        looks = answers_for_device(probe.driver)
         for away in (*kinds, context.loss):
             before = values(context, probe)
             with away():
@@ -41,14 +42,14 @@ def look(context: RuleContext) -> str | None:
                 goes_on |= _decides(context, probe)
             _is_found(context, probe, context.patience)
             expected = before if away in kinds else values(context, probe)  # it may have lost its levels
-            recovers(context, probe, expected, "it was found by a look")
+            recovers(context, probe, expected, "it was found by a look" if looks else "it did not answer for some time")
             context.insist(context.transfers(probe)[-1])
             _is_found(context, probe, context.patience, "answers transfers")
         if goes_on and kinds:
             _finds_a_slow_one(context, probe)
     if not tried:
         raise NotTried("no transfer fails without an answer")
-    return None if answers_for_device(probe.driver) else "the driver does not look: a transfer is tried, which may wait"
+    return None if looks else "the driver does not look: a transfer is tried, which may wait"
 
 
 def _fails(context: RuleContext, probe: Probe) -> bool:

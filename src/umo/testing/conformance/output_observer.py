@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from threading import Event, Thread
@@ -10,7 +10,7 @@ from time import monotonic, sleep
 
 from umo.testing.conformance.driver_factory import DriverFactory
 from umo.testing.conformance.probe import Probe, Watch
-from umo.testing.conformance.rules import NotTried, RuleBroken
+from umo.testing.conformance.rules import RECORD, NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -92,10 +92,22 @@ class OutputObserver(DriverFactory):
             probe.initialize(view, self.default(view))
         return probe.read(view)
 
+    def recorded(self, output: Output) -> Sequence[int]:
+        """The levels since the last call, as the counterpart records them. RuleBroken if it gives none: this is a fault
+        of the subject."""
+        assert self.subject.levels is not None
+        if not (found := self.subject.levels(output.channel)):
+            raise RuleBroken(
+                f"`levels` of the subject gave no level of {output.channel}; the first is the one at the last call of "
+                "this function, the last the present one: a level that has not moved stands there alone",
+                RECORD,
+            )
+        return found
+
     def level(self, probe: Probe, output: Output) -> int:
         """The level that the output has now: as the counterpart records it, or else as the driver reads it."""
         if self.subject.levels is not None:
-            return self.subject.levels(output.channel)[-1]
+            return self.recorded(output)[-1]
         return self.reading(probe, output)
 
     def comes_to(self, look: Callable[[], int], right: Callable[[int], bool]) -> tuple[bool, int]:
@@ -123,18 +135,17 @@ class OutputObserver(DriverFactory):
         """Returns when the level has come for sure, seen without the driver under test: by the counterpart's record,
         by another driver; else after `settle`."""
         if self.subject.levels is not None:
-            record = self.subject.levels
-            self.comes_to(lambda: record(output.channel)[-1], lambda level: self.same(output, raw, level))
+            self.comes_to(lambda: self.recorded(output)[-1], lambda level: self.same(output, raw, level))
         if other is not None:
             self.is_read(other, output, raw)
         elif self.subject.levels is None or self.view(output) != output.channel:
             sleep(self.subject.settle)
 
-    def expect(self, probe: Probe, output: Output, raw: int, after: str) -> None:
-        """RuleBroken if the output is not at this level, or is not read so."""
+    def expect(self, probe: Probe, output: Output, raw: int, after: str, *causes: str) -> None:
+        """RuleBroken if the output is not at this level, or is not read so. `causes`: more of its causes."""
         if self.subject.levels is not None and not self.is_at(probe, output, raw):
             text = f"{output.channel} is at {self.last_level} after {after}, not at {raw}"
-            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
+            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}", *causes)
         if output in self.viewed and not self.is_read(probe, output, raw):
             view, found = self.view(output), self.last_level
             if self.subject.levels is not None:
@@ -142,7 +153,7 @@ class OutputObserver(DriverFactory):
                 raise RuleBroken(text + self._hint(output, raw), f"reading of {view}")
             of = "" if view == output.channel else f", which shows {output.channel},"
             text = f"{view}{of} reads {found} after {after}, not {raw}"
-            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}")
+            raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}", *causes)
 
     def _hint(self, output: Output, raw: int) -> str:
         """A hint for devices that have steps."""
@@ -200,9 +211,9 @@ class OutputObserver(DriverFactory):
         A loop-back is watched on, until it shows the level `until`. Empty if only the driver under test can see it."""
         found: list[int] = []
         if self.subject.levels is not None:
-            self.subject.levels(output.channel)
+            self.recorded(output)
             yield found
-            found += self.subject.levels(output.channel)
+            found += self.recorded(output)
         elif output.channel in self.loops and (self.subject.line is None or self.subject.line.ordered):
             with self._polling(self.loops[output.channel], found):
                 yield found
@@ -216,13 +227,12 @@ class OutputObserver(DriverFactory):
     def straight(self, goals: Mapping[Output, int], doing: str) -> Iterator[None]:
         """RuleBroken if an output goes within the block anywhere but straight to its goal, which may be the level that
         it has. Where there is no record of levels, nothing is seen of it."""
-        record = self.subject.levels
-        for output in goals:
-            if record is not None:
-                record(output.channel)
+        seen = goals if self.subject.levels is not None else {}
+        for output in seen:
+            self.recorded(output)
         yield
-        for output, goal in goals.items():
-            first, *levels = record(output.channel) if record is not None else (goal,)
+        for output, goal in seen.items():
+            first, *levels = self.recorded(output)
             stood = (level for level in levels if not self.alike(self.view(output), first, level))
             if odd := [level for level in stood if not self.same(output, goal, level)]:
                 text = f"{output.channel} went from {first} to {odd[0]} for a moment in {doing}"

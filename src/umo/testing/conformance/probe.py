@@ -12,6 +12,7 @@ import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.errors import text_of
+from umo.testing.conformance.taps import Tap
 
 T = TypeVar("T")
 
@@ -19,7 +20,8 @@ T = TypeVar("T")
 class Watch:
     """The call that the driver carries out now; another thread reads it and finds one that hangs."""
 
-    def __init__(self) -> None:
+    def __init__(self, line: Tap | None = None) -> None:
+        self.line = line
         self.doing = "make the driver"
         self.began: float | None = None
         self.limit = 0.0
@@ -34,10 +36,10 @@ class Watch:
         """No more calls are to be made: one did not return in time."""
         self.interrupted = False
         """A KeyboardInterrupt came out of a call."""
-        self.wrong_kinds: list[str] = []
-        """Calls that raised something else than an OSError."""
-        self.wrong_types: list[str] = []
-        """Readings that are not an int within the bits of their channel."""
+        self.wrong_kind = ""
+        """The first call that raised something else than an OSError."""
+        self.wrong_type = ""
+        """The first reading that is not an int within the bits of its channel."""
 
     def call(self, what: str, limit: float, function: Callable[..., T], *arguments: Any) -> T:
         """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
@@ -53,19 +55,26 @@ class Watch:
             raise TimeUp
         self.doing, self.limit, self.began = what, limit, began
         try:
-            return function(*arguments)
+            found = function(*arguments)
+            if self.line is not None and self.line.passes:
+                self.line.disturbed = ""
+            return found
         except OSError as error:
-            error.umo_call = what  # type: ignore[attr-defined]
+            error.umo_call, error.umo_after = what, self._disturbed()  # type: ignore[attr-defined]
             raise
         except KeyboardInterrupt:
             self.interrupted = True
             raise WrongKind("KeyboardInterrupt", what) from None
         except BaseException as error:
-            self.wrong_kinds.append(f"{what} raised {text_of(error)}")
-            raise WrongKind(text_of(error), what) from None
+            self.wrong_kind = self.wrong_kind or f"{what} raised {text_of(error)}"
+            raise WrongKind(text_of(error), what, self._disturbed()) from None
         finally:
             self.took = monotonic() - began
             self.began = None
+
+    def _disturbed(self) -> str:
+        """What the kit has disturbed before this call, and lets pass now."""
+        return self.line.disturbed if self.line is not None and self.line.passes else ""
 
 
 class Stopped(BaseException):
@@ -79,14 +88,25 @@ class TimeUp(Stopped):
 class WrongKind(OSError):
     """The driver raised something else; it is noted in the watch and taken for an OSError."""
 
-    def __init__(self, text: str, call: str) -> None:
+    def __init__(self, text: str, call: str, after: str = "") -> None:
         super().__init__(text)
-        self.umo_call = call
+        self.umo_call, self.umo_after = call, after
 
 
 def call_of(error: OSError) -> str:
     """The call that raised the error."""
     return getattr(error, "umo_call", "a call")
+
+
+def disturbed_before(error: OSError) -> str:
+    """What the kit had disturbed just before the call; empty if nothing."""
+    return getattr(error, "umo_after", "")
+
+
+def failed(error: OSError) -> str:
+    """A call that had to succeed, and its error; what the kit had disturbed just before it, if anything."""
+    after = disturbed_before(error)
+    return f"{call_of(error)} failed{f', right after {after}' if after else ''}: {text_of(error)}"
 
 
 class Probe:
@@ -156,6 +176,13 @@ class Probe:
         array.setflags(write=False)  # as the image hands it over
         self.call(f"write_many to {', '.join(texts)}", self.driver.write_many, channels, array)
 
+    def write_by(self, many: bool, text: str, raw: int) -> None:
+        """A write of one output, alone or as a block."""
+        if many:
+            self.write_many((text,), (raw,))
+        else:
+            self.write(text, raw)
+
     def _block(self, texts: Sequence[str]) -> tuple[Channel, ...]:
         """The same object for as long as one block is transferred, as for a whole machine; else an equal one."""
         channels = tuple(map(self.channel, texts))
@@ -168,14 +195,17 @@ class Probe:
         return self.watch.call(what, self.timeout, function, *arguments)
 
     def _checked(self, channel: Channel, raw: Any) -> int:
-        note = self.watch.wrong_types.append
         try:
             value = index(raw)
         except TypeError:
-            note(f"{self.watch.doing} returned {raw!r}, a {type(raw).__name__}")
+            self._note(f"returned {raw!r}, a {type(raw).__name__}")
             return int(raw) if isinstance(raw, float) and raw.is_integer() else -(1 << 62)
         if type(raw) is not int:
-            note(f"{self.watch.doing} returned {raw!r}, a {type(raw).__name__}")
+            self._note(f"returned {raw!r}, a {type(raw).__name__}")
         elif not channel.lowest <= value <= channel.highest:
-            note(f"{self.watch.doing} returned {value}; {channel.text} has {channel.lowest} to {channel.highest}")
+            self._note(f"returned {value}; {channel.text} has {channel.lowest} to {channel.highest}")
         return value
+
+    def _note(self, words: str) -> None:
+        """What is wrong with the reading of the last call."""
+        self.watch.wrong_type = self.watch.wrong_type or f"{self.watch.doing} {words}"

@@ -94,6 +94,8 @@ class Relay(ABC):
         self.spoiled = 0
         self.missing = ""
         """Cause why the device could not be reached when a driver connected last; empty if it could."""
+        self.disturbed = ""
+        """What was disturbed last, in words, until a call of the driver has succeeded since."""
         self._traffic: Traffic | None = None
         self._mode = PASSING
         self._open: list[Tapped] = []
@@ -125,6 +127,8 @@ class Relay(ABC):
     def drop(self) -> None:
         """The device ends its connections. It takes new ones at once."""
         with self._lock:
+            if self._open:
+                self.disturbed = "a lost connection"
             for each in tuple(self._open):
                 self._close(each)
 
@@ -261,9 +265,11 @@ class Relay(ABC):
 
     def _spoil(self, tapped: Tapped, answer: bytes, holding: bool) -> None:
         """An answer that a change leaves as it was does not count as spoiled."""
-        mode = HOLDING if holding else self._mode
+        mode, began = HOLDING if holding else self._mode, monotonic()
         changed = mode.change(answer) if mode.change is not None else None
         self.spoiled += changed != answer
+        if not mode.splitting and (changed != answer or monotonic() - began > ANSWER_GAP):
+            self.disturbed = _words(answer, changed, mode)
         if mode.holding:
             tapped.held += answer
         elif changed is not None:
@@ -305,3 +311,16 @@ class Relay(ABC):
             with suppress(KeyError):
                 self._selector.unregister(each)
             os.close(each)
+
+
+def _words(answer: bytes, changed: bytes | None, mode: AnswerMode) -> str:
+    """What becomes of an answer, in words."""
+    if changed is None:
+        what = "an answer that came byte by byte" if mode.step else "a late answer"
+    elif changed == answer:
+        what = "a late answer"
+    elif not changed:
+        what = "a lost answer"
+    else:
+        what = "an answer that was cut short" if answer.startswith(changed) else "a garbled answer"
+    return f"{what} and the end of the connection" if mode.hangup else what

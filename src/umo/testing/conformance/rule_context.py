@@ -10,12 +10,12 @@ from time import monotonic
 from typing import Any, TypeVar
 
 from umo.drivers.contract import Direction
-from umo.drivers.optional import HasWatchdog, Inspects, KnowsScale, Looks, Reports, ages_of
+from umo.drivers.optional import HasWatchdog, Inspects, KnowsAges, KnowsScale, Looks, Reports, ages_of
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.output_observer import OutputObserver
-from umo.testing.conformance.probe import Probe, WrongKind, call_of
+from umo.testing.conformance.probe import Probe, WrongKind, failed
 from umo.testing.conformance.process_snapshot import State, state, threads
 from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rules import NotTried, RuleBroken
@@ -49,6 +49,7 @@ class RuleContext(OutputObserver):
         """Timeout in s of calls that must time out."""
         self.share = 0.0
         self.excuses = []
+        self._told: bool | None = None
         self.left_out: list[str] = []
         """Parts of the present rule that were left out for want of time, in words."""
         self.times: dict[str, TransferTime] = {}
@@ -69,6 +70,7 @@ class RuleContext(OutputObserver):
             began = monotonic()
             with self.opened() as probe:
                 used = [self._timed(call) for call in self.transfers(probe) * MEASURED_CALLS]
+                self.told(probe)
             opening, taken = max(opening, monotonic() - began - sum(used)), taken + used
         self.haste = min(self.subject.timeout, max(MIN_HASTE, HASTE_FACTOR * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
@@ -173,10 +175,23 @@ class RuleContext(OutputObserver):
 
     def told(self, probe: Probe) -> bool:
         """Whether the driver is told the values of its inputs: it gives ages, and they are judged by their rule."""
-        if not self.readable:
-            return False
+        if self._told is None:
+            doing = self.watch.doing
+            self._told = bool(self.readable) and isinstance(probe.driver, KnowsAges) and self._gives_ages(probe)
+            self.watch.doing = doing
+        return self._told
+
+    def _gives_ages(self, probe: Probe) -> bool:
         probe.read_many(self.readable)
         return probe.call("ages", ages_of, probe.driver, tuple(map(probe.channel, self.readable))) is not None
+
+    def made_up(self, probe: Probe) -> bool:
+        """Whether the last call, which has succeeded without a right answer, made its result up. A driver that is told
+        its values may give a reading that had come before: its age is judged by the rule ages."""
+        if not self.watch.doing.startswith("read") or not self.told(probe):
+            return True
+        self.excuses.append("what was read may have come before, as the driver is told its values: see the rule ages")
+        return False
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
         """A call that may fail once: only then the driver may find out what the calls before have left behind."""
@@ -209,7 +224,7 @@ class RuleContext(OutputObserver):
                 doing = self.watch.doing
         except OSError as error:
             missing = self.subject.line.missing if self.subject.line is not None else ""
-            what = f"{call_of(error)} failed: {text_of(error)}"
+            what = failed(error)
             if missing:
                 return f"the device is not there: {missing} ({what})"
             return what if doing or probe is None else f"the device does not answer: {what}"

@@ -11,12 +11,12 @@ from umo.text import did_you_mean
 
 
 class RuleBroken(Exception):
-    """The driver does not keep the rule; says what it did. `cause`: what a later rule may stumble over again, such as
-    "level of dac:0"; it is told once."""
+    """The driver does not keep the rule; says what it did. `causes`: what a later rule may stumble over again, such as
+    "level of dac:0"; each is told once."""
 
-    def __init__(self, text: str, cause: str = "") -> None:
+    def __init__(self, text: str, *causes: str) -> None:
         super().__init__(text)
-        self.cause = cause
+        self.causes = causes
 
 
 class NotTried(Exception):
@@ -48,7 +48,9 @@ class Cost:
 
 
 MADE_UP = "success without an answer"
-"""A cause of broken rules."""
+RECORD = "levels of the subject"
+WRITTEN, WRITTEN_MANY = "levels that a write brings", "levels that a write_many brings"
+"""Causes of broken rules."""
 NOTHING = Cost(opens=0)
 
 

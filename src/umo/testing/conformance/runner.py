@@ -17,7 +17,7 @@ from umo.errors import Failure, StopError, text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement, edition
-from umo.testing.conformance.probe import Stopped, TimeUp, call_of
+from umo.testing.conformance.probe import Stopped, TimeUp, call_of, disturbed_before, failed
 from umo.testing.conformance.process_snapshot import State
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import ALWAYS, NotTried, Rule, RuleBroken, chosen_rules
@@ -178,7 +178,8 @@ def _finding_on(rule: Rule, verdict: Judgement, why: str) -> Finding:
 
 
 def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
-    cause, context.left_out, context.excuses = "", [], []
+    found: tuple[str, ...] = ()
+    context.left_out, context.excuses = [], []
     context.watch.until = inf if rule.theme == ALWAYS else context.budget.latest
     try:
         verdict, remark = Judgement.PASSED, rule.check(context)
@@ -191,27 +192,30 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
     except NotTried as reason:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
-        verdict, why, cause = Judgement.FAILED, str(broken), broken.cause or _failure(broken.__cause__, causes)
+        verdict, why = Judgement.FAILED, str(broken)
+        found = broken.causes or _failure(broken.__cause__, causes)
     except OSError as error:
-        verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {text_of(error)}"
-        cause = _failure(error, causes)
+        verdict, why = Judgement.FAILED, failed(error)
+        found = _failure(error, causes)
     finally:
         context.watch.until = inf
-    if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
+    if first := next((causes[each] for each in found if each in causes), ""):
         verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
+    causes |= {each: rule.id for each in found if each not in causes}
     context.restore()
     return _finding_on(rule, verdict, why)
 
 
-def _failure(error: BaseException | None, causes: Iterable[str]) -> str:
+def _failure(error: BaseException | None, causes: Iterable[str]) -> tuple[str, ...]:
     """The cause that a call has failed: what the driver says, whatever the call; one that is known already if it is a
-    part of this. A timeout says nothing of its cause: it is that of this kind of call."""
+    part of this. A timeout says nothing of its cause: it is what was disturbed before, or else this kind of call."""
     if not isinstance(error, OSError):
-        return ""
+        return ()
     kind = call_of(error).partition(" ")[0] if isinstance(error, TimeoutError) else ""
+    kind = "call after a disturbance" if kind and disturbed_before(error) else kind
     text = f"{kind} failed: {re.sub(r'-?[0-9]+', '#', text_of(error))}"
     known = (each for each in causes if each.startswith(" failed: ") and each.removeprefix(" failed: ") in text)
-    return next(known, text)
+    return (next(known, text),)
 
 
 def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:

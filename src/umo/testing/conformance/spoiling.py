@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
+from time import sleep
 from typing import Any, TypeVar
 
 from umo.errors import text_of
@@ -20,6 +22,10 @@ TRIES = 3
 MAX_CHANNELS = 2
 """Channels that are tried with each spoiled answer."""
 NO_ANSWER = "the device answers neither reads nor writes over the line"
+LISTENING = 0.05
+"""Time in s in which a device that sends by itself has sent something."""
+LONG_ANSWER = 64
+"""Bytes of an answer by which a change is tried: one that leaves nothing, or another."""
 ENVELOPE_SIZE = 2
 """Bytes by which an answer is longer than its value where it has a structure."""
 
@@ -35,6 +41,8 @@ class Spoilt:
     """Whether the end of the connection is a reset."""
     blind: bool = False
     """Nothing is left of the answer by which the driver could know a value: a call that succeeds made it up."""
+    tries: int = TRIES
+    """Calls of which the last has to succeed again."""
 
 
 def first_only(change: Change) -> Change:
@@ -55,12 +63,15 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
         texts = [context.view(each) for each in context.viewed[:MAX_CHANNELS]]
         texts += [text for text in context.readable if text not in texts and context.default(text) is None]
         texts = texts[:MAX_CHANNELS]
+        speaks = _speaks(context)
         if structured:
             plain = {text for text in texts if not _has_structure(context, probe, text)}
         for way in ways:
             for text in texts:
                 if text not in plain and spoiled_read(context, probe, watcher, text, way):
                     tried.add("reads")
+            if speaks and way.change(bytes(LONG_ANSWER)):
+                continue  # what is changed may be something else than the answer to a write
             if context.subject.outputs and "writes" not in plain:
                 if structured and not _acknowledged(context, probe):
                     plain.add("writes")
@@ -71,8 +82,17 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
     words = [f"without {' and '.join(sorted(plain))}, whose answers have no structure"] if plain else []
     kinds = {"reads"} if texts else set()
     silent = (kinds | ({"writes"} if context.subject.outputs else set())) - tried - plain
+    if speaks and "writes" in silent:
+        silent, words = silent - {"writes"}, [*words, "without writes, as the device sends by itself"]
     words += [f"{' and '.join(sorted(silent))} have no answer over the line"] if silent else []
     return "; ".join(words) or None
+
+
+def _speaks(context: RuleContext) -> bool:
+    """Whether the device sends without being asked."""
+    with context.line.counting() as traffic:
+        sleep(LISTENING)
+    return bool(traffic.answer) and not traffic.asked
 
 
 def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
@@ -111,22 +131,25 @@ def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text
     it. Whether there was an answer to change."""
     probe.timeout = context.patience
     output = next((each for each in context.viewed if context.view(each) == text), None)
-    known = _moved(context, probe, watcher, output) if output is not None else probe.read(text)
+    before, known = _moved(context, probe, watcher, output) if output is not None else (probe.read(text),) * 2
     probe.timeout = context.haste
     found, changed = context.spoiled(way.change, way.hangup, probe.read, text, reset=way.reset)
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
-        if way.blind:
+        if way.blind and context.made_up(probe):
             raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now", MADE_UP)
-        right = output is not None and context.same(output, known, found)
+        levels = (known, before) if context.told(probe) else (known,)
+        right = output is not None and any(context.same(output, level, found) for level in levels)
         if not (right or context.alike(text, known, found) or context.fallen(text, found)) and text in context.known:
             raise RuleBroken(f"{text} read {found} from {way.words}; it is at {known}")
-    recovers(context, probe, {text: known} if text in context.known else {text: None}, way.words)
+    recovers(context, probe, {text: known} if text in context.known else {text: None}, way.words, way.tries)
+    if context.told(probe):
+        context.try_out(probe)  # what came beside the reading may be found to be wrong by a later call only
     return changed
 
 
-def _moved(context: RuleContext, probe: Probe, watcher: Probe | None, output: Output) -> int:
-    """The level to which an output has come since it was read for the last time."""
+def _moved(context: RuleContext, probe: Probe, watcher: Probe | None, output: Output) -> tuple[int, int]:
+    """The level at which an output was read for the last time, and the one to which it has come since."""
     before, now = output.other(1), output.other(2)
     if before == now:
         before, now = output.default, output.other()
@@ -135,7 +158,7 @@ def _moved(context: RuleContext, probe: Probe, watcher: Probe | None, output: Ou
     probe.write(output.channel, now)
     if context.view(output) != output.channel:
         context.arrive(watcher, output, now)
-    return now
+    return before, now
 
 
 def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
@@ -150,7 +173,7 @@ def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         raise RuleBroken(f"{context.watch.doing} succeeded with {way.words}")
-    rewrite(context, probe, output, output.other(), way.words)
+    rewrite(context, probe, output, output.other(), way.words, way.tries)
     return changed
 
 
@@ -177,14 +200,18 @@ def recovers(
     probe.timeout = context.patience
     for text, raw in expected.items():
         found = _at_last(context, after, tries, probe.read, text)
+        if raw is not None and context.told(probe):
+            _, found = context.comes_to(partial(probe.read, text), partial(context.alike, text, raw))
         if raw is not None and not (context.alike(text, raw, found) or context.fallen(text, found)):
             raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}", f"reading of {text}")
 
 
-def rewrite(context: RuleContext, probe: Probe, output: Output, raw: int, after: str) -> None:
-    """The output takes a level, at the third call at the latest."""
+def rewrite(
+    context: RuleContext, probe: Probe, output: Output, raw: int, after: str, tries: int = TRIES, many: bool = False
+) -> None:
+    """The output takes a level, alone or as a block, at the last of the tries at the latest."""
     probe.timeout = context.patience
-    _at_last(context, after, TRIES, probe.write, output.channel, raw)
+    _at_last(context, after, tries, probe.write_by, many, output.channel, raw)
 
 
 def _at_last(context: RuleContext, after: str, tries: int, call: Callable[..., T], *arguments: Any) -> T:
@@ -195,4 +222,5 @@ def _at_last(context: RuleContext, after: str, tries: int, call: Callable[..., T
     try:
         return call(*arguments)
     except OSError as error:
-        raise RuleBroken(f"{context.watch.doing} still fails after {after}: {text_of(error)}") from error
+        still = " still" if tries > 1 else ""
+        raise RuleBroken(f"{context.watch.doing}{still} fails after {after}: {text_of(error)}") from error

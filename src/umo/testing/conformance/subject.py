@@ -94,8 +94,9 @@ class Subject:
     gone: Callable[[], AbstractContextManager[object]] | None = None
     """`with gone():` takes the device away and brings it back. Default: the line does."""
     levels: Callable[[str], Sequence[int]] | None = None
-    """The levels that an output (its channel's text) had since the last call of this function, oldest first; the
-    first is the level at that call, the last is the present one. For counterparts that record them."""
+    """The levels that an output (its channel's text) had since the last call of this function, oldest first. The first
+    is the level at that call, the last is the present one: one that has not moved stands there alone, and the list is
+    never empty. For counterparts that record them."""
     refused: tuple[str, ...] = ()
     """Channels that the driver knows and the device answers with an error."""
     checksum: bool = False

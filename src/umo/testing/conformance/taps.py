@@ -105,6 +105,11 @@ class Tap(Relay):
         kind of line cannot do so."""
         yield False
 
+    @property
+    def passes(self) -> bool:
+        """Whether everything passes as it is."""
+        return self._mode is PASSING and not self._gone
+
     def heal(self) -> None:
         """Whatever was asked for ends, and so do the connections."""
         with self._lock:
@@ -132,6 +137,7 @@ class Tap(Relay):
             self._gone = True
             self._vanish()
             self.drop()
+            self.disturbed = "the absence of the device"
 
     def _return(self) -> None:
         with self._lock:

@@ -11,6 +11,7 @@ from time import monotonic, sleep
 from types import ModuleType
 from typing import Any, TypeVar
 
+from umo.drivers.contract import Driver
 from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
@@ -33,6 +34,10 @@ QUICK_CALLS = 30
 """Times that a driver is used, before an answer takes longer than those it is used to."""
 LEAST_DELAY, MAX_DELAY = 0.15, 2.0
 """Delay in s of an answer that a timeout of twice this time waits for; in between it is twice the short timeout."""
+SLOW_SHARE = 0.7
+"""Share of the timeout that each answer takes."""
+SLOWLY_CONNECTED = 1.25
+"""Timeout in s of a call for which connecting takes about 1 s."""
 CONNECTING_DELAY = 0.1
 """Time in s after which a request to connect is answered, once it is repeated."""
 
@@ -51,7 +56,7 @@ def timeout(context: RuleContext) -> str | None:
         ]
         for call in (*first, *context.transfers(probe)):
             error, lost = _timed(context, probe, partial(context.unanswered, call))
-            if error is None and lost:
+            if error is None and lost and context.made_up(probe):
                 raise RuleBroken(f"{context.watch.doing} succeeded without an answer", MADE_UP)
             if error is not None and not isinstance(error, TimeoutError):
                 raise RuleBroken(
@@ -93,7 +98,7 @@ def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
     with context.line.spoiling(last):
         error = context.failure(call)
-    if error is None and len(seen) == count:
+    if error is None and len(seen) == count and context.made_up(probe):
         raise RuleBroken(f"{context.watch.doing} succeeded without the last of its {count} answers", MADE_UP)
 
 
@@ -192,10 +197,11 @@ def _slow(context: RuleContext, timeout: float) -> str:
     return f"{context.watch.doing} took {duration(round(context.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
-@rule(Cost(calls=10, connects=7, waits=7, sleeps=2.0))
-def one_deadline(context: RuleContext) -> None:
-    """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer, nor does it
-    depend on the clock of the day."""
+@rule(Cost(calls=14, connects=11, waits=7, sleeps=4.5))
+def one_deadline(context: RuleContext) -> str | None:
+    """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer, with each
+    channel or request of a block, or once the driver has connected again, nor does it depend on the clock of the
+    day."""
     line, tried = context.line, False
     steady = max(context.haste, TRICKLE_TIMEOUT)
 
@@ -206,7 +212,7 @@ def one_deadline(context: RuleContext) -> None:
     with context.opened() as probe:
         for call in context.transfers(probe)[::2]:
             probe.timeout = context.patience
-            call()  # connected
+            context.insist(call)  # connected; what is left behind by the call before is judged by other rules
             probe.timeout = steady
             before = line.spoiled
             with line.trickling(TRICKLE_STEP * steady):
@@ -215,8 +221,52 @@ def one_deadline(context: RuleContext) -> None:
                 in_time(context, probe, call)
             _clock_is_set(context, probe, call, TRICKLE_STEP * steady)
             tried |= line.spoiled > before
+        single = _each_answer_is_slow(context, probe, steady)
+        connects = _connects_slowly(context, probe)
     if not tried:
         raise NotTried("no call was answered")
+    words = ["connecting cannot be made slow on this line"] if not connects else []
+    words += [f"{' and '.join(single)} as the contract has it: each channel has the timeout"] if single else []
+    return "; ".join(words) or None
+
+
+def _each_answer_is_slow(context: RuleContext, probe: Probe, steady: float) -> list[str]:
+    """The answers to one channel take most of the timeout; then those of a block take longer, and so do those with what
+    is sent first on a new connection. The functions of blocks that the driver does not have itself are not judged."""
+    calls, left_out = context.transfers(probe), list[str]()
+    names = ["read_many"] * bool(context.readable) + ["write_many"] * bool(context.subject.outputs)
+    for name, single, call in zip(names, calls[::2], calls[1::2], strict=False):
+        if getattr(type(probe.driver), name) is getattr(Driver, name):
+            left_out.append(name)
+            continue
+        probe.timeout = context.patience
+        share = SLOW_SHARE / max(1, _answers(context, single))
+
+        def slow(answer: bytes) -> bytes:
+            sleep(share * steady)  # noqa: B023
+            return answer
+
+        probe.timeout = steady
+        context.line.drop()
+        with context.line.spoiling(slow):
+            for _ in range(2):  # the first may only find the end of the connection
+                in_time(context, probe, call)
+    return left_out
+
+
+def _connects_slowly(context: RuleContext, probe: Probe) -> bool:
+    """Connecting takes most of the timeout, and then nothing is answered. Whether that is possible."""
+    with context.line.silent(), context.line.unreachable(CONNECTING_DELAY) as possible:
+        probe.timeout = SLOWLY_CONNECTED
+        if possible:
+            call = context.transfers(probe)[0]
+            context.failure(call)
+            if context.watch.took > allowed(SLOWLY_CONNECTED):
+                slow = _slow(context, SLOWLY_CONNECTED)
+                raise RuleBroken(f"{slow}: connecting took about 1 s, and then nothing was answered")
+    probe.timeout = context.patience
+    context.try_out(probe)
+    return possible
 
 
 def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: float) -> None:

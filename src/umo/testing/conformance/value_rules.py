@@ -15,7 +15,7 @@ from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime, time_text
 from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import RECORD, WRITTEN, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -33,6 +33,8 @@ def answers(context: RuleContext) -> None:
     # The other rules are not tried if it does not
     if why := context.dead():
         raise RuleBroken(why, "dead")
+    if context.subject.levels is not None and context.subject.outputs:
+        _check_record(context, context.subject.outputs[0])
     for block in (False, True) if context.steady else ():
         with context.opened() as probe:
             first, then = (_steady_values(context, probe, block) for _ in range(2))
@@ -41,6 +43,18 @@ def answers(context: RuleContext) -> None:
                     each for each in zip(context.steady, first, then, strict=True) if each[1] != each[2]
                 )
                 raise RuleBroken(f"the first reading of {text} after open was {raw}, the next one {now}")
+
+
+def _check_record(context: RuleContext, output: Output) -> None:
+    """The levels that the subject gives begin with the last one of the call before: else rules would see pulses."""
+    with context.opened() as probe:
+        before = context.recorded(output)[-1]
+        for raw in (output.other(), output.other(1)):
+            probe.write(output.channel, raw)
+        first, *levels = context.recorded(output)
+    if levels and not context.alike(output.channel, before, first):
+        after = f"after {output.channel} was at {before}: the first must be the level at the last call of this function"
+        raise RuleBroken(f"`levels` of the subject gave {some([str(raw) for raw in (first, *levels)])} {after}", RECORD)
 
 
 def _steady_values(context: RuleContext, probe: Probe, block: bool) -> list[int]:
@@ -99,7 +113,7 @@ def range_(context: RuleContext) -> str | None:
         tasks += [(output, raw) for output in context.required_outputs for raw in output.samples[FEWEST_LEVELS:]]
         for output, raw in context.as_time_allows(tasks, fewest, "levels"):
             probe.write(output.channel, raw)
-            context.expect(probe, output, raw, f"write({raw})")
+            context.expect(probe, output, raw, f"write({raw})", WRITTEN)
     return context.remark()
 
 
@@ -184,6 +198,7 @@ def reading(context: RuleContext) -> str | None:
     with context.opened() as probe:
         for number, output in enumerate(outputs):
             probe.write(output.channel, output.other(number))
+            context.expect(probe, output, output.other(number), f"write({output.other(number)})", WRITTEN)
         with context.straight({output: output.other(n) for n, output in enumerate(outputs)}, "reading all inputs"):
             for text in context.readable:
                 probe.read(text)
