@@ -70,10 +70,10 @@ def descriptors(context: RuleContext) -> str:
     child process inherits one."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
-    before = _counts(context, None)
+    before, known = _counts(context), frozenset(threading.enumerate())
     # The closed drivers are kept: closing is not left to the garbage collector.
     closed = _open_often(context, FEWEST_OPENINGS, most, SILENT_OPENINGS)
-    after, openings = _counts(context, before), len(closed) - 2 * SILENT_OPENINGS
+    after, openings = _counts(context, before, known), len(closed) - 2 * SILENT_OPENINGS
     context.left_out += [f"{openings} of {most} openings"] if openings < most else []
     for what, number in before.items():
         if after[what] > number:
@@ -95,8 +95,8 @@ def _check_while_open(context: RuleContext) -> None:
             _lose(context, probe, line)
             context.insist(context.transfers(probe)[0])
             if number == 0:
-                before = _counts(context, None)
-        after = _counts(context, before)
+                before, known = _counts(context), frozenset(threading.enumerate())
+        after = _counts(context, before, known)
         for what, count in before.items():
             if (more := after[what] - count) >= LOSSES:
                 lost = f"{LOSSES} lost connections, as many garbled answers and as many lost ones"
@@ -221,12 +221,16 @@ def _all_wrong(answer: bytes) -> bytes:
     return bytes(each ^ 0x95 for each in answer)
 
 
-def _counts(context: RuleContext, goal: dict[str, int] | None) -> dict[str, int]:
-    """Descriptors and threads, without those of the line. What is closing is waited for, as far as the goal."""
+def _counts(
+    context: RuleContext, goal: dict[str, int] | None = None, known: frozenset[threading.Thread] | None = None
+) -> dict[str, int]:
+    """Descriptors without those of the line, and threads beside those that are known; none are new by default. What is
+    closing is waited for, as far as the goal."""
     end = monotonic() + MAX_CLOSING_TIME
     while True:
         gc.collect()  # each time: a call that still runs may leave a cycle behind when it ends
-        found = {"open descriptors": _descriptors(context), "threads": threading.active_count()}
+        new = () if known is None else {*threading.enumerate()} - known  # one that was known may have ended meanwhile
+        found = {"open descriptors": _descriptors(context), "threads": len(new)}
         if goal is None or monotonic() >= end or all(found[key] <= goal[key] for key in found):
             return found
         sleep(0.01)

@@ -34,7 +34,9 @@ QUICK_CALLS = 30
 """Times that a driver is used, before an answer takes longer than those it is used to."""
 LEAST_DELAY, MAX_DELAY = 0.15, 2.0
 """Delay in s of an answer that a timeout of twice this time waits for; in between it is twice the short timeout."""
-SLOW_SHARE = 0.7
+AT_ONCE = 0.1
+"""Time in s within which a call has not connected that is to be slow."""
+SLOW_SHARE = 0.9
 """Share of the timeout that each answer takes."""
 SLOWLY_CONNECTED = 1.25
 """Timeout in s of a call for which connecting takes about 1 s."""
@@ -247,11 +249,18 @@ def _each_answer_is_slow(context: RuleContext, probe: Probe, steady: float) -> l
             return answer
 
         probe.timeout = steady
-        context.line.drop()
         with context.line.spoiling(slow):
-            for _ in range(2):  # the first may only find the end of the connection
-                in_time(context, probe, call)
+            _timed(context, probe, partial(_connected_again, context, call))
     return left_out
+
+
+def _connected_again(context: RuleContext, call: DriverCall) -> None:
+    """The call that connects again: the first may only find the end of the connection."""
+    context.line.drop()
+    for _ in range(2):
+        context.failure(call)
+        if context.watch.took > AT_ONCE:
+            return
 
 
 def _connects_slowly(context: RuleContext, probe: Probe) -> bool:
@@ -259,8 +268,7 @@ def _connects_slowly(context: RuleContext, probe: Probe) -> bool:
     with context.line.silent(), context.line.unreachable(CONNECTING_DELAY) as possible:
         probe.timeout = SLOWLY_CONNECTED
         if possible:
-            call = context.transfers(probe)[0]
-            context.failure(call)
+            _connected_again(context, context.transfers(probe)[0])
             if context.watch.took > allowed(SLOWLY_CONNECTED):
                 slow = _slow(context, SLOWLY_CONNECTED)
                 raise RuleBroken(f"{slow}: connecting took about 1 s, and then nothing was answered")
