@@ -200,6 +200,9 @@ class Writer:
             lambda: f"self.row[{w()}]",
             lambda: f"sum({self.pick('self.row', f'({r()}, {r()})')})",
             lambda: f"sum(each * {r()} for each in self.row)",
+            lambda: f"{self.pick('sum', 'max', 'min')}([each + {r()} for each in {self.pick('self.row', 'TABLE')}])",
+            lambda: f"[number * {r()} for number, _ in enumerate(reversed(self.row))][{self.pick('0', '1', w())}]",
+            lambda: f"max(one * other for one, other in zip(self.row, ({r()}, {r()}), strict=False))",
             lambda: f"self.{self.pick('part', 'spare')}.scaled({r()})",
             lambda: f"{self.pick('max', 'min')}(self.row)",
             lambda: f"self.pairs({r()}, n={w()})[0]",
@@ -418,6 +421,14 @@ def _over(w: Writer) -> list[str]:
     return _loop(w, f"for {name} in {over}:", name, whole)
 
 
+def _zip(w: Writer) -> list[str]:
+    number, name, other = w.new("k"), w.new("e"), w.new("e")
+    w.turns += [name, other]
+    one, two = (w.pick("self.row", "self.cells", "TABLE", "reversed(self.cells)", f"({w.real(1)}, 2)") for _ in "12")
+    turns = f"enumerate(zip({one}, {two}, strict=False))"
+    return _loop(w, f"for {number}, ({name}, {other}) in {turns}:", number, whole=True)
+
+
 def _while(w: Writer) -> list[str]:
     name = w.new("q")
     loop = _loop(w, f"while {name} > 0:", name, whole=True)
@@ -440,6 +451,7 @@ COMPOUND: Sequence[Write] = [
     _if,
     _range,
     _over,
+    _zip,
     _while,
     _try,
     lambda w: ["with suppress(ZeroDivisionError, ValueError):", *w.block(2)],

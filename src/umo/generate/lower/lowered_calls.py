@@ -46,6 +46,7 @@ from umo.generate.form import (
 from umo.generate.function_source import NoSource, bound
 from umo.generate.lower.lowered_attributes import asks_host, dropped
 from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
 from umo.generate.lower.terms import TEXT, ArrayMethod, Code, Known, Many, Term
@@ -82,8 +83,14 @@ class LoweredCalls(LoweredSubject):
             return Known(None)
         if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
             return self.f.builtins.over(func.value, node.args[0], node)
+        if func.value in CONSUMERS and len(node.args) == 1 and not node.keywords and self._is_passage(node.args[0]):
+            return self.apply(func, [Many(tuple(self.f.sequences.gone_through(node.args[0])))], {}, node)
         arguments, named = self._arguments(node)
         return self.apply(func, arguments, named, node)
+
+    def _is_passage(self, node: ast.AST) -> bool:
+        """Whether its elements are given once."""
+        return isinstance(node, ast.GeneratorExp) or self.f.sequences.is_iterator(node)
 
     def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
         if any(each.arg is None for each in node.keywords):
@@ -155,9 +162,6 @@ class LoweredCalls(LoweredSubject):
                     node, f"it does not give the fields of {target.__name__}", ", ".join(target._fields)
                 )
             return Many(tuple(given[name] for name in target._fields), target._fields, target)
-        if target in (zip, enumerate) and all(isinstance(each, Known) for each in (*arguments, *named.values())):
-            given = {name: each.value for name, each in named.items()}  # type: ignore[union-attr]
-            return Known(list(target(*(each.value for each in arguments), **given)))  # type: ignore[union-attr]
         if not named and (found := self.f.builtins.of_python(target, arguments, node)) is not None:
             return found
         if target is typing.cast:
