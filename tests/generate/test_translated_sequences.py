@@ -1,5 +1,5 @@
-"""What is gone through in a fixed number of turns: comprehensions, zip, enumerate, reversed. Each program is equal to
-Python in every period."""
+"""What has a fixed number of elements: comprehensions, zip, enumerate, reversed, slices, dicts that are known. Each
+program is equal to Python in every period."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ class Side(Enum):
 
 GAINS = (0.5, -1.0, 4.0)
 COUNTS = [3, 1, 2, 7]
+SPEEDS = {Side.LEFT: -2.0}
+PAIRS = {Side.RIGHT: (1.0, -0.0), Side.LEFT: (2.0, 7.5)}
+STEPS = {0: 5, 2: 7, -3: 1}
 each = 2.5
 """A name of the module that comprehensions have, too."""
 
@@ -195,6 +198,101 @@ class ArraysThatAreGoneThrough(Program):
         for x, y in zip(self.array + 1.0, reversed(self.other), strict=False):
             self.k += float(x) * float(y)
         self.k += max([float(x) for x in self.other])
+
+
+# Tuples and lists as wholes --------------------------------------------------------------------------------
+
+
+@equal
+class Slices(Program):
+    def begin(self) -> None:
+        self.row, self.pair = [1.0, -2.0, 4.0, 8.0], (1, 2.5, 3)
+
+    def control(self) -> None:
+        self.row[3] = self.u
+        head, last, backwards = self.row[:2], self.row[-1:], self.row[::-1]
+        self.row[0] = self.k
+        self.k = head[0] - last[0] + backwards[self.n % 4] + sum(self.row[1:3]) + len(self.row[9:])
+        self.c = sum(COUNTS[1:]) + COUNTS[::2][self.n % 2] + self.pair[::2][1]
+        for x in self.row[1:]:
+            self.row[2] = x
+        self.k += max((self.u, 1.0, 2.0)[1:]) + sum(self.row[-3:-1]) + (*self.pair[:2], 7)[1]
+        self.yes = self.row[:2] != [1.0, 2.0] if False else self.pair[:1] == (self.n,)
+
+
+@equal
+class SlidingWindow(Program):
+    """The last values, as a tuple that is made anew."""
+
+    def begin(self) -> None:
+        self.last, self.counts, self.empty = (0.0, 0.0, 0.0), (0, 0), 0
+
+    def control(self) -> None:
+        self.last = (*self.last[1:], self.u)
+        self.counts = self.counts[1:] + (self.n % 100,)  # noqa: RUF005
+        self.k = sum(self.last) / len(self.last)
+        self.c = max(self.counts) - min((0,) * 2 + self.counts)
+        self.yes = self.n in self.counts
+
+
+@equal
+class OrderOfASlice(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0, 4.0]
+
+    def turn(self) -> float:
+        self.row[0], self.row[2] = self.row[2], self.u
+        return self.row[1]
+
+    def control(self) -> None:
+        self.k = sum(self.row[1:]) + self.turn() + (self.row[0], self.turn(), *self.row[:1])[self.n % 3]
+
+
+@equal
+class ElementsAmong(Program):
+    def begin(self) -> None:
+        self.cells, self.pair, self.marks = [1, 2, 5], (3, 4), [True, False]
+
+    def control(self) -> None:
+        self.cells[1] = self.n
+        self.yes = self.n in self.cells[1:] and self.n not in self.pair
+        self.c = int(5 in self.cells) + 2 * int(self.u in (1.0, 2.0) if False else self.n in self.cells)
+        self.c += 4 * int((self.u > 1.0) in self.marks)
+
+
+# Dicts -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class DictWithDefault(Program):
+    def begin(self) -> None:
+        self.side: Side | None = None
+
+    def control(self) -> None:
+        self.side = None if self.n > 3 else Side.LEFT if self.u > 1.0 else Side.RIGHT
+        self.k = SPEEDS.get(self.side, self.u) + (STEPS.get(self.n) or 0)
+        found = STEPS.get(self.n % 3, -1)
+        self.c = found if self.n % 3 in STEPS else 100
+        self.yes = STEPS.get(self.n) is None
+        self.c += STEPS.get(0, 9) + STEPS.get(1, 9)
+        pair = PAIRS.get(self.side)
+        if pair is not None:
+            self.k -= pair[1]
+        try:
+            self.k += SPEEDS[self.side]
+        except KeyError:
+            self.c += 1000
+        self.c += self.side in SPEEDS
+
+
+@equal
+class PairsOfADict(Program):
+    def control(self) -> None:
+        for n, step in STEPS.items():
+            if self.n == n:
+                self.c += step
+        self.k = max(STEPS.values()) + sum(self.u * n for n in STEPS.keys())  # noqa: SIM118
+        self.c += [n * step for n, step in STEPS.items()][self.n % 3]
 
 
 @pytest.fixture(scope="module")

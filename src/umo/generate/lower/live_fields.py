@@ -127,6 +127,8 @@ class LiveFields:
             types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
         if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
             return None  # a tuple would forget it
+        if not types:
+            return None
         types = [each and plain_number(each) for each in types]
         if any(isinstance(each, ArrayType) and each.listed for each in types):
             return None  # a list is no value of C: it has one place

@@ -44,6 +44,7 @@ from umo.generate.form import (
     negated,
 )
 from umo.generate.function_source import NoSource, bound
+from umo.generate.lower.known_tables import of_dict
 from umo.generate.lower.lowered_attributes import asks_host, dropped
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_sequences import CONSUMERS
@@ -95,13 +96,9 @@ class LoweredCalls(LoweredSubject):
     def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
         if any(each.arg is None for each in node.keywords):
             raise self.f.refused(node, "** does not translate", "name the arguments")
-        values = [each.value if isinstance(each, ast.Starred) else each for each in node.args]
-        terms = self.f.ordered([*values, *(each.value for each in node.keywords)])
-        arguments: list[Term] = []
-        for each, term in zip(node.args, terms, strict=False):
-            arguments += self.parts(term, each) if isinstance(each, ast.Starred) else [term]
-        rest = terms[len(node.args) :]
-        return arguments, {str(each.arg): term for each, term in zip(node.keywords, rest, strict=True)}
+        terms = self.f.sequences.spread([*node.args, *(each.value for each in node.keywords)])
+        count = len(terms) - len(node.keywords)
+        return terms[:count], {str(each.arg): term for each, term in zip(node.keywords, terms[count:], strict=True)}
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
         """The elements of a tuple, or of a list of numbers."""
@@ -134,6 +131,9 @@ class LoweredCalls(LoweredSubject):
             return self.function(target.function, [target.member, *arguments], named, node)
         if isinstance(target, ArrayMethod) and not named:
             return self.f.arrays.method_of_array(target, arguments, node)
+        of_table = of_dict(self.f, func, arguments, node) if type(func.owner) is dict and not named else None
+        if of_table is not None:
+            return of_table
         if isinstance(func.owner, Vector):
             return self.f.vectors.method_of_vector(func.owner, func.name, arguments, named, node)
         if target is np.flatnonzero:

@@ -14,6 +14,7 @@ from umo.generate.c_types import (
     INT,
     NOTHING,
     REAL,
+    ArrayType,
     CType,
     OptionalType,
     StateType,
@@ -238,6 +239,8 @@ class LoweredConditions(LoweredSubject):
             options = list(map(Known, among.value))
         elif isinstance(among, Many) and among.kind in (None, list):
             options = list(among.terms)
+        elif isinstance(among, Code) and _has_elements(among.type):
+            options = self.f.calls.parts(among, node)
         if options is None:
             raise self.f.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
         if any(isinstance(each, Many) for each in (one, *options)):
@@ -412,6 +415,10 @@ def plain_kind(code: Code) -> Any:
 
 def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+
+
+def _has_elements(of: CType) -> bool:
+    return isinstance(of, TupleType) or (isinstance(of, ArrayType) and of.listed)
 
 
 def _is_tuple(term: Term) -> bool:

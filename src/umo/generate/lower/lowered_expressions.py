@@ -18,6 +18,7 @@ from umo.generate.c_types import (
     CType,
     MixedNumber,
     NumpyNumber,
+    OptionalType,
     StateType,
     TupleType,
     numpy_number,
@@ -127,13 +128,17 @@ class LoweredExpressions(LoweredSubject):
         return code if is_named(code.value) else self.f.values.kept(code)
 
     def lower_tuple(self, node: ast.Tuple) -> Term:
-        return Many(tuple(self.f.ordered(node.elts)))
+        return Many(tuple(self.f.sequences.spread(node.elts)))
 
     def lower_list(self, node: ast.List) -> Term:
-        return Many(tuple(self.f.ordered(node.elts)), kind=list)
+        return Many(tuple(self.f.sequences.spread(node.elts)), kind=list)
 
     def lower_subscript(self, node: ast.Subscript) -> Term:
+        if isinstance(node.slice, ast.Slice):
+            return self.f.sequences.sliced(node, node.slice)
         base, index = self.base_and_index(node)
+        if isinstance(base, Code) and isinstance(base.type, OptionalType):
+            base = self.f.values.present(base, node.value)
         return self.element(base, index, node)
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
@@ -254,6 +259,8 @@ class LoweredExpressions(LoweredSubject):
             return of_known(self.f, node.op, numbers, node)
         if self.f.arrays.is_array(left) or self.f.arrays.is_array(right):
             return self.f.arrays.of_arrays(node.op, left, right, node)
+        if (joined_ones := self.f.sequences.of_sequences(node.op, left, right, node)) is not None:
+            return joined_ones
         return self.of_numbers(node.op, left, right, (node.left, node.right), node)
 
     def of_numbers(

@@ -141,6 +141,46 @@ class LoweredSequences(LoweredSubject):
             if each in later or (calls(body) and each in self.f.world.memory.rebound):
                 raise self.f.refused(node, told, "another name for the new one")
 
+    # Tuples and lists as wholes ------------------------------------------------------------------------
+
+    def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
+        """Elements that are written down, or arguments; those after a `*` are several ones."""
+        values = [each.value if isinstance(each, ast.Starred) else each for each in nodes]
+        found: list[Term] = []
+        for each, term in zip(nodes, self.f.ordered(values), strict=True):
+            found += self.f.calls.parts(term, each) if isinstance(each, ast.Starred) else [term]
+        return found
+
+    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
+        """A part of a tuple or a list, as a copy."""
+        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
+        base, *terms = self.f.ordered([node.value, *given])
+        if not all(isinstance(each, Known) and type(each.value) in (int, bool, type(None)) for each in terms):
+            raise self.f.refused(node, "a slice whose ends are not known", "numbers, or a loop")
+        part = slice(*[each.value for each in terms])  # type: ignore[union-attr,arg-type]
+        if part.step is not None and not part.step:
+            raise self.f.refused(node, "a slice whose step is 0", "another step")
+        if not _is_sequence(base):
+            raise self.f.refused(node, "a slice of what is no tuple and no list", "a tuple, a list; a loop")
+        kind = list if _is_list(base) else None
+        return Many(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
+
+    def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
+        """Tuples or lists one after the other, or one several times; None: it is another operator."""
+        if isinstance(sign, ast.Add) and _is_sequence(left) and _is_sequence(right):
+            if _is_list(left) != _is_list(right):
+                raise self.f.refused(node, "a list and a tuple are added", "two lists, two tuples")
+            parts = [*self.f.calls.parts(left, node), *self.f.calls.parts(right, node)]
+        elif (
+            isinstance(sign, ast.Mult) and _is_sequence(left) and isinstance(right, Known) and type(right.value) is int
+        ):
+            parts = self.f.calls.parts(left, node) * min(right.value, MOST_TURNS + 1)
+        else:
+            return None
+        if len(parts) > MOST_TURNS:
+            raise self.f.refused(node, f"a sequence of more than {MOST_TURNS} elements", "a shorter one, an array")
+        return Many(tuple(parts), kind=list if _is_list(left) else None)
+
     # Comprehensions ------------------------------------------------------------------------------------
 
     def lower_list_comp(self, node: ast.ListComp) -> Term:
@@ -190,6 +230,25 @@ class LoweredSequences(LoweredSubject):
         changed = self.f.aliases.changes | self.f.world.memory.rebound
         if calls(body) and any(each in changed for each in turns.arrays):
             raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
+
+
+def _is_sequence(term: Term) -> bool:
+    """Whether it is a tuple or a list of Python."""
+    if isinstance(term, Code):
+        return isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed)
+    if isinstance(term, Known):
+        return isinstance(term.value, tuple | list) and is_container(term.value)
+    return isinstance(term, Many)
+
+
+def _is_whole(term: Term) -> bool:
+    return isinstance(term, Known) and type(term.value) is int
+
+
+def _is_list(term: Term) -> bool:
+    if isinstance(term, Code):
+        return isinstance(term.type, ArrayType) or (isinstance(term.type, TupleType) and term.type.kind is list)
+    return isinstance(term.value, list) if isinstance(term, Known) else isinstance(term, Many) and term.kind is list
 
 
 def _numbered(turns: Turns, first: int) -> Turns:

@@ -244,6 +244,15 @@ class AskedOfSequences(Protocol):
     def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
         """Python goes through the arrays that were there at the beginning."""
 
+    def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
+        """Elements that are written down, or arguments; those after a `*` are several ones."""
+
+    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
+        """A part of a tuple or a list, as a copy."""
+
+    def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
+        """Tuples or lists one after the other, or one several times; None: it is another operator."""
+
     def gone_through(self, node: ast.expr) -> list[Term]:
         """What a comprehension, a generator or an iterator gives, computed in its order."""
 
