@@ -101,6 +101,51 @@ class OrderOfMembers(Program):
         self.c += 16 * (self.level < Level.SOME)
 
 
+@equal
+class ArithmeticOfMembers(Program):
+    def begin(self) -> None:
+        self.level, self.row, self.maybe_level = Level.NONE, [1.0, 2.0, 4.0], None
+
+    def control(self) -> None:
+        self.level = Level.SOME if self.u > 1.0 else Level.MORE if self.n > 1 else Level.NONE
+        self.c = self.level + 1 - Level.SOME * 2 + (-self.level) + (self.level & 3) + (7 >> self.level) + ~Level.MORE
+        self.c += int(self.level) + abs(self.level) + self.level**2 + (self.level - Level.SOME)
+        self.c += self.level
+        self.k = self.level * self.u + self.level / 4 + float(self.level) + round(self.level)
+        if self.level is not Level.SOME:
+            self.k += self.row[self.level] + GAINS[self.level] + ROUTES[self.level][0]
+            self.row[self.level] += self.level
+        self.k -= self.row[Level.MORE] + GAINS[Level.NONE] + STEPS.get(self.level.value, 3)
+
+
+@equal
+class NameOfAMemberThatIsTold(Program):
+    def begin(self) -> None:
+        self.side, self.note = Side.LEFT, ""
+
+    def control(self) -> None:
+        self.side = Side.LEFT if self.u > 1.0 else Side.RIGHT
+        self.note = f"on the {self.side.name}"
+        if self.u > 2.0:
+            raise ValueError(f"no {self.side.name}")
+        self.k = self.u
+
+
+@equal
+class DivisionByAMember(Program):
+    def begin(self) -> None:
+        self.level: Level | None = None
+
+    def control(self) -> None:
+        self.level = None if self.n > 3 else Level.SOME if self.u > 1.0 else Level.NONE
+        try:
+            self.c = 10 // self.level
+        except TypeError:
+            self.c = -1
+        except ZeroDivisionError:
+            self.c = -2
+
+
 # Names -----------------------------------------------------------------------------------------------------
 
 

@@ -248,6 +248,8 @@ class Writer:
             lambda: "self.bump()",
             lambda: f"STEPS[{w()} % 3]",
             lambda: "self.level.value",
+            lambda: f"(self.level {self.pick('+', '-', '*', '//', '%', '&')} {self.pick(w(), 'Level.MORE')})",
+            lambda: "self.cells[self.level]",
             lambda: "self.mode.value",
             lambda: f"({w()} {self.pick('&', '|', '^')} {w()})",
             lambda: f"({w()} {self.pick('<<', '>>')} {self.pick('1', '3', '40', w(), f'({w()} & 7)')})",

@@ -23,6 +23,7 @@ from umo.generate.check.form_effects import changes
 from umo.generate.form import Element
 from umo.generate.lower.lowered_expressions import is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
 from umo.generate.value_kinds import attribute_kind, refused_store
 from umo.objects import Quality
@@ -79,6 +80,7 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
             raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
         left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
+        right = as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (target, node.value), node)
         self._set_element(target, base, index, self.f.values.settled(result), node)
 
@@ -94,6 +96,7 @@ class LoweredAssignments(LoweredSubject):
             return
         if not isinstance(node.target, ast.Name | ast.Attribute):
             raise self.f.refused(node, "it cannot be assigned to this", "names, attributes, elements")
+        left, right = as_number(self.f, left, node.target), as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (node.target, node.value), node)
         self.store(node.target, result, node)
 

@@ -51,6 +51,7 @@ from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
+from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Known, Many, Term, Turns, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
@@ -98,6 +99,7 @@ class LoweredBuiltins(LoweredSubject):
             return of_math(self.f, target, arguments, node)
         if one is None:
             return self._of_two(target, arguments, node)
+        one = as_number(self.f, one, node) if target in (int, float, abs, round) else one
         if (
             isinstance(one, Known)
             and type(one.value) in NUMBERS

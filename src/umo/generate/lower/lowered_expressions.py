@@ -7,6 +7,7 @@ import inspect
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from enum import Enum
 from types import FunctionType
 from typing import Any
 
@@ -46,7 +47,7 @@ from umo.generate.function_source import ABSENT
 from umo.generate.lower.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
 from umo.generate.lower.known_tables import element_of, element_of_terms, is_dict, is_table, value_of
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.state_members import StateMethod, has_own_value, value_of_state
+from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
 from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
@@ -115,6 +116,8 @@ class LoweredExpressions(LoweredSubject):
         """The value of a state, a property or a method: functions of the member."""
         static = inspect.getattr_static(kind, node.attr, None)
         self.f.takes(kind, node.attr, node)
+        if node.attr == "name" and static is inspect.getattr_static(Enum, "name"):
+            return Known(TEXT)
         if node.attr == "value" and not has_own_value(kind):
             return value_of_state(self.f, base, node)
         if type(static) is property and static.fget is not None:
@@ -158,6 +161,8 @@ class LoweredExpressions(LoweredSubject):
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
+        if not (isinstance(base, Known) and is_dict(base.value)):
+            index = as_number(self.f, index, node)
         if isinstance(index, Known) and type(index.value) in (int, bool):
             count = self._count_of(base)
             if count and not -count <= index.value < count:
@@ -206,7 +211,7 @@ class LoweredExpressions(LoweredSubject):
         """A place in an array; IndexError beyond it."""
         if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
             return Literal(index.value % of.length, INT)
-        code = self.f.values.number(index, node)
+        code = self.f.values.number(as_number(self.f, index, node), node)
         if code.type != INT:
             raise self.f.refused(node, "a place in a list is a whole number")
         return self.place_in(code, of.length, node)
@@ -225,6 +230,7 @@ class LoweredExpressions(LoweredSubject):
         if isinstance(node.op, ast.Not):
             truth = self.f.values.truth(term, node.operand)
             return Known(not truth) if isinstance(truth, bool) else Code(BOOL, negated(truth))
+        term = as_number(self.f, term, node.operand)
         if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
             return Known(FOLDED[type(node.op)](term.value))
         if isinstance(term, Known) and type(term.value) in NUMBERS:
@@ -246,6 +252,7 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_bin_op(self, node: ast.BinOp) -> Term:
         left, right = self.f.ordered([node.left, node.right])
+        left, right = as_number(self.f, left, node.left), as_number(self.f, right, node.right)
         numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
         if len(numbers) == 2 and type(node.op) in FOLDED:
             if isinstance(node.op, ast.Pow) and abs(numbers[1]) > MOST_POWER:
