@@ -51,6 +51,7 @@ ROUTES = ((1.0, 2), (3.0, -4), (-0.0, 7))
 SIDES = (Side.LEFT, Side.RIGHT, Side.LEFT)
 SPEEDS = {Side.LEFT: -2.0, Side.RIGHT: 3.0}
 STEPS = {0: 5, 2: 7, -3: 1}
+RATES = {"idle": 0.5, "heat": -0.0, "hold": 3.0}
 PART = {Side.LEFT: 1}
 
 
@@ -144,6 +145,55 @@ class DivisionByAMember(Program):
             self.c = -1
         except ZeroDivisionError:
             self.c = -2
+
+
+# Texts -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class TextsAsStates(Program):
+    def begin(self) -> None:
+        self.phase, self.last, self.note = "idle", "", "nothing"
+
+    def next(self, phase: str) -> str:
+        return phase if self.n > 1 else self.phase
+
+    def control(self) -> None:
+        match self.phase:
+            case "idle":
+                self.c = 1
+                if self.u > 1.0:
+                    self.phase = "heat"
+            case "heat" | "hold":
+                self.c = 2
+                self.phase = "hold" if self.n > 0 else "idle"
+            case _:
+                self.c = 3
+        if self.phase != self.last:
+            self.last = self.phase
+            self.c += 10
+        phase = self.next(self.last)
+        self.yes = phase == "hold" or phase in ("heat", "other")
+        self.k = RATES[self.phase] if self.last else -1.0
+        self.c += 100 * bool(self.phase) + 1000 * (self.phase == "never") + 10000 * (phase is None)
+        if self.yes:
+            self.note = f"{phase} {self.u}"
+        else:
+            self.note = "seen"
+
+
+@equal
+class EmptyTexts(Program):
+    def begin(self) -> None:
+        self.alarm = "none"
+
+    def control(self) -> None:
+        if self.alarm:
+            self.c = 1
+        self.alarm = "" if self.u > 1.0 else "high" if self.u > 0.0 else "none"
+        if not self.alarm:
+            self.c += 2
+        self.alarm = self.alarm if self.n > 1 else ""
 
 
 # Names -----------------------------------------------------------------------------------------------------

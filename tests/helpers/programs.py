@@ -115,6 +115,7 @@ class Program:
         self.last, self.count, self.side, self.level = None, None, None, Level.NONE
         self.row, self.cells, self.marks = [1.0, 2.0, 4.0], [1, 2, 3, 4], [True, False]
         self.array, self.other = np.zeros(3), np.ones(3)
+        self.phase = "idle"
         self.pair, self.two = Pair(1.0, 2.0), (1, 2.0)
         self.part, self.spare = Part(2.0), Part(0.5)
         self.frozen = Frozen()
@@ -142,6 +143,7 @@ class Program:
 """
 REALS = ["0.0", "1.0", "-1.0", "0.5", "2.5", "-2.0", "3.0", "100.0", "1e300", "0.1"]
 WHOLES = ["0", "1", "2", "3", "-1", "7", "-5", "100", "65536"]
+TEXTS = ["'idle'", "'heat'", "'hold'", "''"]
 NEVER = 0.0
 Write = Callable[["Writer"], list[str]]
 
@@ -276,6 +278,9 @@ class Writer:
             lambda: f"(self.level {sign()} {self.pick('Level.SOME', w(), r())})",
             lambda: f"self.level.above({w()})",
             lambda: f"({b()} {self.pick('is', 'is not')} {self.pick('True', 'False')})",
+            lambda: f"(self.phase {self.pick('==', '!=')} {self.pick(*TEXTS)})",
+            lambda: f"(self.phase {self.pick('in', 'not in')} ({self.pick(*TEXTS)}, {self.pick(*TEXTS)}))",
+            lambda: "bool(self.phase)",
             lambda: f"({b()} {self.pick('&', '|', '^')} {b()})",
             lambda: f"bool({self.pick(r(), w())})",
             lambda: f"(self.mode {self.pick('is', 'is not', '==', '!=')} Mode.{self.pick('OFF', 'HEAT', 'COOL')})",
@@ -380,6 +385,7 @@ SIMPLE: Sequence[Write] = [
     lambda w: [f"self.count = {w.pick('None', w.whole(1))}"],
     lambda w: [f"self.mode = Mode.{w.pick('OFF', 'HEAT')} if {w.truth(1)} else Mode.COOL"],
     lambda w: [f"self.level = Level.{w.pick('SOME', 'NONE')} if {w.truth(1)} else Level.MORE"],
+    lambda w: [f"self.phase = {w.pick(*TEXTS)}{w.pick('', f' if {w.truth(1)} else self.phase')}"],
     lambda w: [f"self.side = {w.pick('None', 'Mode.OFF', 'Mode.COOL', 'self.mode')}"],
     lambda w: [f"self.row[{w.pick('0', '1', '-1', w.whole(1))}] = {w.real(1)} * 1.0"],
     lambda w: [f"self.cells[{w.pick('0', '1', '-1', w.whole(1))}] = {w.whole(1)}"],

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, CType, OptionalType, StateType, TupleType, is_number, optional
+from umo.generate.c_types import BOOL, INT, CType, OptionalType, StateType, TextType, TupleType, is_number, optional
 from umo.generate.form import ZERO, Assign, Choose, Literal, Operator, TupleOf, Value, has, inside
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.terms import Code, Known, Term
@@ -113,6 +113,8 @@ def _key(f: FunctionBuilder, table: dict[Any, Any], code: Code, node: ast.AST) -
     (kind, *others) = kinds
     if not others and isinstance(code.type, StateType) and code.type.kind is kind:
         return code
+    if not others and kind is str and isinstance(code.type, TextType):
+        return Code(f.world.memory.text_type(*table), code.value)
     if not others and kind is int and code.type in (INT, BOOL):
         return Code(INT, f.values.as_type(code, INT, node))
     raise f.refused(node, "the key of a dict that is not of the class of all its keys", "members of one Enum, int")

@@ -20,6 +20,7 @@ from umo.generate.c_types import (
     NumpyNumber,
     OptionalType,
     StateType,
+    TextType,
     TupleType,
     numpy_number,
     plain,
@@ -346,7 +347,7 @@ def _classes_of(of: CType) -> tuple[type, ...]:
     if isinstance(of, ArrayType):
         return (list,) if of.listed else (np.ndarray,)
     if isinstance(of, StateType):
-        return (of.kind,)
+        return (str if isinstance(of, TextType) else of.kind,)
     if isinstance(of, TupleType):
         return (of.kind or tuple,)
     return {REAL: (float,), INT: (int, bool), BOOL: (bool,)}.get(of, (float, int, bool))

@@ -23,6 +23,7 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     OptionalType,
+    TextType,
     TupleType,
     may_be_bool,
     plain,
@@ -243,6 +244,8 @@ class LoweredCalls(LoweredSubject):
             )
         assert isinstance(owner, Binary)
         code = self.f.values.code(term, node)
+        if isinstance(code.type, TextType):
+            raise self.f.refused(node, "a text is written", "a state of the object")
         if isinstance(code.type, OptionalType):
             of, code = code.type.of, self.f.values.kept(code)
             self.f.raises(StateError, node, negated(has(code.value)))

@@ -21,6 +21,7 @@ from umo.generate.c_types import (
     NumpyNumber,
     OptionalType,
     StateType,
+    TextType,
     TupleType,
     numpy_number,
     plain,
@@ -108,7 +109,7 @@ class LoweredExpressions(LoweredSubject):
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], Member(self.place(base).value, node.attr))
-        if isinstance(base, Code) and isinstance(base.type, StateType):
+        if isinstance(base, Code) and isinstance(base.type, StateType) and not isinstance(base.type, TextType):
             return self._of_member(base, base.type.kind, node)
         raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
 
