@@ -147,6 +147,55 @@ class DivisionByAMember(Program):
             self.c = -2
 
 
+# Functions in a function -----------------------------------------------------------------------------------
+
+late = 9.0
+
+
+@equal
+class FunctionsInAFunction(Program):
+    def begin(self) -> None:
+        self.row, self.total = [1.0, 2.0, 4.0], 0.0
+
+    def control(self) -> None:
+        gain, late = 2.0, self.u
+
+        def scaled(x: float, by: float = 0.5, *, sign: float) -> float:
+            if x > 3.0:
+                return gain * by
+            return x * gain * sign + late
+
+        def counted(x: float) -> int:
+            def twice(n: int) -> int:
+                self.c += 1
+                return n * 2 if x > gain else n
+
+            return twice(twice(self.n % 50))
+
+        self.k = scaled(self.u, sign=1.0)
+        gain = -0.0
+        late = late + 1.0
+        self.k += scaled(self.k, sign=-1.0) + scaled(1.0, late, sign=gain)
+        for gain in self.row:
+            self.total += scaled(gain, sign=1.0) + counted(gain)
+        self.c += sum(counted(x) for x in (1.0, self.u))
+
+
+@equal
+class FailureInAFunction(Program):
+    def control(self) -> None:
+        n = self.n % 3
+
+        def divided() -> float:
+            return self.u / n
+
+        try:
+            self.k = divided()
+        except ZeroDivisionError:
+            n = 2
+            self.k = divided()
+
+
 # Texts -----------------------------------------------------------------------------------------------------
 
 

@@ -458,6 +458,20 @@ def _try(w: Writer) -> list[str]:
     return [*lines, "finally:", *w.block(2)]
 
 
+def _function(w: Writer) -> list[str]:
+    """A function in the function, which is called once or twice; it sees the names around it as they are then."""
+    name, x, changed = w.new("f"), w.new("x"), w.new("v")
+    value = w.real(1)
+    w.reals += [changed]
+    around = list(w.reals)
+    w.reals += [x]
+    lines = [f"def {name}({x}: float, n: int = 2) -> float:", f"    if {w.truth(1)}:"]
+    lines += [f"        return {w.real(1)} * 1.0", f"    return {x} * {w.real(1)} * n"]
+    w.reals = around
+    lines += [f"self.s = {name}({w.real(1)} * 1.0)", f"{changed} = {w.real(1)} * 1.0"]
+    return [f"{changed} = {value} * 1.0", *lines, f"self.t = {name}({changed}, n=3)"]
+
+
 COMPOUND: Sequence[Write] = [
     _if,
     _if,
@@ -467,6 +481,7 @@ COMPOUND: Sequence[Write] = [
     _while,
     _try,
     lambda w: ["with suppress(ZeroDivisionError, ValueError):", *w.block(2)],
+    lambda w: _function(w),
     lambda w: ["for part in self.parts:", *w.block(2), f"    part.gain += {w.real(1)}"],
     lambda w: [f"if (found := {w.real(1)}) > 1.0:", "    self.s = found * 1.0", *w.block(1)],
     lambda w: ["match self.mode:", "    case Mode.OFF | Mode.HEAT:", *(f"    {x}" for x in w.block(2)),

@@ -56,6 +56,7 @@ class FunctionLowering(FunctionBuilder):
         self.of_statements = {
             ast.Pass: self.branches.lower_pass,
             ast.Expr: self.branches.lower_expr,
+            ast.FunctionDef: self.branches.lower_function_def,
             ast.Import: self.branches.lower_import,
             ast.ImportFrom: self.branches.lower_import,
             ast.If: self.branches.lower_if,

@@ -46,6 +46,7 @@ from umo.generate.form import (
 )
 from umo.generate.function_source import NoSource, bound
 from umo.generate.lower.known_tables import of_dict
+from umo.generate.lower.local_functions import LocalFunction, terms_around
 from umo.generate.lower.lowered_attributes import asks_host, dropped
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_sequences import CONSUMERS
@@ -130,6 +131,10 @@ class LoweredCalls(LoweredSubject):
         target = func.value
         if isinstance(target, StateMethod):
             return self.function(target.function, [target.member, *arguments], named, node)
+        if isinstance(target, LocalFunction):
+            around = terms_around(self.f, target, node)
+            terms = self._by_name(target.source.function, arguments, named, node)
+            return self.f.world.invoke(self.f, target.source, terms | around, node)
         if isinstance(target, ArrayMethod) and not named:
             return self.f.arrays.method_of_array(target, arguments, node)
         of_table = of_dict(self.f, func, arguments, node) if type(func.owner) is dict and not named else None

@@ -89,7 +89,7 @@ class LoweredExpressions(LoweredSubject):
             return found
         if found is not None:
             return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
-        if node.id in self.f.source.function.__code__.co_varnames:
+        if self.f.source.is_local(node.id):
             raise self.f.refused(node, "it is used before it has a value on every way", "give it a value first")
         value = self.f.source.meaning(node.id)
         if value is ABSENT:

@@ -142,7 +142,7 @@ class LoweredLoops(LoweredSubject):
     def _is_range(self, node: ast.AST) -> bool:
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"):
             return False
-        if "range" in self.f.flow.names or "range" in self.f.source.function.__code__.co_varnames:
+        if "range" in self.f.flow.names or self.f.source.is_local("range"):
             return False
         return self.f.source.meaning("range") is range and not node.keywords
 

@@ -42,7 +42,7 @@ class LoweredSequences(LoweredSubject):
     def _iterator(self, node: ast.AST) -> Any:
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
             return None
-        if node.func.id in self.f.flow.names or node.func.id in self.f.source.function.__code__.co_varnames:
+        if node.func.id in self.f.flow.names or self.f.source.is_local(node.func.id):
             return None
         found = self.f.source.meaning(node.func.id)
         return next((each for each in ITERATORS if each is found), None)

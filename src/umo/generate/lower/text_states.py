@@ -26,7 +26,7 @@ def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
     of = f.world.memory.text_type(term.value)
     if len(of.kind) > MOST_STATES:
         raise f.refused(node, f"more than {MOST_STATES} texts in one machine", "members of an Enum")
-    return Code(of, Literal(of.kind.index(term.value), INT))
+    return Code(of, Literal(of.kind.index(term.value), of))
 
 
 def compared_texts(f: FunctionBuilder, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
