@@ -51,6 +51,7 @@ ROUTES = ((1.0, 2), (3.0, -4), (-0.0, 7))
 SIDES = (Side.LEFT, Side.RIGHT, Side.LEFT)
 SPEEDS = {Side.LEFT: -2.0, Side.RIGHT: 3.0}
 STEPS = {0: 5, 2: 7, -3: 1}
+RATES = {"idle": 0.5, "heat": -0.0, "hold": 3.0}
 PART = {Side.LEFT: 1}
 
 
@@ -99,6 +100,149 @@ class OrderOfMembers(Program):
         self.yes = self.level > Level.MORE
         self.c = (self.level >= 2) + 2 * (self.level == 5) + 4 * (self.level < self.u) + 8 * (self.other <= self.level)
         self.c += 16 * (self.level < Level.SOME)
+
+
+@equal
+class ArithmeticOfMembers(Program):
+    def begin(self) -> None:
+        self.level, self.row, self.maybe_level = Level.NONE, [1.0, 2.0, 4.0], None
+
+    def control(self) -> None:
+        self.level = Level.SOME if self.u > 1.0 else Level.MORE if self.n > 1 else Level.NONE
+        self.c = self.level + 1 - Level.SOME * 2 + (-self.level) + (self.level & 3) + (7 >> self.level) + ~Level.MORE
+        self.c += int(self.level) + abs(self.level) + self.level**2 + (self.level - Level.SOME)
+        self.c += self.level
+        self.k = self.level * self.u + self.level / 4 + float(self.level) + round(self.level)
+        if self.level is not Level.SOME:
+            self.k += self.row[self.level] + GAINS[self.level] + ROUTES[self.level][0]
+            self.row[self.level] += self.level
+        self.k -= self.row[Level.MORE] + GAINS[Level.NONE] + STEPS.get(self.level.value, 3)
+
+
+@equal
+class NameOfAMemberThatIsTold(Program):
+    def begin(self) -> None:
+        self.side, self.note = Side.LEFT, ""
+
+    def control(self) -> None:
+        self.side = Side.LEFT if self.u > 1.0 else Side.RIGHT
+        self.note = f"on the {self.side.name}"
+        if self.u > 2.0:
+            raise ValueError(f"no {self.side.name}")
+        self.k = self.u
+
+
+@equal
+class DivisionByAMember(Program):
+    def begin(self) -> None:
+        self.level: Level | None = None
+
+    def control(self) -> None:
+        self.level = None if self.n > 3 else Level.SOME if self.u > 1.0 else Level.NONE
+        try:
+            self.c = 10 // self.level
+        except TypeError:
+            self.c = -1
+        except ZeroDivisionError:
+            self.c = -2
+
+
+# Functions in a function -----------------------------------------------------------------------------------
+
+late = 9.0
+
+
+@equal
+class FunctionsInAFunction(Program):
+    def begin(self) -> None:
+        self.row, self.total = [1.0, 2.0, 4.0], 0.0
+
+    def control(self) -> None:
+        gain, late = 2.0, self.u
+
+        def scaled(x: float, by: float = 0.5, *, sign: float) -> float:
+            if x > 3.0:
+                return gain * by
+            return x * gain * sign + late
+
+        def counted(x: float) -> int:
+            def twice(n: int) -> int:
+                self.c += 1
+                return n * 2 if x > gain else n
+
+            return twice(twice(self.n % 50))
+
+        self.k = scaled(self.u, sign=1.0)
+        gain = -0.0
+        late = late + 1.0
+        self.k += scaled(self.k, sign=-1.0) + scaled(1.0, late, sign=gain)
+        for gain in self.row:
+            self.total += scaled(gain, sign=1.0) + counted(gain)
+        self.c += sum(counted(x) for x in (1.0, self.u))
+
+
+@equal
+class FailureInAFunction(Program):
+    def control(self) -> None:
+        n = self.n % 3
+
+        def divided() -> float:
+            return self.u / n
+
+        try:
+            self.k = divided()
+        except ZeroDivisionError:
+            n = 2
+            self.k = divided()
+
+
+# Texts -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class TextsAsStates(Program):
+    def begin(self) -> None:
+        self.phase, self.last, self.note = "idle", "", "nothing"
+
+    def next(self, phase: str) -> str:
+        return phase if self.n > 1 else self.phase
+
+    def control(self) -> None:
+        match self.phase:
+            case "idle":
+                self.c = 1
+                if self.u > 1.0:
+                    self.phase = "heat"
+            case "heat" | "hold":
+                self.c = 2
+                self.phase = "hold" if self.n > 0 else "idle"
+            case _:
+                self.c = 3
+        if self.phase != self.last:
+            self.last = self.phase
+            self.c += 10
+        phase = self.next(self.last)
+        self.yes = phase == "hold" or phase in ("heat", "other")
+        self.k = RATES[self.phase] if self.last else -1.0
+        self.c += 100 * bool(self.phase) + 1000 * (self.phase == "never") + 10000 * (phase is None)
+        if self.yes:
+            self.note = f"{phase} {self.u}"
+        else:
+            self.note = "seen"
+
+
+@equal
+class EmptyTexts(Program):
+    def begin(self) -> None:
+        self.alarm = "none"
+
+    def control(self) -> None:
+        if self.alarm:
+            self.c = 1
+        self.alarm = "" if self.u > 1.0 else "high" if self.u > 0.0 else "none"
+        if not self.alarm:
+            self.c += 2
+        self.alarm = self.alarm if self.n > 1 else ""
 
 
 # Names -----------------------------------------------------------------------------------------------------

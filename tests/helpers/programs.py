@@ -115,6 +115,7 @@ class Program:
         self.last, self.count, self.side, self.level = None, None, None, Level.NONE
         self.row, self.cells, self.marks = [1.0, 2.0, 4.0], [1, 2, 3, 4], [True, False]
         self.array, self.other = np.zeros(3), np.ones(3)
+        self.phase = "idle"
         self.pair, self.two = Pair(1.0, 2.0), (1, 2.0)
         self.part, self.spare = Part(2.0), Part(0.5)
         self.frozen = Frozen()
@@ -142,6 +143,7 @@ class Program:
 """
 REALS = ["0.0", "1.0", "-1.0", "0.5", "2.5", "-2.0", "3.0", "100.0", "1e300", "0.1"]
 WHOLES = ["0", "1", "2", "3", "-1", "7", "-5", "100", "65536"]
+TEXTS = ["'idle'", "'heat'", "'hold'", "''"]
 NEVER = 0.0
 Write = Callable[["Writer"], list[str]]
 
@@ -200,6 +202,9 @@ class Writer:
             lambda: f"self.row[{w()}]",
             lambda: f"sum({self.pick('self.row', f'({r()}, {r()})')})",
             lambda: f"sum(each * {r()} for each in self.row)",
+            lambda: f"{self.pick('sum', 'max', 'min')}([each + {r()} for each in {self.pick('self.row', 'TABLE')}])",
+            lambda: f"[number * {r()} for number, _ in enumerate(reversed(self.row))][{self.pick('0', '1', w())}]",
+            lambda: f"max(one * other for one, other in zip(self.row, ({r()}, {r()}), strict=False))",
             lambda: f"self.{self.pick('part', 'spare')}.scaled({r()})",
             lambda: f"{self.pick('max', 'min')}(self.row)",
             lambda: f"self.pairs({r()}, n={w()})[0]",
@@ -213,6 +218,9 @@ class Writer:
             lambda: f"round({r()}) * 0.5",
             lambda: f"TABLE[{self.pick('self.n % 3', w(), b())}]",
             lambda: "GAINS[self.mode]",
+            lambda: f"GAINS.get({self.pick('self.mode', 'self.side')}, {r()} * 1.0)",
+            lambda: f"sum(self.row[{self.pick('1:', ':2', '-2:', '::-1', '::2')}])",
+            lambda: f"max((*self.row[:1], {r()}, *TABLE[1:])[{self.pick('1:', '::2')}])",
             lambda: f"(1.0, {r()} * 1.0)[{w()}]",
             lambda: f"round({r()}, {self.pick('0', '1', '3')})",
             lambda: f"math.{self.pick('hypot', 'fmod')}({r()}, {r()})",
@@ -242,6 +250,8 @@ class Writer:
             lambda: "self.bump()",
             lambda: f"STEPS[{w()} % 3]",
             lambda: "self.level.value",
+            lambda: f"(self.level {self.pick('+', '-', '*', '//', '%', '&')} {self.pick(w(), 'Level.MORE')})",
+            lambda: "self.cells[self.level]",
             lambda: "self.mode.value",
             lambda: f"({w()} {self.pick('&', '|', '^')} {w()})",
             lambda: f"({w()} {self.pick('<<', '>>')} {self.pick('1', '3', '40', w(), f'({w()} & 7)')})",
@@ -268,12 +278,16 @@ class Writer:
             lambda: f"(self.level {sign()} {self.pick('Level.SOME', w(), r())})",
             lambda: f"self.level.above({w()})",
             lambda: f"({b()} {self.pick('is', 'is not')} {self.pick('True', 'False')})",
+            lambda: f"(self.phase {self.pick('==', '!=')} {self.pick(*TEXTS)})",
+            lambda: f"(self.phase {self.pick('in', 'not in')} ({self.pick(*TEXTS)}, {self.pick(*TEXTS)}))",
+            lambda: "bool(self.phase)",
             lambda: f"({b()} {self.pick('&', '|', '^')} {b()})",
             lambda: f"bool({self.pick(r(), w())})",
             lambda: f"(self.mode {self.pick('is', 'is not', '==', '!=')} Mode.{self.pick('OFF', 'HEAT', 'COOL')})",
             lambda: f"(self.side {self.pick('is', 'is not', '==', '!=')} {self.pick('Mode.OFF', 'Mode.COOL', 'None')})",
             lambda: f"(self.side {self.pick('in', 'not in')} (Mode.OFF, {self.pick('None', 'Mode.HEAT')}))",
             lambda: f"({w()} {self.pick('in', 'not in')} ({w()}, {w()}, 3))",
+            lambda: f"({w()} in {self.pick('self.cells', 'self.cells[1:]', 'STEPS')})",
             lambda: f"({self.pick('self.maybe', 'self.last')} {self.pick('is', 'is not', '==', '!=')} None)",
             lambda: f"({self.pick('self.maybe', 'self.count')} {self.pick('==', '!=')} {self.pick(r(), w())})",
             lambda: f"{self.pick('any', 'all')}({self.pick('self.row', 'self.marks', 'self.cells')})",
@@ -371,6 +385,7 @@ SIMPLE: Sequence[Write] = [
     lambda w: [f"self.count = {w.pick('None', w.whole(1))}"],
     lambda w: [f"self.mode = Mode.{w.pick('OFF', 'HEAT')} if {w.truth(1)} else Mode.COOL"],
     lambda w: [f"self.level = Level.{w.pick('SOME', 'NONE')} if {w.truth(1)} else Level.MORE"],
+    lambda w: [f"self.phase = {w.pick(*TEXTS)}{w.pick('', f' if {w.truth(1)} else self.phase')}"],
     lambda w: [f"self.side = {w.pick('None', 'Mode.OFF', 'Mode.COOL', 'self.mode')}"],
     lambda w: [f"self.row[{w.pick('0', '1', '-1', w.whole(1))}] = {w.real(1)} * 1.0"],
     lambda w: [f"self.cells[{w.pick('0', '1', '-1', w.whole(1))}] = {w.whole(1)}"],
@@ -418,6 +433,14 @@ def _over(w: Writer) -> list[str]:
     return _loop(w, f"for {name} in {over}:", name, whole)
 
 
+def _zip(w: Writer) -> list[str]:
+    number, name, other = w.new("k"), w.new("e"), w.new("e")
+    w.turns += [name, other]
+    one, two = (w.pick("self.row", "self.cells", "TABLE", "reversed(self.cells)", f"({w.real(1)}, 2)") for _ in "12")
+    turns = f"enumerate(zip({one}, {two}, strict=False))"
+    return _loop(w, f"for {number}, ({name}, {other}) in {turns}:", number, whole=True)
+
+
 def _while(w: Writer) -> list[str]:
     name = w.new("q")
     loop = _loop(w, f"while {name} > 0:", name, whole=True)
@@ -435,14 +458,30 @@ def _try(w: Writer) -> list[str]:
     return [*lines, "finally:", *w.block(2)]
 
 
+def _function(w: Writer) -> list[str]:
+    """A function in the function, which is called once or twice; it sees the names around it as they are then."""
+    name, x, changed = w.new("f"), w.new("x"), w.new("v")
+    value = w.real(1)
+    w.reals += [changed]
+    around = list(w.reals)
+    w.reals += [x]
+    lines = [f"def {name}({x}: float, n: int = 2) -> float:", f"    if {w.truth(1)}:"]
+    lines += [f"        return {w.real(1)} * 1.0", f"    return {x} * {w.real(1)} * n"]
+    w.reals = around
+    lines += [f"self.s = {name}({w.real(1)} * 1.0)", f"{changed} = {w.real(1)} * 1.0"]
+    return [f"{changed} = {value} * 1.0", *lines, f"self.t = {name}({changed}, n=3)"]
+
+
 COMPOUND: Sequence[Write] = [
     _if,
     _if,
     _range,
     _over,
+    _zip,
     _while,
     _try,
     lambda w: ["with suppress(ZeroDivisionError, ValueError):", *w.block(2)],
+    lambda w: _function(w),
     lambda w: ["for part in self.parts:", *w.block(2), f"    part.gain += {w.real(1)}"],
     lambda w: [f"if (found := {w.real(1)}) > 1.0:", "    self.s = found * 1.0", *w.block(1)],
     lambda w: ["match self.mode:", "    case Mode.OFF | Mode.HEAT:", *(f"    {x}" for x in w.block(2)),

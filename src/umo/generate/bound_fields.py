@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TextType, TupleType
 from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, StructMemory
 
@@ -337,6 +337,8 @@ def require(of: CType, value: Any, exact: bool) -> None:
         wrong = kind is not int or not -(2**31) <= value < 2**31
     elif of == BOOL:
         wrong = kind is not bool
+    elif isinstance(of, StateType):
+        wrong = kind is not (str if isinstance(of, TextType) else of.kind)
     elif isinstance(of, TupleType):
         wrong = kind is not (of.kind or tuple) or len(value) != len(of.members)
         for (_, each), part in zip(of.members, () if wrong else value, strict=not wrong):

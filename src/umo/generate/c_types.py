@@ -24,6 +24,12 @@ class StateType(CType):
 
 
 @dataclass(frozen=True)
+class TextType(StateType):
+    """One of the texts of a machine, as its number among them: `kind` is a tuple of all, those learnt last at the
+    end."""
+
+
+@dataclass(frozen=True)
 class OptionalType(CType):
     """A value, or None."""
 
@@ -132,6 +138,10 @@ def joined(one: CType, other: CType) -> CType:
     """The type of a value that has either; TypeError if there is none."""
     if one == other:
         return one
+    if isinstance(one, TextType) or isinstance(other, TextType):
+        if not (isinstance(one, TextType) and isinstance(other, TextType)):
+            raise TypeError
+        return max(one, other, key=lambda each: len(each.kind))
     if NOTHING in (one, other):
         return optional(other if one == NOTHING else one)
     if isinstance(one, NumpyNumber) or isinstance(other, NumpyNumber):

@@ -40,6 +40,10 @@ class SourcedFunction(NamedTuple):
                 return ABSENT
         return self.function.__globals__.get(name, getattr(builtins, name, ABSENT))
 
+    def is_local(self, name: str) -> bool:
+        """Whether the function itself assigns this name; functions within it may read it, too."""
+        return name in self.function.__code__.co_varnames or name in self.function.__code__.co_cellvars
+
     @property
     def enclosed(self) -> tuple[Any, ...]:
         """What its names of enclosing functions stand for, ABSENT where they have no value: two functions of the same

@@ -9,5 +9,4 @@ class AssignmentInAGenerator(Program):
     def control(self) -> None:
         # refused: an assignment in a generator; a loop
         self.yes = any((last := each) > 1.0 for each in (self.u, self.k))
-        # refused: the name stands for nothing
         self.k = last

@@ -25,5 +25,5 @@ class NameOfAMember(Program):
 
     def control(self) -> None:
         self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
-        # refused: the attribute 'name' of a state; value, a method, a property
+        # refused: a text that is made at run time; a state of an Enum
         self.yes = self.side.name == "LEFT"

@@ -10,7 +10,7 @@ class TextThatIsSetAfterItIsRead(Program):
         self.note = ""
 
     def marks(self) -> None:
-        self.note = "seen"
+        self.note = f"seen {self.n}"
 
     def control(self) -> None:
         # refused: a text that is made at run time; a state of an Enum

@@ -12,4 +12,4 @@ class TextThatMayBeAnother(Program):
     def control(self) -> None:
         # refused: a text that is made at run time; a state of an Enum
         self.a.write(1.0 if isinstance(self.note, str) and self.note in ("seen",) else 2.0)
-        self.note = "seen"
+        self.note = f"seen {self.n}"

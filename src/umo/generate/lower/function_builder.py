@@ -38,6 +38,7 @@ from umo.generate.lower.subjects import (
     AskedOfErrors,
     AskedOfExpressions,
     AskedOfLoops,
+    AskedOfSequences,
     AskedOfTelling,
     AskedOfValues,
     AskedOfVectors,
@@ -73,6 +74,7 @@ class FunctionBuilder:
     builtins: AskedOfBuiltins
     assignments: AskedOfAssignments
     loops: AskedOfLoops
+    sequences: AskedOfSequences
     errors: AskedOfErrors
     of_expressions: Mapping[type[ast.AST], Callable[[Any], Term]]
     """Which subject each expression of Python belongs to."""

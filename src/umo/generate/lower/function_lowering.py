@@ -18,6 +18,7 @@ from umo.generate.lower.lowered_conditions import LoweredConditions
 from umo.generate.lower.lowered_errors import LoweredErrors
 from umo.generate.lower.lowered_expressions import LoweredExpressions
 from umo.generate.lower.lowered_loops import LoweredLoops
+from umo.generate.lower.lowered_sequences import LoweredSequences
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_telling import LoweredTelling
 from umo.generate.lower.lowered_values import LoweredValues
@@ -34,7 +35,7 @@ class FunctionLowering(FunctionBuilder):
         self.arrays, self.vectors = LoweredArrays(self), LoweredVectors(self)
         self.attributes, self.calls, self.builtins = LoweredAttributes(self), LoweredCalls(self), LoweredBuiltins(self)
         self.assignments, self.branches = LoweredAssignments(self), LoweredBranches(self)
-        self.loops, self.errors = LoweredLoops(self), LoweredErrors(self)
+        self.loops, self.sequences, self.errors = LoweredLoops(self), LoweredSequences(self), LoweredErrors(self)
         self.of_expressions = {
             ast.Constant: self.expressions.lower_constant,
             ast.JoinedStr: self.expressions.lower_joined_str,
@@ -42,6 +43,7 @@ class FunctionLowering(FunctionBuilder):
             ast.Attribute: self.expressions.lower_attribute,
             ast.Tuple: self.expressions.lower_tuple,
             ast.List: self.expressions.lower_list,
+            ast.ListComp: self.sequences.lower_list_comp,
             ast.Subscript: self.expressions.lower_subscript,
             ast.UnaryOp: self.expressions.lower_unary_op,
             ast.BinOp: self.expressions.lower_bin_op,
@@ -54,6 +56,7 @@ class FunctionLowering(FunctionBuilder):
         self.of_statements = {
             ast.Pass: self.branches.lower_pass,
             ast.Expr: self.branches.lower_expr,
+            ast.FunctionDef: self.branches.lower_function_def,
             ast.Import: self.branches.lower_import,
             ast.ImportFrom: self.branches.lower_import,
             ast.If: self.branches.lower_if,

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, CType, StateType, TupleType, is_number
-from umo.generate.form import ZERO, Assign, Choose, Literal, Operator, TupleOf, Value
+from umo.generate.c_types import BOOL, INT, CType, OptionalType, StateType, TextType, TupleType, is_number, optional
+from umo.generate.form import ZERO, Assign, Choose, Literal, Operator, TupleOf, Value, has, inside
 from umo.generate.lower.function_builder import FunctionBuilder
-from umo.generate.lower.terms import Code, Term
+from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.value_kinds import is_container, is_plain_enum
 
 MOST_ENTRIES = 256
@@ -51,16 +51,54 @@ def _place(f: FunctionBuilder, index: Term, length: int, node: ast.AST) -> Value
 
 def value_of(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
     """KeyError where it has no such key."""
-    f.world.memory.place_known(table)
+    place = _place_of_key(f, table, key, node)
+    f.raises(KeyError, node, Operator("<", place, ZERO))
+    return value_of_each(f, list(table.values()), place, node)
+
+
+def of_dict(f: FunctionBuilder, method: Known, given: Sequence[Term], node: ast.AST) -> Term | None:
+    """`get`, `keys`, `values` and `items` of a dict that is known; None: another method."""
+    table, name = method.owner, method.name
+    if name == "get" and len(given) in (1, 2):
+        key, default = (*given, Known(None))[:2]
+        if isinstance(key, Known):
+            f.world.memory.place_known(table)
+            return Known(table[key.value]) if key.value in table else default
+        return _value_or(f, table, key, default, node) if is_dict(table) else None
+    if name in ("keys", "values", "items") and not given:
+        f.world.memory.place_known(table)
+        return Known(tuple(getattr(table, name)()))
+    return None
+
+
+def _value_or(f: FunctionBuilder, table: dict[Any, Any], key: Term, default: Term, node: ast.AST) -> Code:
     of = _type_of_all(f, list(table.values()), node)
-    code = _key(f, table, key, node)
+    none = isinstance(default, Known) and default.value is None
+    if not none and f.values.code(default, node).type != of:
+        raise f.refused(node, "a default of another class than the values of the dict", "0.0 in the place of 0")
+    wanted = optional(of) if none else of
+    place = _place_of_key(f, table, key, node)
+    found = f.temporary(wanted)
+    f.assign(found, f.values.as_type(default, wanted, node))
+    with f.gathered() as there:
+        f.assign(found, f.values.as_type(value_of_each(f, list(table.values()), place, node), wanted, node))
+    f.add_if(Operator(">=", place, ZERO), *there)
+    return Code(wanted, found)
+
+
+def _place_of_key(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Value:
+    """The number of a key, -1 where it is none."""
+    f.world.memory.place_known(table)
+    given = f.values.kept(f.values.code(key, node))
+    is_there = given.type if isinstance(given.type, OptionalType) else None
+    code = _key(f, table, Code(is_there.of, inside(given.value)) if is_there else given, node)
     place = f.temporary(INT, "n")
     f.assign(place, Literal(-1, INT))
     for number, each in enumerate(table):
-        is_key = Operator("==", code.value, f.values.literal(each, code.type, node))
+        is_key: Value = Operator("==", code.value, f.values.literal(each, code.type, node))
+        is_key = Operator("&&", has(given.value), is_key) if is_there else is_key
         f.add_if(is_key, Assign(place, Literal(number, INT)))
-    f.raises(KeyError, node, Operator("<", place, ZERO))
-    return _chosen(f, [_initial(f, each, of, node) for each in table.values()], of, place)
+    return place
 
 
 def value_of_each(f: FunctionBuilder, values: Sequence[Any], place: Value, node: ast.AST) -> Code:
@@ -69,14 +107,16 @@ def value_of_each(f: FunctionBuilder, values: Sequence[Any], place: Value, node:
     return _chosen(f, [_initial(f, each, of, node) for each in values], of, place)
 
 
-def _key(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
+def _key(f: FunctionBuilder, table: dict[Any, Any], code: Code, node: ast.AST) -> Code:
     """A key that is computed, of the class that all keys have."""
-    code, kinds = f.values.present(f.values.code(key, node), node), {type(each) for each in table}
+    kinds = {type(each) for each in table}
     (kind, *others) = kinds
     if not others and isinstance(code.type, StateType) and code.type.kind is kind:
-        return f.values.kept(code)
+        return code
+    if not others and kind is str and isinstance(code.type, TextType):
+        return Code(f.world.memory.text_type(*table), code.value)
     if not others and kind is int and code.type in (INT, BOOL):
-        return f.values.kept(Code(INT, f.values.as_type(code, INT, node)))
+        return Code(INT, f.values.as_type(code, INT, node))
     raise f.refused(node, "the key of a dict that is not of the class of all its keys", "members of one Enum, int")
 
 

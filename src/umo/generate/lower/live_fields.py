@@ -22,6 +22,7 @@ from umo.generate.c_types import (
     NumpyNumber,
     OptionalType,
     StateType,
+    TextType,
     TupleType,
     array,
     joined,
@@ -89,6 +90,8 @@ class LiveFields:
         if name == ACCEPTED:
             return MASK
         found = self.type_of_value(value)
+        if type(value) is str and self._memory.is_text_state(owner, name):
+            found = self._memory.text_type(value)
         hinted = _hinted(type(owner), name)
         if found is None or (found == NOTHING and not assigned and hinted is None):
             return None
@@ -127,10 +130,14 @@ class LiveFields:
             types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
         if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
             return None  # a tuple would forget it
+        if not types:
+            return None
         types = [each and plain_number(each) for each in types]
         if any(isinstance(each, ArrayType) and each.listed for each in types):
             return None  # a list is no value of C: it has one place
         if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
+            return None
+        if any(isinstance(each, TextType) for each in types):
             return None
         letters = "".join(map(_letter, types))
         members = tuple(zip(names or [f"_{n}" for n in range(len(types))], types, strict=True))

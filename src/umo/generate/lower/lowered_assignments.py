@@ -23,7 +23,9 @@ from umo.generate.check.form_effects import changes
 from umo.generate.form import Element
 from umo.generate.lower.lowered_expressions import is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
+from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, refused_store
 from umo.objects import Quality
 
@@ -79,6 +81,7 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
             raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
         left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
+        right = as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (target, node.value), node)
         self._set_element(target, base, index, self.f.values.settled(result), node)
 
@@ -94,6 +97,7 @@ class LoweredAssignments(LoweredSubject):
             return
         if not isinstance(node.target, ast.Name | ast.Attribute):
             raise self.f.refused(node, "it cannot be assigned to this", "names, attributes, elements")
+        left, right = as_number(self.f, left, node.target), as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (node.target, node.value), node)
         self.store(node.target, result, node)
 
@@ -177,10 +181,15 @@ class LoweredAssignments(LoweredSubject):
             return
         if reason := refused_store(owner, name) or _odd_attribute(owner, name):
             raise self.f.refused(node, reason, "an attribute of an object of its own")
-        if isinstance(term, Known) and isinstance(term.value, str):
+        text = as_text(self.f, term, node)
+        if text is not None or (isinstance(term, Known) and isinstance(term.value, str)):
             self.f.world.memory.add_text(owner, name)
-            self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
-            return
+            if text is None:
+                self.f.world.memory.make_text(owner, name)
+            if text is None or not self.f.world.memory.is_text_state(owner, name):
+                self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
+                return
+            term = text
         self.f.world.memory.assign(owner, name)
         new = self.f.values.type_of(term)
         key = id(owner), name
@@ -195,7 +204,7 @@ class LoweredAssignments(LoweredSubject):
             self.f.world.memory.of_numpy.add(key)
         of = plain_number(new) if isinstance(new, NumpyNumber) else new
         self.f.world.memory.learn(self.f.world.memory.fields, key, of, lambda: self._odd(name, node))
-        if key in self.f.world.memory.texts:
+        if key in self.f.world.memory.texts and text is None:
             raise self.f.refused(node, f"{name} has texts and other values", "a name for each")
         place = self.f.attributes.field(owner, name, base, target)
         if not isinstance(place, Code):

@@ -97,7 +97,9 @@ class LoweredAttributes(LoweredSubject):
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
         """An attribute that is a number is a field; another one is known."""
         if (id(owner), name) in self.f.world.memory.texts:
-            return Known(TEXT)
+            self.f.world.memory.ask_text(owner, name)
+            if not self.f.world.memory.is_text_state(owner, name):
+                return Known(TEXT)
         value = self._got(owner, name, node)
         if isinstance(value, FunctionType | MethodType | BuiltinFunctionType | partial):
             if asks_host(owner, name):

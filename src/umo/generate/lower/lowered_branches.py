@@ -9,6 +9,7 @@ from typing import Any
 
 from umo.generate.form import If, Return
 from umo.generate.lower.function_builder import NoTranslation
+from umo.generate.lower.local_functions import local_function
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.terms import Known
@@ -27,6 +28,9 @@ class LoweredBranches(LoweredSubject):
         if isinstance(node.value, ast.Constant):
             return
         self.f.term(node.value)
+
+    def lower_function_def(self, node: ast.FunctionDef) -> None:
+        self.f.flow.names[node.name] = local_function(self.f, node)
 
     def lower_import(self, node: ast.Import | ast.ImportFrom) -> None:
         scope: dict[str, Any] = {}

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import ast
-import copy
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import Any
 
@@ -21,13 +20,13 @@ from umo.generate.c_types import (
     NumpyNumber,
     OptionalType,
     StateType,
+    TextType,
     TupleType,
     numpy_number,
     plain,
     plain_number,
 )
 from umo.generate.c_types import joined as joined_type
-from umo.generate.check.form_effects import calls
 from umo.generate.form import (
     LEAST_INT,
     ONE,
@@ -49,10 +48,12 @@ from umo.generate.form import (
 )
 from umo.generate.lower.lowered_conditions import calls_in
 from umo.generate.lower.lowered_expressions import NUMBERS, is_of_numpy
+from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
-from umo.generate.lower.terms import Code, Known, Many, Term, UnknownText
+from umo.generate.lower.state_members import as_number
+from umo.generate.lower.terms import Code, Known, Many, Term, Turns, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
 
@@ -78,7 +79,10 @@ class LoweredBuiltins(LoweredSubject):
 
     def of_python(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
         """A function of Python itself, or of math; None: it is another one."""
-        if target in (isinstance, hasattr, getattr, len, callable, type, range, zip, enumerate, reversed, tuple, list):
+        if target in ITERATORS:
+            told = f"`{target.__name__}` that is kept: it gives its elements once"
+            raise self.f.refused(node, told, "the head of a loop, list(...)")
+        if target in (isinstance, hasattr, getattr, len, callable, type, range, tuple, list):
             return self._static(target, arguments, node)
         if target in (min, max):
             return self._extreme(target, arguments, node)
@@ -96,6 +100,7 @@ class LoweredBuiltins(LoweredSubject):
             return of_math(self.f, target, arguments, node)
         if one is None:
             return self._of_two(target, arguments, node)
+        one = as_number(self.f, one, node) if target in (int, float, abs, round) else one
         if (
             isinstance(one, Known)
             and type(one.value) in NUMBERS
@@ -204,6 +209,8 @@ class LoweredBuiltins(LoweredSubject):
             return Known(arguments[0].type.length)
         if target is len and isinstance(arguments[0], Many):
             return Known(len(arguments[0].terms))
+        if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, TupleType):
+            return Known(len(arguments[0].type.members))
         if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
             raise self.f.refused(node, TELLS, "a state of an Enum")
         if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
@@ -217,7 +224,7 @@ class LoweredBuiltins(LoweredSubject):
             and arguments[0].kind is None
         ):
             return Many(arguments[0].terms, kind=list if target is list else None)
-        if target in (len, zip, enumerate, reversed, tuple, list) and not all(map(_is_container, arguments[:1])):
+        if target in (len, tuple, list) and not all(map(_is_container, arguments[:1])):
             raise self.f.refused(node, f"{target.__name__} of what decides what its elements are", "a list, a tuple")
         if not all(isinstance(each, Known) for each in arguments):
             raise self.f.refused(node, f"{target.__name__} of something that is not known when the code is generated")
@@ -235,33 +242,25 @@ class LoweredBuiltins(LoweredSubject):
 
     def over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
         """any, all or sum of an expression over objects."""
-        if len(generator.generators) != 1 or generator.generators[0].is_async:
-            raise self.f.refused(node, "two loops in one expression", "a loop for each")
-        generator = _with_own_names(generator, f" {node.lineno} {node.col_offset}")
-        first = generator.generators[0]
-        if any(isinstance(each, ast.NamedExpr) for each in ast.walk(generator)):
-            raise self.f.refused(node, "an assignment in a generator", "a loop")
-        over = self.f.term(first.iter)
-        elements = self.f.loops.elements(over, first.iter)
-        if not (isinstance(over, Code) and isinstance(over.type, ArrayType)):
-            elements = [self.f.values.settled(each) for each in elements]
+        inner, turns = self.f.sequences.opened(generator)
         at = len(self.f.statements)
-        found = self._over_elements(target, generator, elements, node)
-        if calls(self.f.statements[at:]) and isinstance(over, Code) and isinstance(over.type, ArrayType):
-            raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
+        found = self._over_turns(target, inner, turns, node)
+        self.f.sequences.check_unchanged(turns, self.f.statements[at:], node)
         return found
 
-    def _over_elements(self, target: Any, generator: ast.GeneratorExp, elements: list[Term], node: ast.Call) -> Term:
+    def _over_turns(
+        self, target: Any, generator: ast.ListComp | ast.GeneratorExp, turns: Turns, node: ast.Call
+    ) -> Term:
         first = generator.generators[0]
         if target is sum:
             if first.ifs:
                 raise self.f.refused(node, "`if` in a sum", "a loop")
-            return self._added(self._terms_over(generator, elements), node)
+            return self._added(self.f.sequences.terms_of(generator, turns), node)
         result, end = self.f.temporary(BOOL, "c"), self.f.label("found")
         self.f.assign(result, Literal(target is all, BOOL))
         names = dict(self.f.flow.names)
-        with self.f.gathered() as turns:
-            for each in elements:
+        with self.f.gathered() as written:
+            for each in map(turns.find, range(turns.count)):
                 on, known = self.f.label("next"), set(self.f.flow.known)
                 with self.f.gathered() as turn, self.f.loops.bound_to(first.target, each):
                     for test in first.ifs:
@@ -272,7 +271,7 @@ class LoweredBuiltins(LoweredSubject):
                     self.f.add_if(truth if target is any else negated(truth), *found)
                 self.f.flow.known &= known
                 self.f.add(Labelled(on, tuple(turn)))
-        self.f.add(Labelled(end, tuple(turns)))
+        self.f.add(Labelled(end, tuple(written)))
         self.f.flow.names = names
         return Code(BOOL, result)
 
@@ -288,16 +287,6 @@ class LoweredBuiltins(LoweredSubject):
         if len(answers) != 1 or len(wanted) != len(terms):
             raise self.f.refused(node, "the class of a value that may have another one", "a name for each class")
         return Known(answers.pop())
-
-    def _terms_over(self, generator: ast.GeneratorExp, elements: Sequence[Term]) -> Iterator[Term]:
-        names = dict(self.f.flow.names)
-        for each in elements:
-            with self.f.loops.bound_to(generator.generators[0].target, each):
-                term = self.f.term(generator.elt)
-                self.f.flow.names = dict(names)
-                yield (
-                    self.f.values.kept(term) if isinstance(term, Code) else term
-                )  # the names stand for others in the next turn
 
     def _added(self, terms: Iterable[Term], node: ast.Call) -> Term:
         """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
@@ -358,19 +347,7 @@ def _classes_of(of: CType) -> tuple[type, ...]:
     if isinstance(of, ArrayType):
         return (list,) if of.listed else (np.ndarray,)
     if isinstance(of, StateType):
-        return (of.kind,)
+        return (str if isinstance(of, TextType) else of.kind,)
     if isinstance(of, TupleType):
         return (of.kind or tuple,)
     return {REAL: (float,), INT: (int, bool), BOOL: (bool,)}.get(of, (float, int, bool))
-
-
-def _with_own_names(generator: ast.GeneratorExp, mark: str) -> ast.GeneratorExp:
-    """The same, whose names are no names of the function around it."""
-    copied = copy.deepcopy(generator)
-    first = copied.generators[0]
-    own = {each.id for each in ast.walk(first.target) if isinstance(each, ast.Name)}
-    inner = [first.target, *first.ifs, copied.elt]
-    for each in (one for part in inner for one in ast.walk(part)):
-        if isinstance(each, ast.Name) and each.id in own:
-            each.id += mark
-    return copied

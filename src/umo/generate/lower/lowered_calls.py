@@ -23,6 +23,7 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     OptionalType,
+    TextType,
     TupleType,
     may_be_bool,
     plain,
@@ -44,8 +45,11 @@ from umo.generate.form import (
     negated,
 )
 from umo.generate.function_source import NoSource, bound
+from umo.generate.lower.known_tables import of_dict
+from umo.generate.lower.local_functions import LocalFunction, terms_around
 from umo.generate.lower.lowered_attributes import asks_host, dropped
 from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
 from umo.generate.lower.terms import TEXT, ArrayMethod, Code, Known, Many, Term
@@ -82,19 +86,21 @@ class LoweredCalls(LoweredSubject):
             return Known(None)
         if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
             return self.f.builtins.over(func.value, node.args[0], node)
+        if func.value in CONSUMERS and len(node.args) == 1 and not node.keywords and self._is_passage(node.args[0]):
+            return self.apply(func, [Many(tuple(self.f.sequences.gone_through(node.args[0])))], {}, node)
         arguments, named = self._arguments(node)
         return self.apply(func, arguments, named, node)
+
+    def _is_passage(self, node: ast.AST) -> bool:
+        """Whether its elements are given once."""
+        return isinstance(node, ast.GeneratorExp) or self.f.sequences.is_iterator(node)
 
     def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
         if any(each.arg is None for each in node.keywords):
             raise self.f.refused(node, "** does not translate", "name the arguments")
-        values = [each.value if isinstance(each, ast.Starred) else each for each in node.args]
-        terms = self.f.ordered([*values, *(each.value for each in node.keywords)])
-        arguments: list[Term] = []
-        for each, term in zip(node.args, terms, strict=False):
-            arguments += self.parts(term, each) if isinstance(each, ast.Starred) else [term]
-        rest = terms[len(node.args) :]
-        return arguments, {str(each.arg): term for each, term in zip(node.keywords, rest, strict=True)}
+        terms = self.f.sequences.spread([*node.args, *(each.value for each in node.keywords)])
+        count = len(terms) - len(node.keywords)
+        return terms[:count], {str(each.arg): term for each, term in zip(node.keywords, terms[count:], strict=True)}
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
         """The elements of a tuple, or of a list of numbers."""
@@ -125,8 +131,15 @@ class LoweredCalls(LoweredSubject):
         target = func.value
         if isinstance(target, StateMethod):
             return self.function(target.function, [target.member, *arguments], named, node)
+        if isinstance(target, LocalFunction):
+            around = terms_around(self.f, target, node)
+            terms = self._by_name(target.source.function, arguments, named, node)
+            return self.f.world.invoke(self.f, target.source, terms | around, node)
         if isinstance(target, ArrayMethod) and not named:
             return self.f.arrays.method_of_array(target, arguments, node)
+        of_table = of_dict(self.f, func, arguments, node) if type(func.owner) is dict and not named else None
+        if of_table is not None:
+            return of_table
         if isinstance(func.owner, Vector):
             return self.f.vectors.method_of_vector(func.owner, func.name, arguments, named, node)
         if target is np.flatnonzero:
@@ -155,9 +168,6 @@ class LoweredCalls(LoweredSubject):
                     node, f"it does not give the fields of {target.__name__}", ", ".join(target._fields)
                 )
             return Many(tuple(given[name] for name in target._fields), target._fields, target)
-        if target in (zip, enumerate) and all(isinstance(each, Known) for each in (*arguments, *named.values())):
-            given = {name: each.value for name, each in named.items()}  # type: ignore[union-attr]
-            return Known(list(target(*(each.value for each in arguments), **given)))  # type: ignore[union-attr]
         if not named and (found := self.f.builtins.of_python(target, arguments, node)) is not None:
             return found
         if target is typing.cast:
@@ -239,6 +249,8 @@ class LoweredCalls(LoweredSubject):
             )
         assert isinstance(owner, Binary)
         code = self.f.values.code(term, node)
+        if isinstance(code.type, TextType):
+            raise self.f.refused(node, "a text is written", "a state of the object")
         if isinstance(code.type, OptionalType):
             of, code = code.type.of, self.f.values.kept(code)
             self.f.raises(StateError, node, negated(has(code.value)))

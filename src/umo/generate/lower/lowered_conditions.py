@@ -14,6 +14,7 @@ from umo.generate.c_types import (
     INT,
     NOTHING,
     REAL,
+    ArrayType,
     CType,
     OptionalType,
     StateType,
@@ -46,6 +47,7 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.state_members import number_of
 from umo.generate.lower.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, refuse_comparison
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
@@ -108,6 +110,8 @@ class LoweredConditions(LoweredSubject):
             return self.f.arrays.compared_arrays(sign, left, right, left_node)
         if not identity and refuse_comparison(_class_of(left), _class_of(right)):
             raise self.f.refused(left_node, "a comparison with another type, which Python refuses", "its states")
+        if is_text_state(left) or is_text_state(right):
+            return compared_texts(self.f, sign, left, right, left_node)
         if isinstance(left, Known) and isinstance(right, Known):
             if identity:
                 return self._same(left, right, equal, left_node)
@@ -238,6 +242,8 @@ class LoweredConditions(LoweredSubject):
             options = list(map(Known, among.value))
         elif isinstance(among, Many) and among.kind in (None, list):
             options = list(among.terms)
+        elif isinstance(among, Code) and _has_elements(among.type):
+            options = self.f.calls.parts(among, node)
         if options is None:
             raise self.f.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
         if any(isinstance(each, Many) for each in (one, *options)):
@@ -343,7 +349,7 @@ class LoweredConditions(LoweredSubject):
             with self.f.one_of_two() as rest:
                 term = self.f.term(each)
                 if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
-                    term = self.f.values.code(term, each)
+                    term = as_text(self.f, term, each) or self.f.values.code(term, each)
             parts.append((term, rest))
             names = {name: of for name, of in names.items() if self.f.flow.names.get(name) == of}
             after &= self.f.flow.known
@@ -396,6 +402,8 @@ def _class_of(term: Term) -> type:
     """The class of its values; object where it is not known."""
     if isinstance(term, Known):
         return type(term.value)
+    if is_text_state(term):
+        return str
     if not isinstance(term, Code):
         return object
     return plain_kind(term) or (float if is_number(plain_number(plain_type(term.type))) else object)
@@ -412,6 +420,10 @@ def plain_kind(code: Code) -> Any:
 
 def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+
+
+def _has_elements(of: CType) -> bool:
+    return isinstance(of, TupleType) or (isinstance(of, ArrayType) and of.listed)
 
 
 def _is_tuple(term: Term) -> bool:

@@ -7,6 +7,7 @@ import inspect
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from enum import Enum
 from types import FunctionType
 from typing import Any
 
@@ -18,7 +19,9 @@ from umo.generate.c_types import (
     CType,
     MixedNumber,
     NumpyNumber,
+    OptionalType,
     StateType,
+    TextType,
     TupleType,
     numpy_number,
     plain,
@@ -45,7 +48,7 @@ from umo.generate.function_source import ABSENT
 from umo.generate.lower.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
 from umo.generate.lower.known_tables import element_of, element_of_terms, is_dict, is_table, value_of
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.state_members import StateMethod, has_own_value, value_of_state
+from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
 from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
@@ -86,7 +89,7 @@ class LoweredExpressions(LoweredSubject):
             return found
         if found is not None:
             return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
-        if node.id in self.f.source.function.__code__.co_varnames:
+        if self.f.source.is_local(node.id):
             raise self.f.refused(node, "it is used before it has a value on every way", "give it a value first")
         value = self.f.source.meaning(node.id)
         if value is ABSENT:
@@ -106,7 +109,7 @@ class LoweredExpressions(LoweredSubject):
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], Member(self.place(base).value, node.attr))
-        if isinstance(base, Code) and isinstance(base.type, StateType):
+        if isinstance(base, Code) and isinstance(base.type, StateType) and not isinstance(base.type, TextType):
             return self._of_member(base, base.type.kind, node)
         raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
 
@@ -114,6 +117,8 @@ class LoweredExpressions(LoweredSubject):
         """The value of a state, a property or a method: functions of the member."""
         static = inspect.getattr_static(kind, node.attr, None)
         self.f.takes(kind, node.attr, node)
+        if node.attr == "name" and static is inspect.getattr_static(Enum, "name"):
+            return Known(TEXT)
         if node.attr == "value" and not has_own_value(kind):
             return value_of_state(self.f, base, node)
         if type(static) is property and static.fget is not None:
@@ -127,13 +132,17 @@ class LoweredExpressions(LoweredSubject):
         return code if is_named(code.value) else self.f.values.kept(code)
 
     def lower_tuple(self, node: ast.Tuple) -> Term:
-        return Many(tuple(self.f.ordered(node.elts)))
+        return Many(tuple(self.f.sequences.spread(node.elts)))
 
     def lower_list(self, node: ast.List) -> Term:
-        return Many(tuple(self.f.ordered(node.elts)), kind=list)
+        return Many(tuple(self.f.sequences.spread(node.elts)), kind=list)
 
     def lower_subscript(self, node: ast.Subscript) -> Term:
+        if isinstance(node.slice, ast.Slice):
+            return self.f.sequences.sliced(node, node.slice)
         base, index = self.base_and_index(node)
+        if isinstance(base, Code) and isinstance(base.type, OptionalType):
+            base = self.f.values.present(base, node.value)
         return self.element(base, index, node)
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
@@ -153,6 +162,8 @@ class LoweredExpressions(LoweredSubject):
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
+        if not (isinstance(base, Known) and is_dict(base.value)):
+            index = as_number(self.f, index, node)
         if isinstance(index, Known) and type(index.value) in (int, bool):
             count = self._count_of(base)
             if count and not -count <= index.value < count:
@@ -201,7 +212,7 @@ class LoweredExpressions(LoweredSubject):
         """A place in an array; IndexError beyond it."""
         if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
             return Literal(index.value % of.length, INT)
-        code = self.f.values.number(index, node)
+        code = self.f.values.number(as_number(self.f, index, node), node)
         if code.type != INT:
             raise self.f.refused(node, "a place in a list is a whole number")
         return self.place_in(code, of.length, node)
@@ -220,6 +231,7 @@ class LoweredExpressions(LoweredSubject):
         if isinstance(node.op, ast.Not):
             truth = self.f.values.truth(term, node.operand)
             return Known(not truth) if isinstance(truth, bool) else Code(BOOL, negated(truth))
+        term = as_number(self.f, term, node.operand)
         if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
             return Known(FOLDED[type(node.op)](term.value))
         if isinstance(term, Known) and type(term.value) in NUMBERS:
@@ -241,6 +253,7 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_bin_op(self, node: ast.BinOp) -> Term:
         left, right = self.f.ordered([node.left, node.right])
+        left, right = as_number(self.f, left, node.left), as_number(self.f, right, node.right)
         numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
         if len(numbers) == 2 and type(node.op) in FOLDED:
             if isinstance(node.op, ast.Pow) and abs(numbers[1]) > MOST_POWER:
@@ -254,6 +267,8 @@ class LoweredExpressions(LoweredSubject):
             return of_known(self.f, node.op, numbers, node)
         if self.f.arrays.is_array(left) or self.f.arrays.is_array(right):
             return self.f.arrays.of_arrays(node.op, left, right, node)
+        if (joined_ones := self.f.sequences.of_sequences(node.op, left, right, node)) is not None:
+            return joined_ones
         return self.of_numbers(node.op, left, right, (node.left, node.right), node)
 
     def of_numbers(

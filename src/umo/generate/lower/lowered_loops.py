@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from umo.generate.c_types import INT, LONG, ArrayType
-from umo.generate.check.form_effects import calls
+from umo.generate.c_types import INT, LONG
 from umo.generate.form import (
     ZERO,
     Conversion,
     CountedLoop,
-    Element,
     Forever,
     Labelled,
     Leave,
     Literal,
     NextTurn,
     Statement,
+    Value,
     negated,
 )
 from umo.generate.lower.flow import Way
 from umo.generate.lower.function_builder import FunctionBuilder
-from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_expressions import NUMBERS
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
-from umo.generate.value_kinds import is_container
+from umo.generate.lower.terms import Code, Known, Many, Term, Turns
 
 MOST_UNROLLED = 256
 """Turns of a loop over objects, each written out."""
@@ -126,18 +124,25 @@ class LoweredLoops(LoweredSubject):
         """What is assigned in a loop is not known to be there at its beginning."""
         self.f.flow.known.clear()
 
+    def _make_variables(self, target: ast.AST) -> None:
+        """The names of a loop that stood for a known number before, as those of one that was written out."""
+        for each in ast.walk(target):
+            known = self.f.flow.names.get(each.id) if isinstance(each, ast.Name) else None
+            if isinstance(known, Known) and type(known.value) in NUMBERS:
+                self.f.assignments.store(each, self.f.values.code(known, each), each)
+
     def lower_for(self, node: ast.For) -> bool | None:
         if self._is_range(node.iter):
             return self._count(node)
-        term = self.f.term(node.iter)
-        if isinstance(term, Code) and isinstance(term.type, ArrayType):
-            return self._each(node, self.f.values.kept(term) if isinstance(term, Elementwise) else term)
-        return self._unroll(node, [self.f.values.settled(each) for each in self.elements(term, node.iter)])
+        turns = self.f.sequences.over(node.iter)
+        if turns.find_at is not None and not (_is_numbered(turns) and _indexes_objects(node)):
+            return self._each(node, turns, turns.find_at)
+        return self._unroll(node, turns)
 
     def _is_range(self, node: ast.AST) -> bool:
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"):
             return False
-        if "range" in self.f.flow.names or "range" in self.f.source.function.__code__.co_varnames:
+        if "range" in self.f.flow.names or self.f.source.is_local("range"):
             return False
         return self.f.source.meaning("range") is range and not node.keywords
 
@@ -149,7 +154,7 @@ class LoweredLoops(LoweredSubject):
         if all(isinstance(each, Known) for each in terms) and isinstance(node.target, ast.Name):
             numbers = range(*(each.value for each in terms))  # type: ignore[union-attr,arg-type]
             if len(numbers) <= MOST_UNROLLED and _indexes_objects(node):
-                return self._unroll(node, [Known(each) for each in numbers])
+                return self._unroll(node, Turns(len(numbers), lambda n: Known(numbers[n])))
         first, last, step = (Known(0), *terms, Known(1)) if len(terms) == 1 else (*terms, Known(1))[:3]
         if not (isinstance(step, Known) and type(step.value) is int and step.value):
             raise self.f.refused(node, "the step of a range is not known")
@@ -158,6 +163,7 @@ class LoweredLoops(LoweredSubject):
         begin = self.f.values.as_type(self.f.values.settled(first), INT, node)
         end = self.f.values.kept(Code(INT, self.f.values.as_type(last, INT, node)), "end").value
         self._forget(node.body)
+        self._make_variables(node.target)
         start, loop = self.f.flow.way(), self._loop_of_c(node)
         with self.f.body_of() as body:
             self.f.assignments.store(node.target, Code(INT, turn if one_by_one else Conversion(INT, turn)), node)
@@ -165,56 +171,40 @@ class LoweredLoops(LoweredSubject):
         whole = CountedLoop(loop.end, turn, begin, end, step.value, tuple(body))
         return self._after_loop(node, loop, whole, [start], left)
 
-    def _each(self, node: ast.For, values: Code) -> bool | None:
-        assert isinstance(values.type, ArrayType)
-        self.f.arrays.check_length(values.type, node)
+    def _each(self, node: ast.For, turns: Turns, find_at: Callable[[Value], Term]) -> bool | None:
         turn = self.f.temporary(INT, "i")
         self._forget(node.body)
+        self._make_variables(node.target)
         start, rebound, loop = self.f.flow.way(), len(self.f.aliases.rebound), self._loop_of_c(node)
         with self.f.body_of() as body:
-            self.f.assignments.store(node.target, Code(of_element(values.type), Element(values.value, turn)), node)
+            self.f.assignments.store(node.target, find_at(turn), node)
             left = self._turns(node, start.names, loop)
-        self._check_same_array(values, body, rebound, node)
-        whole = CountedLoop(loop.end, turn, ZERO, Literal(values.type.length, INT), 1, tuple(body))
+        self.f.sequences.check_same(turns, body, rebound, node)
+        whole = CountedLoop(loop.end, turn, ZERO, Literal(turns.count, INT), 1, tuple(body))
         return self._after_loop(node, loop, whole, [start], left)
 
-    def _check_same_array(self, values: Code, body: list[Statement], rebound: int, node: ast.For) -> None:
-        """Python goes through the array that was there at the beginning."""
-        may_be_another = calls(body) and values.value in self.f.world.memory.rebound
-        if values.value in self.f.aliases.rebound[rebound:] or may_be_another:
-            raise self.f.refused(node, "what the loop goes through is assigned in it", "another name for the new one")
-
-    def _unroll(self, node: ast.For, elements: list[Term]) -> bool | None:
+    def _unroll(self, node: ast.For, turns: Turns) -> bool | None:
         """A loop over objects: each turn is written out."""
-        if len(elements) > MOST_UNROLLED:
+        if turns.count > MOST_UNROLLED:
             raise self.f.refused(
-                node, f"a loop of {len(elements)} turns over objects", f"at most {MOST_UNROLLED}, or a Vector"
+                node, f"a loop of {turns.count} turns over objects", f"at most {MOST_UNROLLED}, or a Vector"
             )
-        out = self.f.label("done")
+        out, rebound = self.f.label("done"), len(self.f.aliases.rebound)
         goes_on = True
-        with self.f.gathered() as turns:
-            for each in elements:
+        with self.f.gathered() as written:
+            for number in range(turns.count):
                 loop = LoopAround(self.f.label("next"), out, out, self.f.errors.tries, True)
-                with self.f.gathered() as turn, self.bound_to(node.target, each):
+                with self.f.gathered() as turn, self.bound_to(node.target, turns.find(number)):
                     goes_on = self._turn(node.body, loop)
                 self.f.add(Labelled(loop.again, tuple(turn)))
                 goes_on = self._meet(loop.again, goes_on)
                 if not goes_on:
                     break
+            self.f.sequences.check_same(turns, written, rebound, node)
             if goes_on and node.orelse:
                 goes_on = self.f.body(node.orelse) is not False
-        self.f.add(Labelled(out, tuple(turns)))
+        self.f.add(Labelled(out, tuple(written)))
         return None if self._meet(out, goes_on) else False
-
-    def elements(self, term: Term, node: ast.AST) -> list[Term]:
-        if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, ArrayType)):
-            return self.f.calls.parts(term, node)
-        if isinstance(term, Known) and is_container(term.value):
-            self.f.world.memory.place_known(term.value)
-            return [Known(each) for each in term.value]
-        raise self.f.refused(
-            node, "what it goes through is not known when the code is generated", "a list of parts, range"
-        )
 
     @contextmanager
     def bound_to(self, target: ast.AST, term: Term) -> Iterator[None]:
@@ -253,9 +243,17 @@ class LoweredLoops(LoweredSubject):
         self.f.flow.left.setdefault(label, []).append(self.f.flow.way())
 
 
+def _is_numbered(turns: Turns) -> bool:
+    """Whether a part of what is found in each turn is known, such as the number of the turn."""
+    return turns.count <= MOST_UNROLLED and _has_known(turns.find(0))
+
+
+def _has_known(term: Term) -> bool:
+    return any(map(_has_known, term.terms)) if isinstance(term, Many) else isinstance(term, Known)
+
+
 def _indexes_objects(node: ast.For) -> bool:
     """Whether the number of a loop is a place in a list: of objects, perhaps, so that each turn is written out."""
-    assert isinstance(node.target, ast.Name)
-    name = node.target.id
+    names = {each.id for each in ast.walk(node.target) if isinstance(each, ast.Name)}
     indexed = [each.slice for part in node.body for each in ast.walk(part) if isinstance(each, ast.Subscript)]
-    return any(isinstance(each, ast.Name) and each.id == name for index in indexed for each in ast.walk(index))
+    return any(isinstance(each, ast.Name) and each.id in names for index in indexed for each in ast.walk(index))

@@ -103,7 +103,7 @@ class LoweredTelling(LoweredSubject):
             root = root.value
         if isinstance(root, ast.Call) and isinstance(root.func, ast.Name) and root.func.id == "super":
             return False
-        if not isinstance(root, ast.Name) or (isinstance(func, ast.Attribute) and root.id in self.f.flow.names):
+        if not isinstance(root, ast.Name) or root.id in self.f.flow.names:
             return self.f.source.file.startswith("umo/")
         found = self.f.source.meaning(root.id)
         for name in reversed(_names_of(func)):

@@ -20,6 +20,7 @@ from umo.generate.c_types import (
     NumpyNumber,
     OptionalType,
     StateType,
+    TextType,
     TupleType,
     is_number,
     numpy_number,
@@ -48,6 +49,7 @@ from umo.generate.form import (
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, UnknownText
+from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_methods, refused_truth
 from umo.objects import Quality
 
@@ -219,6 +221,8 @@ class LoweredValues(LoweredSubject):
             return term.value
         if term.type in (REAL, INT, MASK):
             return differs(term.value)
+        if isinstance(term.type, TextType):
+            return truth_of_text(self.f, term)
         if isinstance(term.type, StateType):
             if own_methods(term.type.kind, TRUTH):
                 raise self.f.refused(

@@ -9,13 +9,18 @@ from enum import Enum, IntEnum
 from types import FunctionType
 from typing import Any
 
-from umo.generate.c_types import StateType, is_number, plain_number
+from umo.generate.c_types import StateType, is_number, plain, plain_number
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.known_tables import value_of_each
 from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.value_kinds import own_methods
 
 ORDER = "__lt__", "__le__", "__gt__", "__ge__"
+OPERATORS = "add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "and", "or", "xor", "lshift", "rshift"
+ARITHMETIC = (
+    *(f"__{name}__" for name in ("neg", "pos", "invert", "abs", "int", "index", "float", "round", "trunc", *OPERATORS)),
+    *(f"__r{name}__" for name in OPERATORS),
+)
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,22 @@ def number_of(f: FunctionBuilder, term: Term, node: ast.AST) -> Term | None:
     if isinstance(term.type, StateType) and _is_ordered(term.type.kind):
         return value_of_state(f, term, node)
     return term if is_number(plain_number(term.type)) else None
+
+
+def as_number(f: FunctionBuilder, term: Term, node: ast.AST) -> Term:
+    """A member of an IntEnum as its number, where arithmetic or a place asks for it; everything else as it is."""
+    if isinstance(term, Known) and _is_number(type(term.value)):
+        return Known(int(term.value))
+    if isinstance(term, Code) and isinstance(of := plain(term.type), StateType) and _is_number(of.kind):
+        return value_of_state(f, f.values.present(term, node), node)
+    return term
+
+
+def _is_number(kind: Any) -> bool:
+    """Whether arithmetic of the members is that of their numbers."""
+    if not (isinstance(kind, type) and issubclass(kind, IntEnum)):
+        return False
+    return not own_methods(kind, ARITHMETIC) and not has_own_value(kind)
 
 
 def _is_ordered(kind: Any) -> bool:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
-from umo.generate.form import Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term
+from umo.generate.form import Statement, Value
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Turns
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -228,10 +228,42 @@ class AskedOfLoops(Protocol):
     def around(self) -> Sequence[object]:
         """The loops around what is being lowered."""
 
-    def elements(self, term: Term, node: ast.AST) -> list[Term]: ...
-
     def bound_to(self, target: ast.AST, term: Term) -> AbstractContextManager[None]:
         """The name of a loop stands for one object."""
+
+
+class AskedOfSequences(Protocol):
+    """What is gone through in a function."""
+
+    def over(self, node: ast.expr) -> Turns:
+        """What a loop with this head goes through."""
+
+    def is_iterator(self, node: ast.AST) -> bool:
+        """Whether this is a call of `zip`, `enumerate` or `reversed`."""
+
+    def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
+        """Python goes through the arrays that were there at the beginning."""
+
+    def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
+        """Elements that are written down, or arguments; those after a `*` are several ones."""
+
+    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
+        """A part of a tuple or a list, as a copy."""
+
+    def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
+        """Tuples or lists one after the other, or one several times; None: it is another operator."""
+
+    def gone_through(self, node: ast.expr) -> list[Term]:
+        """What a comprehension, a generator or an iterator gives, computed in its order."""
+
+    def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
+        """A comprehension or generator, whose names are its own, and what it goes through."""
+
+    def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
+        """What the expression of a generator gives in each turn."""
+
+    def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
+        """That no function which an expression calls changes what the expression goes through."""
 
 
 class AskedOfErrors(Protocol):

@@ -1,7 +1,9 @@
-"""What an expression is while it is translated: a value of the form, a live object, or several of them."""
+"""What an expression is while it is translated: a value of the form, a live object, or several of them; and what is
+gone through."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,3 +75,16 @@ class Present:
 
 
 Term = Code | Known | Many | Present
+
+
+@dataclass(frozen=True)
+class Turns:
+    """What is gone through."""
+
+    count: int
+    find: Callable[[int], Term]
+    """What the turn of this number finds."""
+    find_at: Callable[[Value], Term] | None = None
+    """The same for a number that is computed; None: turns differ in more than it."""
+    arrays: tuple[Value, ...] = ()
+    """The lists and arrays whose elements are read."""

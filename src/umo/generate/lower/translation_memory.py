@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.generate.c_types import CType, joined
+from umo.generate.c_types import CType, TextType, joined
 from umo.generate.form import Value
 from umo.generate.lower.terms import Known
 from umo.generate.names import identifier
@@ -23,7 +23,13 @@ class TranslationMemory:
 
     assigned: set[tuple[int, str]] = field(default_factory=set)
     texts: set[tuple[int, str]] = field(default_factory=set)
-    """Fields to which a text is assigned: they do not exist on a controller."""
+    """Fields to which a text is assigned: they do not exist on a controller, but for those that code asks."""
+    asked: set[tuple[int, str]] = field(default_factory=set)
+    """Those of them that code reads: each is one of the texts of the machine."""
+    made: set[tuple[int, str]] = field(default_factory=set)
+    """Those of them whose text is made at run time."""
+    words: list[str] = field(default_factory=list)
+    """The texts of the machine; a text is its number among them."""
     shared: set[Any] = field(default_factory=set)
     """Arrays that may have several names: fields; function and name of local ones, where it is in a loop."""
     fields: dict[tuple[int, str], CType] = field(default_factory=dict)
@@ -78,14 +84,34 @@ class TranslationMemory:
             self.changed = True
 
     def assign(self, owner: object, name: str) -> None:
-        if (id(owner), name) not in self.assigned:
-            self.assigned.add((id(owner), name))
-            self.changed = True
+        self._note(self.assigned, owner, name)
 
     def add_text(self, owner: object, name: str) -> None:
-        if (id(owner), name) not in self.texts:
-            self.texts.add((id(owner), name))
+        self._note(self.texts, owner, name)
+
+    def ask_text(self, owner: object, name: str) -> None:
+        self._note(self.asked, owner, name)
+
+    def make_text(self, owner: object, name: str) -> None:
+        self._note(self.made, owner, name)
+
+    def _note(self, where: set[tuple[int, str]], owner: object, name: str) -> None:
+        if (id(owner), name) not in where:
+            where.add((id(owner), name))
             self.changed = True
+
+    def is_text_state(self, owner: object, name: str) -> bool:
+        """Whether a field is one of several texts that are written down, and is read."""
+        is_one = (id(owner), name) in self.asked and (id(owner), name) not in self.made
+        return is_one and type(getattr(owner, name, None)) is str
+
+    def text_type(self, *texts: str) -> TextType:
+        """The type of a text that may be one of these, or of the others of the machine."""
+        for each in texts:
+            if each not in self.words:
+                self.words.append(each)
+                self.changed = True
+        return TextType("uint8_t", tuple(self.words))
 
     def share(self, place: object) -> None:
         if place not in self.shared:

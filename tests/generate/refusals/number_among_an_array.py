@@ -1,13 +1,15 @@
-"""Element of a list of numbers."""
+"""`in` of an array, which compares all its elements."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from helpers.written_programs import Program
 
 
-class ElementOfAListOfNumbers(Program):
+class NumberAmongAnArray(Program):
     def begin(self) -> None:
-        self.row = [1.0, 2.0]
+        self.row = np.zeros(2)
 
     def control(self) -> None:
         # refused: `in` of something that is not known when the code is generated; a tuple

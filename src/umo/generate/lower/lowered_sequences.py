@@ -1,0 +1,272 @@
+"""What loops, comprehensions and functions go through, in a number of turns that is known: tuples, lists, arrays,
+ranges; `zip`, `enumerate` and `reversed` of these. An element of a list or an array is read when its turn comes."""
+
+from __future__ import annotations
+
+import ast
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from umo.generate.c_types import INT, ArrayType, TupleType
+from umo.generate.check.form_effects import calls
+from umo.generate.form import Element, Literal, Operator, Statement, Value
+from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns
+from umo.generate.value_kinds import is_container
+
+ITERATORS = zip, enumerate, reversed
+"""What gives its elements once: it stands where it is gone through at once."""
+CONSUMERS = any, all, sum, min, max, list, tuple
+"""Functions that go through their argument."""
+MOST_TURNS = 256
+"""Turns in one expression, each written out."""
+MOST_START = 2**30
+
+
+class LoweredSequences(LoweredSubject):
+    """What is gone through in a function."""
+
+    def over(self, node: ast.expr) -> Turns:
+        """What a loop with this head goes through."""
+        leaves: list[ast.expr] = []
+        turns = self._planned(node, leaves)
+        return turns(iter(self.f.ordered(leaves)))
+
+    def is_iterator(self, node: ast.AST) -> bool:
+        """Whether this is a call of `zip`, `enumerate` or `reversed`."""
+        return self._iterator(node) is not None
+
+    def _iterator(self, node: ast.AST) -> Any:
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+            return None
+        if node.func.id in self.f.flow.names or self.f.source.is_local(node.func.id):
+            return None
+        found = self.f.source.meaning(node.func.id)
+        return next((each for each in ITERATORS if each is found), None)
+
+    def _planned(self, node: ast.expr, leaves: list[ast.expr]) -> Callable[[Iterator[Term]], Turns]:
+        """How the turns are made of what the leaves are, which Python computes in their order."""
+        target = self._iterator(node)
+        if target is None:
+            leaves.append(node)
+            return lambda terms: self.turns_of(next(terms), node)
+        assert isinstance(node, ast.Call)
+        self.f.term(node.func)  # its name is taken as known
+        named = {str(each.arg): each.value for each in node.keywords}
+        if target is enumerate:
+            return self._numbered(node, named, leaves)
+        if named.keys() - ({"strict"} if target is zip else set()):
+            raise self.f.refused(node, f"an argument of `{target.__name__}` by its name", "by its place")
+        if target is reversed and (len(node.args) != 1 or self.is_iterator(node.args[0])):
+            raise self.f.refused(node, "`reversed` of what is not a list, a tuple or a range", "a list, a tuple, range")
+        inner = [self._planned(each, leaves) for each in node.args]
+        if target is reversed:
+            return lambda terms: self._reversed(inner[0](terms), node)
+        strict = named.get("strict", ast.Constant(False))
+        leaves.append(ast.copy_location(strict, node))
+        return lambda terms: self._zipped([each(terms) for each in inner], next(terms), node)
+
+    def _numbered(
+        self, node: ast.Call, named: dict[str, ast.expr], leaves: list[ast.expr]
+    ) -> Callable[[Iterator[Term]], Turns]:
+        over, *start = [*node.args, *named.values()]
+        if len(start) > 1 or named.keys() - {"start"} or any(isinstance(each, ast.Starred) for each in node.args):
+            raise self.f.refused(node, "an argument of `enumerate` by its name", "by its place")
+        inner = self._planned(over, leaves)
+        leaves += start
+
+        def turns(terms: Iterator[Term]) -> Turns:
+            found = inner(terms)
+            first = next(terms) if start else Known(0)
+            if not (isinstance(first, Known) and type(first.value) is int and abs(first.value) < MOST_START):
+                raise self.f.refused(node, "`enumerate` from a number that is not known", "i + start")
+            return _numbered(found, first.value)
+
+        return turns
+
+    def _zipped(self, parts: Sequence[Turns], strict: Term, node: ast.AST) -> Turns:
+        counts = {each.count for each in parts} or {0}
+        truth = self.f.values.truth(strict, node)
+        if truth is not False and len(counts) > 1:
+            raise self.f.refused(node, "`zip` of several lengths that are to be one", "strict=False")
+        found = Turns(min(counts), lambda n: Many(tuple(each.find(n) for each in parts)))
+        finds = [each.find_at for each in parts if each.find_at is not None]
+        arrays = tuple(array for each in parts for array in each.arrays)
+        if len(finds) < len(parts):
+            return replace(found, arrays=arrays)
+        return replace(found, find_at=lambda at: Many(tuple(find(at) for find in finds)), arrays=arrays)
+
+    def _reversed(self, turns: Turns, node: ast.AST) -> Turns:
+        find_at, last = turns.find_at, turns.count - 1
+        found = replace(turns, find=lambda n: turns.find(last - n))
+        if find_at is None:
+            return found
+        return replace(found, find_at=lambda at: find_at(Operator("-", Literal(last, INT), at)))
+
+    def turns_of(self, term: Term, node: ast.AST) -> Turns:
+        """What the turns of a loop over this find."""
+        if isinstance(term, Code) and isinstance(term.type, ArrayType):
+            return self._turns_of_array(self.f.values.kept(term) if isinstance(term, Elementwise) else term, node)
+        elements = [self.f.values.settled(each) for each in self._elements(term, node)]
+        return Turns(len(elements), elements.__getitem__)
+
+    def _turns_of_array(self, code: Code, node: ast.AST) -> Turns:
+        assert isinstance(code.type, ArrayType)
+        self.f.arrays.check_length(code.type, node)
+        of = of_element(code.type)
+
+        def find_at(at: Value) -> Term:
+            return Code(of, Element(code.value, at))
+
+        return Turns(code.type.length, lambda n: find_at(Literal(n, INT)), find_at, (code.value,))
+
+    def _elements(self, term: Term, node: ast.AST) -> list[Term]:
+        if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, TupleType)):
+            return self.f.calls.parts(term, node)
+        if isinstance(term, Known) and is_container(term.value):
+            self.f.world.memory.place_known(term.value)
+            return [Known(each) for each in term.value]
+        raise self.f.refused(
+            node, "what it goes through is not known when the code is generated", "a list of parts, range"
+        )
+
+    def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
+        """Python goes through the arrays that were there at the beginning. `rebound`: how many had been assigned as a
+        whole by then."""
+        later, told = self.f.aliases.rebound[rebound:], "what the loop goes through is assigned in it"
+        for each in turns.arrays:
+            if each in later or (calls(body) and each in self.f.world.memory.rebound):
+                raise self.f.refused(node, told, "another name for the new one")
+
+    # Tuples and lists as wholes ------------------------------------------------------------------------
+
+    def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
+        """Elements that are written down, or arguments; those after a `*` are several ones."""
+        values = [each.value if isinstance(each, ast.Starred) else each for each in nodes]
+        found: list[Term] = []
+        for each, term in zip(nodes, self.f.ordered(values), strict=True):
+            found += self.f.calls.parts(term, each) if isinstance(each, ast.Starred) else [term]
+        return found
+
+    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
+        """A part of a tuple or a list, as a copy."""
+        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
+        base, *terms = self.f.ordered([node.value, *given])
+        if not all(isinstance(each, Known) and type(each.value) in (int, bool, type(None)) for each in terms):
+            raise self.f.refused(node, "a slice whose ends are not known", "numbers, or a loop")
+        part = slice(*[each.value for each in terms])  # type: ignore[union-attr,arg-type]
+        if part.step is not None and not part.step:
+            raise self.f.refused(node, "a slice whose step is 0", "another step")
+        if not _is_sequence(base):
+            raise self.f.refused(node, "a slice of what is no tuple and no list", "a tuple, a list; a loop")
+        kind = list if _is_list(base) else None
+        return Many(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
+
+    def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
+        """Tuples or lists one after the other, or one several times; None: it is another operator."""
+        if isinstance(sign, ast.Add) and _is_sequence(left) and _is_sequence(right):
+            if _is_list(left) != _is_list(right):
+                raise self.f.refused(node, "a list and a tuple are added", "two lists, two tuples")
+            parts = [*self.f.calls.parts(left, node), *self.f.calls.parts(right, node)]
+        elif (
+            isinstance(sign, ast.Mult) and _is_sequence(left) and isinstance(right, Known) and type(right.value) is int
+        ):
+            parts = self.f.calls.parts(left, node) * min(right.value, MOST_TURNS + 1)
+        else:
+            return None
+        if len(parts) > MOST_TURNS:
+            raise self.f.refused(node, f"a sequence of more than {MOST_TURNS} elements", "a shorter one, an array")
+        return Many(tuple(parts), kind=list if _is_list(left) else None)
+
+    # Comprehensions ------------------------------------------------------------------------------------
+
+    def lower_list_comp(self, node: ast.ListComp) -> Term:
+        return Many(tuple(self.gone_through(node)), kind=list)
+
+    def gone_through(self, node: ast.expr) -> list[Term]:
+        """What a comprehension, a generator or an iterator gives, computed in its order."""
+        if not isinstance(node, ast.ListComp | ast.GeneratorExp):
+            turns = self.over(node)
+            self._check_count(turns, node)
+            return [self.f.values.settled(turns.find(n)) for n in range(turns.count)]
+        inner, turns = self.opened(node)
+        if inner.generators[0].ifs:
+            raise self.f.refused(node, "`if` in a comprehension, whose length is then not known", "a loop")
+        at = len(self.f.statements)
+        found = list(self.terms_of(inner, turns))
+        self.check_unchanged(turns, self.f.statements[at:], node)
+        return found
+
+    def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
+        """A comprehension or generator, whose names are its own, and what it goes through."""
+        if len(node.generators) != 1 or node.generators[0].is_async:
+            raise self.f.refused(node, "two loops in one expression", "a loop for each")
+        node = _with_own_names(node, f" {node.lineno} {node.col_offset}")
+        if any(isinstance(each, ast.NamedExpr) for each in ast.walk(node)):
+            raise self.f.refused(node, "an assignment in a generator", "a loop")
+        turns = self.over(node.generators[0].iter)
+        self._check_count(turns, node)
+        return node, turns
+
+    def _check_count(self, turns: Turns, node: ast.AST) -> None:
+        if turns.count > MOST_TURNS:
+            told = f"{turns.count} numbers in one expression"
+            raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")
+
+    def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
+        """What the expression of a generator gives in each turn."""
+        names = dict(self.f.flow.names)
+        for number in range(turns.count):
+            with self.f.loops.bound_to(node.generators[0].target, turns.find(number)):
+                term = self.f.values.settled(self.f.term(node.elt))  # the names stand for others in the next turn
+            self.f.flow.names = dict(names)
+            yield term
+
+    def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
+        """That no function which an expression calls changes what the expression goes through."""
+        changed = self.f.aliases.changes | self.f.world.memory.rebound
+        if calls(body) and any(each in changed for each in turns.arrays):
+            raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
+
+
+def _is_sequence(term: Term) -> bool:
+    """Whether it is a tuple or a list of Python."""
+    if isinstance(term, Code):
+        return isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed)
+    if isinstance(term, Known):
+        return isinstance(term.value, tuple | list) and is_container(term.value)
+    return isinstance(term, Many)
+
+
+def _is_whole(term: Term) -> bool:
+    return isinstance(term, Known) and type(term.value) is int
+
+
+def _is_list(term: Term) -> bool:
+    if isinstance(term, Code):
+        return isinstance(term.type, ArrayType) or (isinstance(term.type, TupleType) and term.type.kind is list)
+    return isinstance(term.value, list) if isinstance(term, Known) else isinstance(term, Many) and term.kind is list
+
+
+def _numbered(turns: Turns, first: int) -> Turns:
+    find_at = turns.find_at
+    found = replace(turns, find=lambda n: Many((Known(first + n), turns.find(n))))
+    if find_at is None:
+        return found
+    begin = Literal(first, INT)
+    return replace(found, find_at=lambda at: Many((Code(INT, Operator("+", at, begin)), find_at(at))))
+
+
+def _with_own_names(generator: ast.ListComp | ast.GeneratorExp, mark: str) -> ast.ListComp | ast.GeneratorExp:
+    """The same, whose names are no names of the function around it."""
+    copied = copy.deepcopy(generator)
+    first = copied.generators[0]
+    own = {each.id for each in ast.walk(first.target) if isinstance(each, ast.Name)}
+    inner = [first.target, *first.ifs, copied.elt]
+    for each in (one for part in inner for one in ast.walk(part)):
+        if isinstance(each, ast.Name) and each.id in own:
+            each.id += mark
+    return copied

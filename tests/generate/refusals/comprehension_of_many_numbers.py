@@ -1,0 +1,11 @@
+"""A comprehension of many elements."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ComprehensionOfManyNumbers(Program):
+    def control(self) -> None:
+        # refused: 300 numbers in one expression; at most 256, or a loop
+        self.c = sum([i + self.c for i in range(300)])

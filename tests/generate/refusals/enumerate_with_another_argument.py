@@ -1,0 +1,12 @@
+"""enumerate with an argument by its name."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class EnumerateWithAnotherArgument(Program):
+    def control(self) -> None:
+        # refused: an argument of `enumerate` by its name; by its place
+        for i, each in enumerate(iterable=(self.u, 1.0)):
+            self.k = each + i

@@ -1,0 +1,15 @@
+"""A function in a function whose names have no value yet."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class NameThatAFunctionHasTooEarly(Program):
+    def control(self) -> None:
+        def inner() -> float:
+            return late * 2.0
+
+        # refused: 'late' is used before it has a value on every way; give it a value first
+        self.k = inner()
+        late = self.u

@@ -1,0 +1,14 @@
+"""A slice whose step is 0."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class SliceWithStepZero(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def control(self) -> None:
+        # refused: a slice whose step is 0; another step
+        self.k = sum(self.row[::0])

@@ -1,0 +1,15 @@
+"""A text that is compared with a number."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TextBesideANumber(Program):
+    def begin(self) -> None:
+        self.phase = "idle"
+
+    def control(self) -> None:
+        self.phase = "hold" if self.u > 1.0 else "idle"
+        # refused: a text is compared with something else, or by order; ==, with a text
+        self.yes = self.phase == self.n

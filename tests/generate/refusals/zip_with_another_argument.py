@@ -1,0 +1,12 @@
+"""zip with an argument that it does not have."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ZipWithAnotherArgument(Program):
+    def control(self) -> None:
+        # refused: an argument of `zip` by its name; by its place
+        for each in zip((1.0,), longest=True):
+            self.k = each[0]
