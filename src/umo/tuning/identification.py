@@ -69,6 +69,8 @@ class Identified:
     """The share by which the gain depends on the amplitude, as far as that is more than noise can make."""
     predicted: FloatArray
     """The measurements as the model has them."""
+    duration: float
+    """s of the response."""
 
     @property
     def kinds(self) -> list[str]:
@@ -99,7 +101,9 @@ def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES
         as_good += each.region(limits[each.kind])
     bend, deviation = _bend(best)
     bend = bend if bend > BENT * deviation else 0.0
-    return Identified(chosen.model, tuple(as_good), chosen.fit, best.unexplained, bend, chosen.solution.predicted)
+    return Identified(
+        chosen.model, tuple(as_good), chosen.fit, best.unexplained, bend, chosen.solution.predicted, response.duration
+    )
 
 
 def _allowance(parameters: int, independent: float) -> float:

@@ -30,6 +30,9 @@ MOST_UNEXPLAINED = 15.0
 """Per cent of the spread of the measurement that no model may describe, beside the noise."""
 MOST_BENT = 0.1
 """Share by which the gain may depend on the amplitude."""
+LONGEST_SECOND_LAG = 0.3
+"""Share of the response that a lag behind an integrator or a longer lag may have, less what a zero makes up for: longer
+ones look like integrators."""
 LEAST_DAMPING = 0.3
 """Of a process that oscillates: with less no gains are told."""
 
@@ -122,6 +125,12 @@ def check_tunable(identified: Identified) -> None:
     if model.structure.unstable:
         raise RangeError(
             f"the process is unstable by itself (time constant {model.lags[0]:.3g} s): no gains are told for it"
+        )
+    behind = model.lags if model.integrates or model.structure.oscillates else model.lags[1:]
+    if max(behind, default=0.0) - max(model.zero, 0.0) > LONGEST_SECOND_LAG * identified.duration:
+        raise RangeError(
+            f"the response of {identified.duration:.3g} s is too short: the process may integrate twice; a longer "
+            "experiment or a wider --within may help"
         )
     if model.structure.oscillates and model.damping < LEAST_DAMPING:
         raise RangeError(
