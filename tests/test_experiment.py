@@ -18,6 +18,7 @@ from helpers.tiers import first
 from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
 from umo.clients.client_commands import Mode
 from umo.control import PID, Cascade, Servo, VectorServo
+from umo.control.excitation import Baseline, RelaySwitching
 from umo.cycle.events import CommandState, Event
 from umo.errors import BadInput
 from umo.states import OnOff
@@ -147,16 +148,34 @@ def test_a_relay_swings_around_the_old_output_and_ends_at_it() -> None:
         assert max(seen) == pytest.approx(found["output"] + 10.0, abs=0.01)
         assert min(seen) == pytest.approx(found["output"] - 10.0, abs=0.01)
         assert seen[-1] == pytest.approx(found["output"], abs=0.01)
-        assert sum(b - a > 15.0 for a, b in pairwise(seen)) == 3
+        rises = [b - a for a, b in pairwise(seen) if b - a > 12.0]
+        assert rises == pytest.approx([20.0, 20.0, 15.0], abs=0.01)  # the last cycle goes up by half
         each.assert_back()
 
 
-def test_a_step_ends_when_the_measurement_has_settled() -> None:
+def test_a_relay_goes_up_by_the_whole_amplitude_again_where_half_of_it_does_not_turn_the_measurement() -> None:
+    base = Baseline()
+    base.add(50.0, 0.0, 1.0)
+    relay, value, seen = RelaySwitching(base, 10.0, True, 4.0, 3), 0.0, list[float]()
+    while (output := relay.next(value, 1.0)) is not None:
+        value += 0.1 * ((output - 50.0) * 0.6 - value)  # half of the amplitude moves it by 3, the hysteresis is 4
+        seen.append(output)
+        assert len(seen) < 300
+    assert set(seen) == {40.0, 55.0, 60.0}
+    assert seen[seen.index(55.0) :].count(60.0) > 0
+
+
+def test_a_step_goes_half_of_the_way_back_when_the_measurement_has_settled() -> None:
     with rig() as each:
         number = each.begin(kind="step")
-        each.run(500)
+        seen = []
+        while each.last(number).state is CommandState.BEGUN:
+            each.run()
+            seen.append(each.m.heater.read())
         found = result_of(each.last(number))
-        assert 8.0 < found["to"] - found["from"] < 45.0
+        up, half = (sum(value == pytest.approx(found["output"] + by, abs=0.01) for value in seen) for by in (10.0, 5.0))
+        assert up == pytest.approx(half, abs=2)
+        assert 80 < up < 450
         each.assert_back()
 
 

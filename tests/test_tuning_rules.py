@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -10,16 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.tiers import first
-from helpers.true_margins import true_margins
+from helpers.true_margins import judged, true_margins
+from helpers.tuning_plants import Plant
 from umo.control import PID
 from umo.errors import RangeError
 from umo.tuning.gain_rules import LEAST, gain_sets
 from umo.tuning.identification import POOR_FIT, identify
-from umo.tuning.margins import Gains, margins
+from umo.tuning.margins import Gains, SampledModels, margins
 from umo.tuning.measured_response import MeasuredResponse
 from umo.tuning.models import FIRST_ORDER, ProcessModel
 from umo.tuning.predicted_step import predicted_step
 from umo.tuning.relay_cycles import relay_cycles
+from umo.tuning.tuning_result import check_tunable
 
 pytest.importorskip("scipy")
 
@@ -50,12 +52,74 @@ def test_margins_are_those_of_python_control(name: str) -> None:
         assert each.margins.phase == pytest.approx(phase, abs=0.5)
 
 
+JUDGED = [
+    (ProcessModel("third order", 2.0, 0.3, (4.0, 1.0)), Gains(0.4, 5.0)),
+    (ProcessModel("oscillating", 2.0, 0.33, (3.0,), damping=0.3), Gains(0.1, 2.0)),
+    (ProcessModel("second order with a zero", 2.0, 0.25, (5.0, 2.0), zero=-1.5), Gains(0.5, 6.0)),
+    (ProcessModel("lagged integrator with a zero", 0.5, 0.3, (2.0,), zero=0.7), Gains(0.6, 20.0)),
+    (ProcessModel("oscillating integrator", 0.5, 0.3, (2.0,), damping=0.4), Gains(0.2, 60.0)),
+    (ProcessModel("unstable", 2.0, 0.4, (5.0,)), Gains(2.0, 20.0)),
+    (ProcessModel("unstable", 2.0, 0.4, (5.0,)), Gains(0.4, 20.0)),
+    (ProcessModel("oscillating", 2.0, 0.33, (3.0,), damping=0.05), Gains(1.0, 2.0)),
+]
+
+
+@pytest.mark.parametrize(("model", "gains"), JUDGED)
+def test_stability_and_margins_of_each_structure_are_those_of_python_control(model: ProcessModel, gains: Gains) -> None:
+    poles = tuple(complex(each) for each in model.poles if each)
+    zeros = (-1.0 / model.zero,) if model.zero else ()
+    gain = -model.gain if model.structure.unstable else model.gain  # K / (T s - 1) is -K / (1 - T s)
+    plant = Plant(model.kind, gain, model.dead_time, poles, zeros, int(model.integrates), dt=DT)
+    stable, gain_margin, phase_margin = judged(plant, gains)
+    found = margins(model, gains, DT)
+    assert found.stable == stable
+    if stable:
+        assert found.gain == pytest.approx(gain_margin, rel=0.02)
+        assert found.phase == pytest.approx(phase_margin, abs=0.6)
+
+
+def test_margins_of_several_models_are_those_of_the_worst() -> None:
+    models = [PLANTS["lag"], replace(PLANTS["lag"], gain=20.0), replace(PLANTS["lag"], dead_time=3.0)]
+    gains = Gains(2.0, 50.0)
+    each, worst = [margins(model, gains, DT) for model in models], SampledModels(models, DT).margins(gains)
+    assert worst.gain == min(one.gain for one in each)
+    assert worst.phase == min(one.phase for one in each)
+    unstable = ProcessModel("unstable", 10.4, 0.9, (1.0,))
+    assert not SampledModels([*models, unstable], DT).margins(gains).stable
+
+
+def test_what_noise_does_not_exclude_fits_as_well_and_makes_the_stated_margins_smaller() -> None:
+    model = PLANTS["two lags"]
+    exact, noisy = (identify(step_response(model, noise), sign=1.0) for noise in (0.0, 0.05))
+    assert exact.kinds == [model.kind]
+    assert len(noisy.kinds) > 1
+    gains = Gains(0.8, 25.0)
+    less, true = (SampledModels(each.as_good, DT).margins(gains) for each in (noisy, exact))
+    assert less.gain < 0.9 * true.gain
+    assert less.phase < true.phase
+
+
+def test_a_gain_that_depends_on_the_amplitude_is_told() -> None:
+    outputs = np.repeat([20.0, 30.0, 25.0], 400)
+    dead_band = np.maximum(outputs - 20.0 - 3.0, 0.0) + 20.0
+    times, model = np.arange(1200) * DT, PLANTS["dead time"]
+    noise = 0.01 * np.random.default_rng(2).standard_normal(1200)
+    straight, bent = (
+        identify(MeasuredResponse.of(times, outputs, model.response(each, DT) + noise), sign=1.0)
+        for each in (outputs, dead_band)
+    )
+    assert straight.bend == 0.0
+    assert bent.bend > 0.2
+    with pytest.raises(RangeError, match="not linear"):
+        check_tunable(bent)
+
+
 @pytest.mark.parametrize("noise", first(1, [0.01, 0.0]))
 @pytest.mark.parametrize("name", first(1, PLANTS))
 def test_balanced_gains_of_an_identified_model_have_their_margins_on_the_true_process(name: str, noise: float) -> None:
     response = step_response(PLANTS[name], noise)
     found = identify(response, sign=1.0)
-    sets = {each.name: each for each in gain_sets(found.model, DT, found.intervals["L"])}
+    sets = {each.name: each for each in gain_sets(found.model, DT, found.as_good)}
     assert list(sets) == list(LEAST)
     gain, phase = true_margins(PLANTS[name], sets["balanced"].gains, DT)
     assert gain >= 2.0

@@ -133,13 +133,18 @@ def show_operate() -> None:
         started.stop()
 
 
+TUNED = ("furnace", "zones.3", "--relay", "5%", "--at", "2 min", "--zones", "8", "--peak", "150", "--soak", "600")
+
+
 def plot(picture: str, *words: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run(
-            [sys.executable, "-c", "from umo.cli import main; main()", "run", *words], cwd=folder, check=True
-        )
+        command(folder, "run", *words)
         (made,) = Path(folder).glob("runs/*/plot.png")
         shutil.copy(made, PICTURES / picture)
+
+
+def command(folder: str | Path, *words: str) -> None:
+    subprocess.run([sys.executable, "-c", "from umo.cli import main; main()", *words], cwd=folder, check=True)
 
 
 if __name__ == "__main__":
@@ -153,3 +158,4 @@ if __name__ == "__main__":
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")
     plot("batch.png", "batch", "--batches", "1")
+    command(PICTURES, "tune-law", *TUNED, "--out", "tune.png")

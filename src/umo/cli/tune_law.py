@@ -124,7 +124,7 @@ def _print(results: Sequence[TuningResult], told: Sequence[ToldSettings]) -> Non
 
 
 def _say_doubts(result: TuningResult) -> None:
-    if result.identified is not None and result.identified.fit < LOW_FIT:
+    if result.identified.fit < LOW_FIT:
         better = "--moves" if result.facts.axis and result.axis is None else "a larger amplitude"
         say(f"the model describes only {result.identified.fit:.0f} % of the response; {better} may do better")
     if result.faster is not None and result.faster < FASTER:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.presentation.value_text import shown_unit
+from umo.tuning.gain_rules import BALANCED
 from umo.tuning.tuning_result import PRESENT, TuningResult
 
 WIDTH, HEIGHT = 12.0, 10.0
@@ -31,9 +32,8 @@ def save_tuning_plot(result: TuningResult, path: Path, title: str) -> None:
 def _measured(axis: Any, result: TuningResult) -> None:
     response, facts = result.response.thinned(), result.facts
     axis.plot(response.times, response.measurements, color="0.6", linewidth=2.0, label="measured")
-    if result.identified is not None:
-        fit = f"model, fit {result.identified.fit:.1f} %"
-        axis.plot(response.times, result.identified.predicted, color="tab:red", linewidth=1.0, label=fit)
+    fit = f"model, fit {result.identified.fit:.1f} %"
+    axis.plot(response.times, result.identified.predicted, color="tab:red", linewidth=1.0, label=fit)
     unit = shown_unit(facts.units[0])
     _label(axis, f"velocity, {unit}/s" if result.axis is not None else f"{facts.sensor}\n{unit}")
 
@@ -47,7 +47,10 @@ def _output(axis: Any, result: TuningResult) -> None:
 
 
 def _steps(axis: Any, result: TuningResult) -> None:
-    """Each predicted step of the setpoint by 1."""
+    """Each predicted step of the setpoint by 1; of the balanced set also with the models that fit as well."""
+    for number, step in enumerate(result.doubt(BALANCED)):
+        label = f"{BALANCED}, with what fits as well" if not number else None
+        axis.plot(step.times, step.measurements, color="tab:orange", alpha=0.35, linewidth=0.6, label=label)
     for name, step in result.steps.items():
         style = {"color": "0.5", "linestyle": "--"} if name == PRESENT else {}
         axis.plot(step.times, step.measurements, linewidth=1.2, label=name, **style)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from math import inf, isfinite, isnan
+from math import inf, isfinite
 
 from rich.table import Table
 
@@ -80,15 +80,16 @@ def _model_table(result: TuningResult) -> Table:
     table.add_column("value")
     table.add_column("95 %")
     unit, output = shown_unit(facts.units[0]), shown_unit(facts.units[1])
-    if identified is not None:
-        integrates = result.axis is not None or identified.model.integrates
-        what = "velocity: first order" if result.axis is not None else identified.model.kind
-        table.add_row("model", f"{what}, fit {identified.fit:.1f} %", "")
-        per = f"{unit or 1}{'/s' if integrates else ''} per {output or 1}"
-        for letter, value in identified.model.describe().items():
-            units = per if letter == "K" else "s"
-            value = 0.0 if letter == "L" and value < LEAST_DEAD_TIME * facts.dt else value
-            table.add_row(f"  {letter}", f"{value:.4g} {units}", f"+- {identified.intervals[letter]:.2g}")
+    integrates = result.axis is not None or identified.model.integrates
+    what = "velocity: first order" if result.axis is not None else identified.model.kind
+    table.add_row("model", f"{what}, fit {identified.fit:.1f} %", "")
+    units = {"K": f" {unit or 1}{'/s' if integrates else ''} per {output or 1}", "D": ""}
+    intervals = identified.intervals
+    for letter, value in identified.model.describe().items():
+        value = 0.0 if letter == "L" and value < LEAST_DEAD_TIME * facts.dt else value
+        table.add_row(f"  {letter}", f"{value:.4g}{units.get(letter, ' s')}", f"+- {intervals[letter]:.2g}")
+    if others := [kind for kind in identified.kinds if kind != identified.model.kind]:
+        table.add_row("fits as well", "\n".join(others), "")
     if result.relay is not None:
         relay = result.relay
         table.add_row("relay", f"{relay.cycles} cycles of {relay.ultimate_period:.4g} s", "")
@@ -130,9 +131,7 @@ def _sets_table(result: TuningResult) -> Table:
 
 def _margin_texts(each: GainSet) -> tuple[str, str]:
     gain, phase = each.margins.gain, each.margins.phase
-    if isnan(gain):
-        return "unknown", "unknown"
-    if gain <= 1.0 or phase <= 0.0:
+    if not each.margins.stable:
         return "unstable", "unstable"
     return (f"{gain:.1f}" if isfinite(gain) else "any"), (f"{phase:.0f} deg" if isfinite(phase) else "any")
 

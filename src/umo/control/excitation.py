@@ -9,6 +9,10 @@ MOST_KEPT = 256
 FEWEST_KEPT = 48
 SETTLED_SHARE = 0.02
 """Change over the last third of a step, as a share of its whole change, below which it has settled."""
+SMALLER = 0.5
+"""Share of the amplitude in the last part of an experiment: whether the process is linear shows with a third level."""
+PATIENCE = 4.0
+"""Times of the longest half cycle that the smaller amplitude may take to turn the measurement."""
 NOISE_FACTOR = 10.0
 """Hysteresis of a relay in standard deviations of the noise."""
 
@@ -36,23 +40,41 @@ class Baseline:
 
 
 class RelaySwitching:
-    """Up and down around the old output, whenever the measurement leaves a band around the old measurement."""
+    """Up and down around the old output, whenever the measurement leaves a band around the old measurement. In the last
+    cycles it goes up by a smaller amplitude, as long as that turns the measurement."""
 
     def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:
         """`rising`: whether a larger output makes the measurement rise."""
         self.low, self.high = base.output - amplitude, base.output + amplitude
+        self._smaller = base.output + SMALLER * amplitude
         self._middle, self._hysteresis, self._rising = base.measurement, hysteresis, rising
         self._cycles, self._rises, self._up = cycles, 0, True
+        self._full = cycles - (cycles - 1) // 2
+        """Cycles with the whole amplitude."""
+        self._time = self._longest = 0.0
+        """s of this half cycle, and of the longest one with the whole amplitude."""
 
     def next(self, measurement: float, dt: float) -> float | None:
         """The next output; None: it is over."""
+        self._time += dt
         away = (measurement - self._middle) * (1.0 if self._rising else -1.0)
-        if away > self._hysteresis:
-            self._up = False
+        if away > self._hysteresis and self._up:
+            self._turn()
         elif away < -self._hysteresis and not self._up:
-            self._up = True
+            self._turn()
             self._rises += 1
-        return None if self._rises > self._cycles else self.high if self._up else self.low
+        return None if self._rises > self._cycles else self._level if self._up else self.low
+
+    def _turn(self) -> None:
+        self._up = not self._up
+        if self._rises <= self._full:
+            self._longest = max(self._longest, self._time)
+        self._time = 0.0
+
+    @property
+    def _level(self) -> float:
+        smaller = self._rises > self._full and self._time <= PATIENCE * self._longest
+        return self._smaller if smaller else self.high
 
     @property
     def progress(self) -> str:
@@ -60,7 +82,7 @@ class RelaySwitching:
 
 
 class StepChange:
-    """The old output and a step on it, until the measurement has settled."""
+    """A step on the old output until the measurement has settled, then a smaller one for as long."""
 
     def __init__(self, base: Baseline, amplitude: float) -> None:
         self.base, self.amplitude = base, amplitude
@@ -69,6 +91,8 @@ class StepChange:
         self._time = 0.0
         self._pause = 0.0
         """s from one measurement that is kept to the next."""
+        self._settled: float | None = None
+        """s until the measurement had settled."""
 
     @property
     def low(self) -> float:
@@ -81,6 +105,9 @@ class StepChange:
     def next(self, measurement: float, dt: float) -> float | None:
         """The next output; None: it is over."""
         self._time += dt
+        if self._settled is not None:
+            smaller = self.base.output + SMALLER * self.amplitude
+            return smaller if self._time <= 2.0 * self._settled else None
         if not self._times or self._time - self._times[-1] >= self._pause:
             self._times.append(self._time)
             self._kept.append(measurement)
@@ -88,7 +115,7 @@ class StepChange:
                 del self._times[::2], self._kept[::2]
                 self._pause = 1.5 * self._time / MOST_KEPT
             if self._has_settled():
-                return None
+                self._settled = self._time
         return self.base.output + self.amplitude
 
     def _has_settled(self) -> bool:

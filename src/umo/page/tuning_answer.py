@@ -58,9 +58,7 @@ class TuningQuestion:
         times, rows = part.watched.history.between(part.start, part.stop, part.columns)
         result = tuned(self._facts, MeasuredResponse.of_rows(np.column_stack([times, *rows])), self._relay)
         response = result.response.thinned()
-        curves = {"times": response.times, "measured": response.measurements}
-        if result.identified is not None:
-            curves["predicted"] = result.identified.predicted
+        curves = {"times": response.times, "measured": response.measurements, "predicted": result.identified.predicted}
         steps = {name: {"times": _few(s.times), "values": _few(s.measurements)} for name, s in result.steps.items()}
         found: dict[str, Any] = finite({name: _few(curve) for name, curve in curves.items()} | {"steps": steps})
         return as_data(result) | found

@@ -56,7 +56,12 @@ class AxisModel:
     @property
     def position(self) -> ProcessModel:
         """From the output to the position."""
-        return replace(self.identified.model, kind=LAGGED_INTEGRATOR)
+        return _position(self.identified.model)
+
+    @property
+    def as_good(self) -> list[ProcessModel]:
+        """As `position`, of what fits as well."""
+        return [_position(each) for each in self.identified.as_good]
 
     def feed_forward_with(self, gains: Gains) -> float:
         """The feed-forward of a `Servo`: its derivative acts on the encoder, which the feed-forward makes up for."""
@@ -80,7 +85,11 @@ def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
 
 def axis_sets(axis: AxisModel, dt: float) -> list[GainSet]:
     """The gains of the `Servo`; those of its velocity loop and its position loop follow from them."""
-    return gain_sets(axis.position, dt, axis.identified.intervals["L"])
+    return gain_sets(axis.position, dt, axis.as_good)
+
+
+def _position(velocity: ProcessModel) -> ProcessModel:
+    return replace(velocity, kind=LAGGED_INTEGRATOR)
 
 
 def _smoothed(response: MeasuredResponse) -> tuple[FloatArray, FloatArray, FloatArray]:

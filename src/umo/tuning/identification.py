@@ -1,218 +1,383 @@
-"""Identification: the parameters of a model, with intervals, by least squares on a measured response (output error;
-Ljung, System Identification, 1999, chapters 7 and 9).
+"""Identification: the models that describe a measured response, by least squares on it (output error; Ljung, System
+Identification, 1999, chapters 7, 9 and 16).
 
-Gain, initial state and drift enter linearly: for each dead time and lag they are solved for, and only the others are
-searched (variable projection; Golub and Pereyra, Inverse Problems 19, 2003).
+Of each structure the best model is found, and around it the region of those that are no worse than noise can make them:
+their sum of squares stays below the limit of an F-test, in which only as many residuals count as are independent. All
+regions within the limit of the best model of all are what fits as well; margins are those of the worst of it.
+
+Gain, zero, initial state and drift enter linearly: for each dead time and lag they are solved for, and only the others
+are searched (variable projection; Golub and Pereyra, Inverse Problems 19, 2003).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import log
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import exp, log
 
 import numpy as np
 
 from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
-from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import INTEGRATOR, LAGGED_INTEGRATOR, LAGS, ProcessModel
+from umo.tuning.measured_response import MOST, MeasuredResponse
+from umo.tuning.models import STRUCTURES, ProcessModel
 
-CONFIDENCE = 1.96
-"""Standard deviations of an interval of 95 %."""
-COARSE = 400
+CONFIDENCE = 0.95
+COARSE = 300
 """Samples for the search on a grid."""
-GRID_LAGS, GRID_DEAD_TIMES, STARTS = 14, 10, 3
+STARTS = 2
+LAGS, DEAD_TIMES = 10, 6
+"""Points of the grid in each direction."""
+SECOND_LAGS = (0.05, 0.3, 0.9)
+"""Of the grid, as shares of the first lag."""
+DAMPINGS = (0.1, 0.4, 0.8)
+LEAST_DAMPING = 0.01
 UNREST = 0.003
-"""Weight of what was not at rest at the beginning, beside a sample's 1: it is taken for small where it can be."""
+"""Weight of drift, and of what was not at rest at the beginning, beside a sample's 1: it is taken for small where it
+can be."""
 LONGEST_LAG = 20.0
 """Durations of the response that a lag can have, at most."""
-CLEARLY_BETTER = 10.0
-"""Difference of Akaike's criterion from which on a model with more parameters is taken (Burnham and Anderson, 2002)."""
-WORTH_IT = 0.1
-"""Per cent by which its fit must be better."""
-LEAST_SHARE = 0.02
-"""Share of the samples that count as independent, at least."""
+SHORTEST_UNSTABLE = 0.02
+"""Durations of the response that the time constant of an unstable process can have, at least."""
+FEWEST_INDEPENDENT = 12.0
+"""Residuals that count as independent, at least."""
 POOR_FIT = 50.0
 """Fit in per cent below which a model is refused."""
+BENT = 3.0
+"""Standard deviations from which on a dependence on the amplitude is no noise."""
+LEAST_SHOWN = 1e-3
+"""Share of what depends on the amplitude that is not hidden by the rest of the model, at least."""
+DIRECTIONS = 4
+"""In which a region is looked at, beside its main axes."""
+HALVINGS = 8
+"""Steps of the search for a border, at most."""
+GROWTH = 2.0
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A model and how well it is known."""
+    """A model, and what fits as well."""
 
     model: ProcessModel
-    intervals: dict[str, float]
-    """Half of the interval of 95 % of each parameter, by its letter."""
+    as_good: tuple[ProcessModel, ...]
+    """Models at the border of what describes the response as well as the best; `model` is the first."""
     fit: float
     """100 (1 - |error| / |measurement - mean|), per cent."""
-    criterion: float
-    """Akaike's information criterion, for independent residuals."""
+    unexplained: float
+    """What no model describes, without the noise, as a share of the spread of the measurement, per cent."""
+    bend: float
+    """The share by which the gain depends on the amplitude, as far as that is more than noise can make."""
     predicted: FloatArray
     """The measurements as the model has them."""
+    duration: float
+    """s of the response."""
+
+    @property
+    def kinds(self) -> list[str]:
+        """Of the models that fit as well, that of the model first."""
+        return list(dict.fromkeys(each.kind for each in self.as_good))
+
+    @property
+    def intervals(self) -> dict[str, float]:
+        """Half of the range of each parameter among the models of the same kind that fit as well, by its letter."""
+        alike = [each.describe() for each in self.as_good if each.kind == self.model.kind]
+        return {name: float(np.ptp([each[name] for each in alike])) / 2.0 for name in self.model.describe()}
 
 
-def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(LAGS), sign: float = 0.0) -> Identified:
-    """The simplest model that describes the response about as well as any. `sign`: that of its gain, if it is known.
-    RangeError if none does."""
-    thinned = response.thinned()
-    found = [each for kind in kinds if (each := fit_model(kind, thinned, sign)) is not None]
-    best = max(found, key=lambda each: each.fit, default=None)
+def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES), sign: float = 0.0) -> Identified:
+    """The simplest model that describes the response about as well as any, and all that do. `sign`: that of its gain,
+    if it is known. RangeError if none does."""
+    response = response.thinned()
+    fits = [each for kind in kinds if (each := fit_model(kind, response, sign)) is not None]
+    best = min(fits, key=lambda each: each.cost, default=None)
     if best is None or best.fit < POOR_FIT:
         told = "" if best is None else f": the best describes {max(best.fit, 0.0):.0f} % of the response"
         raise RangeError(f"no model fits{told}; a longer response, a larger amplitude or less disturbance may help")
-    found = [each for each in found if each.fit >= POOR_FIT]
-    share = max(_independent_share(thinned.measurements - best.predicted), LEAST_SHARE)
-    chosen = found[0]
-    for each in found[1:]:
-        better = share * (chosen.criterion - each.criterion) > CLEARLY_BETTER
-        if better and each.fit - chosen.fit > WORTH_IT:
-            chosen = each
-    return chosen
+    independent = _independent_share(best.residuals) * len(best.residuals)
+    limits = {each.kind: best.cost * (1.0 + _allowance(len(each.start) + 1, independent)) for each in fits}
+    chosen = next(each for each in fits if each.cost <= limits[each.kind])
+    as_good = [chosen.model]
+    for each in fits:
+        as_good += each.region(limits[each.kind])
+    bend, deviation = _bend(best)
+    bend = bend if bend > BENT * deviation else 0.0
+    return Identified(
+        chosen.model, tuple(as_good), chosen.fit, best.unexplained, bend, chosen.solution.predicted, response.duration
+    )
 
 
-def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> Identified | None:
-    """A model of this kind; None if there is none with a gain of this sign (0: of any)."""
+def _allowance(parameters: int, independent: float) -> float:
+    """By what share a sum of squares may exceed the least (Seber and Wild, Nonlinear Regression, 1989, section 5.3)."""
+    from scipy.stats import f
+
+    freedom = max(independent, FEWEST_INDEPENDENT) - parameters
+    return float(parameters / freedom * f.ppf(CONFIDENCE, parameters, freedom))
+
+
+def _independent_share(residuals: FloatArray) -> float:
+    """Share of residuals that count as independent: 1 over the sum of their correlations, until the first that is
+    negative (Geyer, Statistical Science 7, 1992)."""
+    energy = float(residuals @ residuals)
+    if not energy:
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(residuals, 2 * len(residuals))) ** 2
+    correlation = np.fft.irfft(spectrum)[: len(residuals)] / energy
+    positive = correlation[1 : 1 + int(np.argmax(np.append(correlation[1:], -1.0) < 0.0))]
+    return 1.0 / (1.0 + 2.0 * float(positive.sum()))
+
+
+# One structure ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """For some dead time and lags."""
+
+    model: ProcessModel
+    predicted: FloatArray
+    errors: FloatArray
+    """Of the samples, then of what was not at rest."""
+
+    @property
+    def cost(self) -> float:
+        return float(self.errors @ self.errors)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """The best model of one kind. `start`: what was searched; `axes`: the main axes of the region around it, in rows,
+    each as long as the sum of squares grows by 1 at first."""
+
+    kind: str
+    response: MeasuredResponse
+    start: FloatArray
+    solution: _Solution
+    axes: FloatArray
+
+    @property
+    def model(self) -> ProcessModel:
+        return self.solution.model
+
+    @property
+    def cost(self) -> float:
+        return self.solution.cost
+
+    @property
+    def residuals(self) -> FloatArray:
+        return self.response.measurements - self.solution.predicted
+
+    @property
+    def fit(self) -> float:
+        spread = float(np.std(self.response.measurements))
+        return 100.0 * (1.0 - float(np.sqrt(np.mean(self.residuals**2))) / max(spread, 1e-300))
+
+    @property
+    def unexplained(self) -> float:
+        spread = float(np.var(self.response.measurements))
+        left = float(np.mean(self.residuals**2)) - self.response.noise**2
+        return 100.0 * float(np.sqrt(max(left, 0.0) / max(spread, 1e-300)))
+
+    def region(self, limit: float) -> Iterator[ProcessModel]:
+        """Models at the border of the region below this sum of squares."""
+        room = limit - self.cost
+        if room < 0.0:
+            return
+        more = (room / self._gain_alone) ** 0.5
+        for share in (1.0 + more, 1.0 - more):
+            if share > 0.0:
+                yield replace(self.model, gain=self.model.gain * share)
+        random = np.random.default_rng(1).standard_normal((DIRECTIONS, len(self.axes)))
+        mixed = random / np.linalg.norm(random, axis=1, keepdims=True)
+        for each in (*np.eye(len(self.axes)), *mixed):
+            for direction in (each, -each):
+                yield self._border(direction @ self.axes, room**0.5, limit)
+
+    @property
+    def _gain_alone(self) -> float:
+        """By how much the sum of squares grows if the gain is twice as large, and nothing else but the disturbances."""
+        unit = replace(self.model, gain=1.0, zero=0.0)
+        known, small = _columns(unit, self.response)
+        driven = np.concatenate([self.model.response(self.response.outputs, self.response.dt), np.zeros(small)])
+        left = _left_by(known[:, 2 if unit.structure.has_zero else 1 :], driven)
+        return max(float(left @ left), 1e-300)
+
+    def _border(self, direction: FloatArray, reach: float, limit: float) -> ProcessModel:
+        """The model furthest in this direction."""
+        low, high = _bounds(self.kind)
+        inside, outside, found = 0.0, 0.0, self.model
+        for _ in range(HALVINGS):
+            searched = np.clip(self.start + reach * direction, low, high)
+            solution = _solve(self.kind, searched, self.response)
+            if solution.cost <= limit and _is_plausible(solution.model, self.response, self.model.gain):
+                inside, found = reach, solution.model
+            else:
+                outside = reach
+            reach = (inside + outside) / 2.0 if outside else GROWTH * reach
+            if outside and outside - inside < 0.1 * outside:
+                break
+        return found
+
+
+def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> _Fit | None:
+    """The best model of this kind; None if there is none with a gain of this sign (0: of any)."""
     from scipy.optimize import least_squares
 
-    starts = _starts(kind, response.thinned(COARSE), sign)
-    low, high = _bounds(kind, response)
+    low, high = _bounds(kind)
     best = None
-    for start in starts:
-        start = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+    for start in _starts(kind, response.thinned(COARSE), sign):
         result = least_squares(
-            lambda searched: _residuals(kind, searched, response),
-            start,
+            lambda searched: _solve(kind, searched, response).errors,
+            np.clip(start, low + 1e-6, high - 1e-6),
             bounds=(low, high),
             diff_step=1e-4,
-            max_nfev=60,
+            max_nfev=40,
         )
         if best is None or result.cost < best.cost:
             best = result
     if best is None:
         return None
-    solved = _solve(kind, best.x, response)
-    if not solved.gain * (sign or solved.gain) > 0.0:
+    solution = _solve(kind, best.x, response)
+    if not _is_plausible(solution.model, response, sign):
         return None
-    lags = tuple(sorted(np.exp(best.x[1:]).tolist(), reverse=True))
-    model = ProcessModel(kind, solved.gain, float(best.x[0]), lags)
-    return _judged(model, solved, response)
+    return _Fit(kind, response, best.x, solution, _axes(best.jac))
+
+
+def _is_plausible(model: ProcessModel, response: MeasuredResponse, sign: float) -> bool:
+    """Whether its gain has this sign (0: any), and the samples can show it: with a zero that is longer than the
+    response an integrator is drift, and a resonance has some samples in each period."""
+    drifts = model.integrates and abs(model.zero) > response.duration
+    too_fast = model.structure.oscillates and model.lags[0] < response.dt
+    return model.gain * (sign or model.gain) > 0.0 and not (drifts or too_fast)
+
+
+def _axes(slopes: FloatArray) -> FloatArray:
+    """Of the region within which the sum of squares grows by 1, if the errors were linear in what is searched."""
+    _, size, axes = np.linalg.svd(slopes, full_matrices=False)
+    found: FloatArray = axes / np.maximum(size, 1e-300)[:, None]
+    return found
+
+
+def _model(kind: str, searched: FloatArray, response: MeasuredResponse) -> ProcessModel:
+    """Of gain 1. `searched`: the logarithms of 1 + the dead time and of the lags, in shares of the duration; then that
+    of the damping."""
+    structure, unit = STRUCTURES[kind], response.duration / MOST
+    dead_time = unit * max(exp(float(searched[0])) - 1.0, 0.0)
+    lags = sorted((unit * exp(float(each)) for each in searched[1 : 1 + structure.lags]), reverse=True)
+    if structure.unstable:
+        dead_time = min(dead_time, lags[0])  # no relay keeps one with a longer dead time near its place
+    damping = exp(float(searched[-1])) if structure.oscillates else 1.0
+    return ProcessModel(kind, 1.0, dead_time, tuple(lags), damping)
+
+
+def _solve(kind: str, searched: FloatArray, response: MeasuredResponse) -> _Solution:
+    unit = _model(kind, searched, response)
+    known, small = _columns(unit, response)
+    middle = float(response.measurements.mean())
+    wanted = np.concatenate([response.measurements - middle, np.zeros(small)])
+    solved = _least_squares(known, wanted)
+    gain = float(solved[0])
+    zero = float(solved[1] / gain) if unit.structure.has_zero and gain else 0.0
+    found = known @ solved
+    predicted = middle + found[: len(response.outputs)]
+    return _Solution(replace(unit, gain=gain, zero=zero), predicted, wanted - found)
+
+
+def _least_squares(known: FloatArray, wanted: FloatArray) -> FloatArray:
+    size = np.maximum(np.linalg.norm(known, axis=0), 1e-300)
+    scaled = known / size
+    solved: FloatArray = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True) @ (scaled.T @ wanted) / size
+    return solved
+
+
+def _left_by(known: FloatArray, wanted: FloatArray) -> FloatArray:
+    """What is left of a column without what others explain of it."""
+    left: FloatArray = wanted - known @ _least_squares(known, wanted)
+    return left
+
+
+def _columns(unit: ProcessModel, response: MeasuredResponse) -> tuple[FloatArray, int]:
+    """What enters linearly, the response of the model of gain 1 first; below it a row for each of the last columns, by
+    which they are kept small, and their number."""
+    dt, times = response.dt, response.times
+    driven = [unit.response(response.outputs, dt)]
+    if unit.structure.has_zero:
+        driven.append(replace(unit, zero=1.0).response(response.outputs, dt) - driven[0])
+    free = [np.ones(len(times)), *_unknown_states(unit, times)]
+    small = [times / response.duration, *_small_states(unit, times)]
+    if unit.integrates:  # the output at which it stands still is not known
+        free.append(small.pop(0))
+    columns = np.column_stack([*driven, *free, *small])
+    kept = np.zeros((len(small), columns.shape[1]))
+    kept[:, len(driven) + len(free) :] = np.eye(len(small)) * np.sqrt(UNREST * len(times))
+    return np.vstack([columns, kept]), len(small)
+
+
+def _bend(fit: _Fit) -> tuple[float, float]:
+    """The share by which the gain depends on the amplitude, and its standard deviation: what the square of the change
+    of the output adds to the response, for the largest change (a Hammerstein model)."""
+    response = fit.response
+    unit = replace(fit.model, gain=1.0)
+    change = response.outputs - response.outputs[0]
+    squares = change**2 / max(float(np.abs(change).max()), 1e-300)
+    known, small = _columns(unit, response)
+    curved = np.concatenate([unit.response(squares, response.dt), np.zeros(small)])
+    shown = _left_by(known, curved)
+    if float(shown @ shown) < LEAST_SHOWN * float(curved @ curved):
+        return 0.0, 0.0  # the output had two levels only
+    wanted = np.concatenate([response.measurements - response.measurements.mean(), np.zeros(small)])
+    both = np.column_stack([known, curved])
+    solved = _least_squares(both, wanted)
+    errors = wanted - both @ solved
+    independent = max(_independent_share(errors) * len(errors), FEWEST_INDEPENDENT)
+    deviation = float(errors @ errors / independent / (shown @ shown)) ** 0.5
+    gain = max(abs(float(solved[0])), 1e-300)
+    return abs(float(solved[-1])) / gain, deviation / gain
+
+
+def _small_states(model: ProcessModel, times: FloatArray) -> list[FloatArray]:
+    """The free responses of a process that was not at rest when it began."""
+    found = []
+    for pole in model.poles:
+        if pole.real < 0.0 and pole.imag >= 0.0:
+            moved = np.exp(pole * times)
+            found += [moved.real, moved.imag] if pole.imag else [moved.real]
+    return found
+
+
+def _unknown_states(model: ProcessModel, times: FloatArray) -> list[FloatArray]:
+    """Of an unstable one the state at the end."""
+    return [np.exp(pole.real * (times - times[-1])) for pole in model.poles if pole.real > 0.0]
 
 
 # The search ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Solution:
-    gain: float
-    predicted: FloatArray
-    columns: FloatArray
-    """What enters linearly, the response of gain 1 first."""
-    cost: float
-    """Sum of the squares of the errors, and of what was not at rest."""
-
-
-def _solve(kind: str, searched: FloatArray, response: MeasuredResponse) -> _Solution:
-    """`searched`: the dead time, then the logarithms of the lags."""
-    dt, times = response.dt, response.times
-    lags = tuple(sorted(np.exp(searched[1:]).tolist(), reverse=True))
-    unit = ProcessModel(kind, 1.0, max(float(searched[0]), 0.0), lags).response(response.outputs, dt)
-    columns = [unit, np.ones(len(times))]
-    if kind in (INTEGRATOR, LAGGED_INTEGRATOR):
-        columns.append(times / response.duration)  # the output at which it stands still is not known
-    else:
-        columns += [np.exp(-times / lag) for lag in lags]  # it was not at rest when it began
-    matrix = np.column_stack(columns)
-    middle = float(response.measurements.mean())
-    measured = response.measurements - middle
-    unrest = np.zeros((len(columns) - 2, len(columns)))
-    unrest[:, 2:] = np.eye(len(columns) - 2) * np.sqrt(UNREST * len(times))
-    known, wanted = np.vstack([matrix, unrest]), np.concatenate([measured, np.zeros(len(unrest))])
-    solution = np.linalg.lstsq(known, wanted, rcond=1e-12)[0]
-    cost = float(np.sum((known @ solution - wanted) ** 2))
-    return _Solution(float(solution[0]), middle + matrix @ solution, matrix, cost)
-
-
-def _residuals(kind: str, searched: FloatArray, response: MeasuredResponse) -> FloatArray:
-    return response.measurements - _solve(kind, searched, response).predicted
-
-
-def _bounds(kind: str, response: MeasuredResponse) -> tuple[FloatArray, FloatArray]:
-    lags = LAGS[kind]
-    low = [0.0] + [log(0.2 * response.dt)] * lags
-    high = [0.5 * response.duration] + [log(LONGEST_LAG * response.duration)] * lags
+def _bounds(kind: str) -> tuple[FloatArray, FloatArray]:
+    structure = STRUCTURES[kind]
+    shortest = SHORTEST_UNSTABLE * MOST if structure.unstable else 0.2
+    low = [0.0] + [log(shortest)] * structure.lags + [log(LEAST_DAMPING)] * structure.oscillates
+    high = [log(1.0 + 0.5 * MOST)] + [log(LONGEST_LAG * MOST)] * structure.lags + [0.0] * structure.oscillates
     return np.array(low), np.array(high)
 
 
 def _starts(kind: str, response: MeasuredResponse, sign: float) -> list[FloatArray]:
     """The best points of a grid with a gain of this sign."""
-    duration, dt = response.duration, response.dt
-    dead_times = np.concatenate([[0.0], np.geomspace(dt, 0.4 * duration, GRID_DEAD_TIMES - 1)])
-    lags = np.log(np.geomspace(dt, 5.0 * duration, GRID_LAGS))
-    grid: list[list[float]] = [[dead] for dead in dead_times]
-    if LAGS[kind] == 1:
-        grid = [[dead, lag] for dead in dead_times for lag in lags]
-    elif LAGS[kind] == 2:
-        grid = [[dead, lag, lag + log(ratio)] for dead in dead_times for lag in lags for ratio in (0.05, 0.3, 0.9)]
-    points = [np.array(each) for each in grid]
+    points = list(_grid(kind))
     found = [
-        (solved.cost, place)
+        (solution.cost, place)
         for place, each in enumerate(points)
-        if (solved := _solve(kind, each, response)).gain * sign >= 0.0
+        if (solution := _solve(kind, each, response)).model.gain * sign >= 0.0
     ]
     return [points[place] for _, place in sorted(found)[:STARTS]]
 
 
-# How well it is known --------------------------------------------------------------------------------------
-
-
-def _judged(model: ProcessModel, solved: _Solution, response: MeasuredResponse) -> Identified:
-    residuals = response.measurements - solved.predicted
-    spread = response.measurements - response.measurements.mean()
-    fit = 100.0 * (1.0 - float(np.linalg.norm(residuals) / max(float(np.linalg.norm(spread)), 1e-300)))
-    count, parameters = len(residuals), solved.columns.shape[1] + 1 + len(model.lags)
-    variance = max(float(np.mean(residuals**2)), 1e-300)
-    criterion = count * log(variance) + 2.0 * parameters
-    return Identified(model, _intervals(model, solved, response), fit, criterion, solved.predicted)
-
-
-def _intervals(model: ProcessModel, solved: _Solution, response: MeasuredResponse) -> dict[str, float]:
-    """From the slopes of the prediction by each parameter, for residuals that are alike from one to the next."""
-    residuals = response.measurements - solved.predicted
-    values = model.describe()
-    slopes = [_slope(model, letter, response) for letter in values]
-    matrix = np.column_stack([*slopes, solved.columns[:, 1:]])
-    scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0.0] = 1.0
-    normal = (matrix / scale).T @ (matrix / scale)
-    freedom = max(len(residuals) - matrix.shape[1], 1)
-    variance = float(residuals @ residuals) / freedom / _independent_share(residuals)
-    spread = np.sqrt(np.clip(np.diag(np.linalg.pinv(normal, rcond=1e-14)), 0.0, None) * variance) / scale
-    return dict(zip(values, (CONFIDENCE * spread).tolist(), strict=False))
-
-
-def _slope(model: ProcessModel, letter: str, response: MeasuredResponse) -> FloatArray:
-    values = model.describe()
-    step = 1e-4 * max(abs(values[letter]), response.dt if letter != "K" else 1e-12)
-    if letter == "K":
-        return model.response(response.outputs, response.dt) / model.gain
-
-    def at(value: float) -> FloatArray:
-        changed = {**values, letter: value}
-        lags = tuple(changed[each] for each in values if each.startswith("T"))
-        moved = ProcessModel(model.kind, model.gain, changed["L"], lags)
-        return moved.response(response.outputs, response.dt)
-
-    below = max(values[letter] - step, 0.0 if letter == "L" else 1e-12)
-    above = values[letter] + step
-    return (at(above) - at(below)) / (above - below)
-
-
-def _independent_share(residuals: FloatArray) -> float:
-    """Share of residuals that count as independent, from the correlation of one with the next."""
-    energy = float(residuals @ residuals)
-    if not energy:
-        return 1.0
-    correlation = float(residuals[1:] @ residuals[:-1]) / energy
-    correlation = min(max(correlation, 0.0), 0.99)
-    return (1.0 - correlation) / (1.0 + correlation)
+def _grid(kind: str) -> Iterator[FloatArray]:
+    structure = STRUCTURES[kind]
+    dead_times = np.log1p(np.concatenate([[0.0], np.geomspace(1.0, 0.4 * MOST, DEAD_TIMES - 1)]))
+    lags = np.log(np.geomspace(1.0, 5.0 * MOST, LAGS)) if structure.lags else [0.0]
+    seconds = SECOND_LAGS if structure.lags == 2 else DAMPINGS if structure.oscillates else [0.0]
+    for dead_time in dead_times:
+        for lag in lags:
+            for second in seconds:
+                whole = [dead_time, lag, log(second or 1.0) + (lag if structure.lags == 2 else 0.0)]
+                yield np.array(whole[: 1 + structure.lags + structure.oscillates])

@@ -11,7 +11,7 @@ from umo.objects.scaling import FloatArray
 
 FEWEST = 20
 """Samples of a response at least."""
-MOST = 4000
+MOST = 2000
 """Samples that are kept at most: of more, each stands for several."""
 LEAST_MOVES = 3
 """Resolutions by which the output must have moved."""

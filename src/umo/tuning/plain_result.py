@@ -35,10 +35,14 @@ def as_data(result: TuningResult) -> dict[str, Any]:
     """The model, the sets with their margins and what they promise; null: not finite, or not known."""
     facts, identified = result.facts, result.identified
     found: dict[str, Any] = {"law": facts.law, "sensor": facts.sensor, "actuator": facts.actuator}
-    if identified is not None:
-        values = identified.model.describe().items()
-        known = {letter: {"value": value, "interval": identified.intervals[letter]} for letter, value in values}
-        found["model"] = {"kind": identified.model.kind, "fit": identified.fit, "parameters": known}
+    values, intervals = identified.model.describe().items(), identified.intervals
+    known = {letter: {"value": value, "interval": intervals[letter]} for letter, value in values}
+    found["model"] = {
+        "kind": identified.model.kind,
+        "fit": identified.fit,
+        "parameters": known,
+        "as_good": identified.kinds,
+    }
     if result.relay is not None:
         found["relay"] = asdict(result.relay)
     if facts.inner:

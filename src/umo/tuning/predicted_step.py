@@ -10,7 +10,7 @@ import numpy as np
 from umo.control import PID
 from umo.objects.scaling import FloatArray
 from umo.tuning.margins import Gains
-from umo.tuning.models import ProcessModel, sampled_response
+from umo.tuning.models import ProcessModel
 
 MOST_STEPS = 2000
 """Periods that are computed at most; longer ones are taken for a longer time."""
@@ -48,9 +48,9 @@ def predicted_step(
     dt = max(dt, duration / MOST_STEPS)
     count = max(int(duration / dt), 2)
     law = PID(**asdict(gains))
-    impulse = np.zeros(count)
-    impulse[0] = 1.0
-    weights = np.sum([w * sampled_response(impulse, dt, lag, model.dead_time) for w, lag in model.terms], axis=0)
+    impulse = np.zeros(count + 1)
+    impulse[1] = 1.0
+    weights = model.response(impulse, dt)[1:]
     measurements, outputs = np.zeros(count), np.zeros(count)
     law.step(0.0, 0.0, dt)  # at rest
     for now in range(count):

@@ -42,9 +42,9 @@ class RelayCycles:
 
 
 def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:
-    """From the fundamental waves of output and measurement over whole cycles, without the first. `rising`: whether a
-    larger output makes the measurement rise. RangeError if there are too few cycles."""
-    high = _high(response.outputs)
+    """From the fundamental waves of output and measurement over whole cycles of the whole amplitude, without the first.
+    `rising`: whether a larger output makes the measurement rise. RangeError if there are too few cycles."""
+    high = _high(response.outputs)[: _full(response.outputs)]
     rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
     rises = rises[1:] if len(rises) > FEWEST_CYCLES + 1 else rises
     cycles = len(rises) - 1
@@ -72,7 +72,14 @@ def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles
 def _high(outputs: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Whether the relay is up. In between, as before it began, it is what it was last: down."""
     low, top = float(outputs.min()), float(outputs.max())
-    known = np.abs(outputs - (low + top) / 2) > (top - low) / 4
+    known = np.abs(outputs - (low + top) / 2) > (top - low) / 8
     last = np.maximum.accumulate(np.where(known, np.arange(len(outputs)), 0))
     found: np.ndarray[tuple[int], np.dtype[np.bool_]] = known[last] & (outputs[last] > (low + top) / 2)
     return found
+
+
+def _full(outputs: FloatArray) -> int:
+    """The number of samples until the relay goes up by a smaller amplitude (`umo.control.excitation.SMALLER`)."""
+    low, top = float(outputs.min()), float(outputs.max())
+    smaller = np.abs(outputs - (low + 0.75 * (top - low))) < (top - low) / 16
+    return int(np.argmax(smaller)) + 1 if smaller.any() else len(outputs)

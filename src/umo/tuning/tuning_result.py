@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from umo.errors import RangeError
 from umo.tuning.axis_tuning import AxisModel, axis_sets, identify_axis
-from umo.tuning.gain_rules import BALANCED, GainSet, gain_sets, tyreus_luyben
+from umo.tuning.gain_rules import BALANCED, GainSet, gain_sets
 from umo.tuning.identification import Identified, identify
 from umo.tuning.law_facts import LawFacts
-from umo.tuning.margins import LoopMargins, margins
+from umo.tuning.margins import SampledModels
 from umo.tuning.measured_response import MeasuredResponse
 from umo.tuning.models import FIRST_ORDER, SECOND_ORDER, ProcessModel
 from umo.tuning.predicted_step import PredictedStep, predicted_step
@@ -18,12 +19,22 @@ from umo.tuning.relay_cycles import RelayCycles, relay_cycles
 
 PRESENT = "present"
 """The name of the gains that the law has."""
+DOUBTED = 12
+"""Models that fit as well whose steps are predicted, about."""
 STEP_TIMES = 25.0
 """Duration of a predicted step in times of 1 / crossover."""
 FASTER = 3.0
 """Times by which the inner loop of a cascade is to be faster at least; 5 is better (Astrom and Hagglund, PID
 Controllers: Theory, Design, and Tuning, 1995, section 7.2)."""
-UNKNOWN_MARGINS = LoopMargins(float("nan"), float("nan"))
+MOST_UNEXPLAINED = 15.0
+"""Per cent of the spread of the measurement that no model may describe, beside the noise."""
+MOST_BENT = 0.1
+"""Share by which the gain may depend on the amplitude."""
+LONGEST_SECOND_LAG = 0.3
+"""Share of the response that a lag behind an integrator or a longer lag may have, less what a zero makes up for: longer
+ones look like integrators."""
+LEAST_DAMPING = 0.3
+"""Of a process that oscillates: with less no gains are told."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +43,7 @@ class TuningResult:
 
     facts: LawFacts
     response: MeasuredResponse
-    identified: Identified | None
-    """None: no model fits, and the gains are those of the critical point."""
+    identified: Identified
     relay: RelayCycles | None
     sets: list[GainSet]
     """The present gains first, if they make a loop at all; then cautious, balanced and quick."""
@@ -43,11 +53,9 @@ class TuningResult:
     """What moves the axis, if it is one; then the response is that of its velocity."""
 
     @property
-    def model(self) -> ProcessModel | None:
-        """From the output of the law to its measurement; None: no model fits."""
-        if self.axis is not None:
-            return self.axis.position
-        return None if self.identified is None else self.identified.model
+    def model(self) -> ProcessModel:
+        """From the output of the law to its measurement."""
+        return self.identified.model if self.axis is None else self.axis.position
 
     @property
     def inner_time(self) -> float | None:
@@ -58,7 +66,7 @@ class TuningResult:
     def faster(self) -> float | None:
         """How many times faster the inner loop is than the rest of the outer process; None: it is not known, or the
         process integrates."""
-        if self.inner_time is None or self.model is None or self.model.integrates:
+        if self.inner_time is None or self.model.integrates:
             return None
         return max(residence_time(self.model) - self.inner_time, 0.0) / max(self.inner_time, self.facts.dt)
 
@@ -71,32 +79,64 @@ class TuningResult:
 
     @cached_property
     def steps(self) -> dict[str, PredictedStep]:
-        """The predicted step of the setpoint with each set, by its name; none without a model."""
+        """The predicted step of the setpoint with each set, by its name."""
         model, dt = self.model, self.facts.dt
-        if model is None:
-            return {}
         crossover = self.set_of(BALANCED).margins.crossover
         duration = STEP_TIMES / crossover if crossover else 10.0 * (model.dead_time + max(model.lags, default=1.0))
-        stable = (each for each in self.sets if each.margins.gain > 1.0 and each.margins.phase > 0.0)
+        stable = (each for each in self.sets if each.margins.stable)
         return {each.name: predicted_step(model, each.gains, dt, duration) for each in stable}
+
+    def doubt(self, name: str) -> list[PredictedStep]:
+        """The predicted steps with a set, of some of the models that fit as well."""
+        found = self.identified.as_good if self.axis is None else self.axis.as_good
+        stable = [each for each in found if not each.structure.unstable]
+        times, gains = self.steps[name].times, self.set_of(name).gains
+        few = stable[:: max(len(stable) // DOUBTED, 1)]
+        return [predicted_step(each, gains, self.facts.dt, float(times[-1])) for each in few]
 
 
 def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, derivative: bool = False) -> TuningResult:
-    """Find the model and the gains. `relay`: the response is that of a relay, whose critical point counts where no
-    model fits. `derivative`: the gains may have one, also if the law has none now. RangeError if nothing can be learnt
-    from the response."""
+    """Find the model and the gains. `relay`: the response is that of a relay. `derivative`: the gains may have one,
+    also if the law has none now. RangeError if nothing can be learnt from the response, with the reason."""
     response.check_moved(facts.resolution, facts.actuator, facts.sensor)
     cycles = relay_cycles(response, facts.present.gain >= 0.0) if relay else None
-    try:
-        identified = identify(response, sign=facts.present.gain)
-    except RangeError:
-        if cycles is None or not cycles.is_critical:
-            raise
-        return TuningResult(facts, response, None, cycles, _by_relay(cycles, facts), _inner_loop(response))
+    identified = identify(response, sign=facts.present.gain)
+    check_tunable(identified)
     derivative = derivative or facts.present.derivative_time > 0.0
-    sets = gain_sets(identified.model, facts.dt, identified.intervals["L"], derivative)
-    sets = [*_present(identified.model, facts), *sets]
+    sets = gain_sets(identified.model, facts.dt, identified.as_good, derivative)
+    sets = [*_present(identified.as_good, facts), *sets]
     return TuningResult(facts, response, identified, cycles, sets, _inner_loop(response))
+
+
+def check_tunable(identified: Identified) -> None:
+    """RangeError if a `PID` is not to be tuned on such a process, or if it is not the linear process that the models
+    are made for."""
+    model = identified.model
+    if identified.unexplained > MOST_UNEXPLAINED:
+        raise RangeError(
+            f"no linear model describes the response: {identified.unexplained:.0f} % of it is left beside the noise; "
+            "look for stiction, backlash, a dead band or a limit of the actuator, or for a disturbance"
+        )
+    if identified.bend > MOST_BENT:
+        raise RangeError(
+            f"the response is not linear: its gain depends on the amplitude by {100.0 * identified.bend:.0f} %; look "
+            "for stiction, backlash, a dead band or a limit of the actuator"
+        )
+    if model.structure.unstable:
+        raise RangeError(
+            f"the process is unstable by itself (time constant {model.lags[0]:.3g} s): no gains are told for it"
+        )
+    behind = model.lags if model.integrates or model.structure.oscillates else model.lags[1:]
+    if max(behind, default=0.0) - max(model.zero, 0.0) > LONGEST_SECOND_LAG * identified.duration:
+        raise RangeError(
+            f"the response of {identified.duration:.3g} s is too short: the process may integrate twice; a longer "
+            "experiment or a wider --within may help"
+        )
+    if model.structure.oscillates and model.damping < LEAST_DAMPING:
+        raise RangeError(
+            f"the process oscillates by itself (period {6.283 * model.lags[0]:.3g} s, damping {model.damping:.2g}): no "
+            "gains are told for it"
+        )
 
 
 def residence_time(model: ProcessModel) -> float:
@@ -117,18 +157,12 @@ def tuned_axis(facts: LawFacts, response: MeasuredResponse) -> TuningResult:
     """As `tuned`, of the servo of an axis from its moves."""
     response.check_moved(facts.resolution, facts.actuator, facts.sensor)
     axis = identify_axis(response, facts.present.gain)
-    sets = [*_present(axis.position, facts), *axis_sets(axis, facts.dt)]
+    sets = [*_present(axis.as_good, facts), *axis_sets(axis, facts.dt)]
     return TuningResult(facts, axis.velocities, axis.identified, None, sets, axis=axis)
 
 
-def _present(model: ProcessModel, facts: LawFacts) -> list[GainSet]:
+def _present(models: Sequence[ProcessModel], facts: LawFacts) -> list[GainSet]:
     """The present gains, if their sign is that of the process."""
-    if facts.present.gain * model.gain <= 0.0:
+    if facts.present.gain * models[0].gain <= 0.0:
         return []
-    return [GainSet(PRESENT, "", facts.present, margins(model, facts.present, facts.dt))]
-
-
-def _by_relay(cycles: RelayCycles, facts: LawFacts) -> list[GainSet]:
-    sign = -1.0 if facts.present.gain < 0.0 else 1.0
-    found = tyreus_luyben(sign * cycles.ultimate_gain, cycles.ultimate_period)
-    return [GainSet(name, "Tyreus-Luyben", gains, UNKNOWN_MARGINS) for name, gains in found.items()]
+    return [GainSet(PRESENT, "", facts.present, SampledModels(models, facts.dt).margins(facts.present))]

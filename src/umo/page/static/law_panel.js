@@ -143,7 +143,8 @@ export class LawPanel {
     const reject = el("button", { textContent: "Reject", type: "button", onclick: () => { this._show(null); this._say("", ""); } });
     const { time = null, times_faster: faster = null } = found.inner ?? {};
     const inner = time === null ? "" : `; inner loop: ${told(time, " s")}${faster === null ? "" : `, ${told(faster, "")} times faster`}`;
-    const model = found.model ? `${found.model.kind}, fit ${found.model.fit.toFixed(1)} %` : "no model fits: by the critical point";
+    const others = found.model.as_good.filter((kind) => kind !== found.model.kind);
+    const model = `${found.model.kind}, fit ${found.model.fit.toFixed(1)} %${others.length ? `; fits as well: ${others.join(", ")}` : ""}`;
     this._result.replaceChildren(el("p", { className: "model", textContent: model + inner }), this._plots,
       el("div", { className: "scroll" }, el("table", {}, el("thead", {}, el("tr", {}, ...heads)), el("tbody", {}, ...rows))),
       el("span", { className: "buttons" }, this._accept, reject));
@@ -161,7 +162,7 @@ export class LawPanel {
     if (!found || !this._plots) return;
     const { times, measured, predicted, steps } = found;
     const chosen = this._chosen?.name ?? "";
-    const response = [{ times, values: measured }, ...(predicted ? [{ times, values: predicted }] : [])];
+    const response = [{ times, values: measured }, { times, values: predicted }];
     const promised = [PRESENT, chosen].flatMap((name) => (steps[name] ? [steps[name]] : []));
     this._plots.replaceChildren(plot("measured, and the model", response), plot(`predicted step: ${chosen}, and present`, promised));
   }

@@ -97,12 +97,12 @@ declare namespace Page {
 
   /** The gains of a law (umo/page/tuning_answer.py). */
   interface Tuned {
-    model?: { kind: string; fit: number };
+    model: { kind: string; fit: number; as_good: string[] };
     inner?: { law: string; time: number | null; times_faster: number | null };
     sets: GainSet[];
     times: number[];
     measured: (number | null)[];
-    predicted?: (number | null)[];
+    predicted: (number | null)[];
     steps: Record<string, { times: number[]; values: (number | null)[] }>;
   }
 
