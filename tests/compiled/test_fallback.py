@@ -61,6 +61,14 @@ class Pump(Compound):
         self.motor.write(min(level * self.gain, 10.0))
 
 
+class Rounded(Pump):
+    """It changes an array in place, and rounds."""
+
+    def control(self) -> None:
+        self.weights[0] = round(value_of(self.level) * 0.3)
+        self.motor.write(min(float(self.weights[0]) * self.gain, 10.0))
+
+
 def pump(kind: type[Pump] = Pump) -> Pump:
     return kind(
         timer=timer(),
@@ -468,3 +476,12 @@ def test_what_only_tells_is_left_out_and_listed() -> None:
 
     with running(pump(Telling)) as run:
         assert "left out of them: self.phase is a text" in run.events and "cycle.progress only tells" in run.events
+
+
+def test_an_array_that_laws_change_in_place_is_one_that_they_can_change_when_python_drives_again() -> None:
+    with CompiledRun(pump(Rounded)) as run:
+        run.m.gain = "much"
+        run.m.gain = 0.25
+        run.box.set("level", 21)
+        run.step()
+        assert (run.laws.state, list(run.m.weights), run.m.motor.pending) == ("python", [3.0, 2.0], 0.75)

@@ -163,10 +163,15 @@ class BoundFields:
             if name in vars(self.owner):
                 continue  # somebody has gone around the class
             if name in self._own or repr(value) != self._of_class[name]:
-                value = self._lists[name].unbind() if name in self._lists and name not in self._given else value
-                object.__setattr__(self.owner, name, value)
+                object.__setattr__(self.owner, name, value if name in self._given else self._for_python(name, value))
         self._given.clear()
         self._bound = False
+
+    def _for_python(self, name: str, value: Any) -> Any:
+        """What an attribute is when Python drives again: its laws may change a list or an array in place."""
+        if name in self._lists:
+            return self._lists[name].unbind()
+        return value.copy() if isinstance(value, np.ndarray) and name in self._states else value
 
     def take_given(self) -> None:
         """Lists and arrays that were set since the last period: the memory has what is in them now. One that others

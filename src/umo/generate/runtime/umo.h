@@ -44,6 +44,14 @@ typedef double umo_real;
 
 #include "umo_scaling.h"
 
+/* Half to even, as Python's round and C's rint. */
+static inline umo_real umo_round_even(umo_real x)
+{
+    umo_real low = umo_floor(x), over = x - low;
+    bool odd = low - 2 * umo_floor(low / 2) != 0;
+    return over > (umo_real)0.5 || (over == (umo_real)0.5 && odd) ? low + 1 : low;
+}
+
 typedef int16_t umo_fault;
 
 /* The faults of the runtime. Those of translated code begin at UMO_FIRST_FAULT. */
@@ -261,7 +269,6 @@ void umo_shift(umo_object *o, umo_real zero_offset);
 
 umo_fault umo_command(umo_object *o, umo_real value, bool *taken);
 umo_real umo_curve_at(const UMO_FLASH umo_curve *curve, umo_real x);
-umo_real umo_round_even(umo_real x);
 umo_real umo_since(const umo_core *c, umo_tick tick);
 umo_fault umo_failed(umo_object *o, umo_fault fault);
 uint8_t umo_judge(const umo_object *o, umo_real value);

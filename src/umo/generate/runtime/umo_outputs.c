@@ -4,14 +4,6 @@
 
 #include "umo.h"
 
-/* Half to even, as Python's round and C's rint. */
-umo_real umo_round_even(umo_real x)
-{
-    umo_real low = umo_floor(x), over = x - low;
-    bool odd = low - 2 * umo_floor(low / 2) != 0;
-    return over > (umo_real)0.5 || (over == (umo_real)0.5 && odd) ? low + 1 : low;
-}
-
 /* Time in s since a tick. */
 umo_real umo_since(const umo_core *c, umo_tick tick)
 {
