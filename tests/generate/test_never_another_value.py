@@ -68,6 +68,15 @@ class Pair(NamedTuple):
 
 
 @equal
+class WholeFromZero(Program):
+    """GCC 12 takes it for a negation."""
+
+    def control(self) -> None:
+        self.k = 0.0 - self.n
+        self.a.write(0.0 - (self.n * 1.0))
+
+
+@equal
 class RealInAListOfReals(Program):
     def begin(self) -> None:
         self.row = [1.0, 2.0, 3.0]

@@ -14,8 +14,10 @@ from umo.generate.compiler_errors import told
 from umo.generate.lower.live_fields import LiveStruct
 from umo.generate.struct_memory import StructMemory
 
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
-"""Flags of a compiler: each operation is rounded by itself, and nothing is converted in silence."""
+ROUNDING = "-ffp-contract=off", "-frounding-math"
+"""Each operation is rounded by itself. Without the second one GCC 12 takes 0.0 - (double)0 for -0.0."""
+FLAGS = ("-std=c99", "-O2", *ROUNDING, "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
+"""Flags of a compiler: nothing is converted in silence."""
 LIBRARY = "machine.so"
 COMPILE_TIMEOUT = 120.0
 """Timeout in s for the compiler."""
