@@ -83,8 +83,18 @@ class RealInAListOfReals(Program):
 
     def control(self) -> None:
         self.row[1] = self.u
-        self.row[2] = self.n
-        self.k = self.row[1] + self.row[2]
+        self.row[2] = float(self.n)
+        self.k = -self.row[1] + -self.row[2]
+
+
+def added(one: float, out: float = 0.0) -> float:
+    return one + out
+
+
+@equal
+class ArgumentNamedAsOneOfNumpy(Program):
+    def control(self) -> None:
+        self.k = added(self.u, out=2.0)
 
 
 @equal

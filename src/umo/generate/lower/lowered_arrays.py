@@ -201,9 +201,9 @@ class LoweredArrays(LoweredSubject):
     # Functions of numpy, methods -----------------------------------------------------------------------
 
     def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """A function of numpy with these arguments; None: it has no translation."""
-        out = named.pop("out", None)
-        found = self._of_numpy(target, arguments, named, node)
+        """A function of numpy with these arguments; None: it is none, or has no translation."""
+        others = {name: each for name, each in named.items() if name != "out"}
+        out, found = named.get("out"), self._of_numpy(target, arguments, others, node)
         if found is None or out is None:
             return found
         if isinstance(out, Known):

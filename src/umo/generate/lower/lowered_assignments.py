@@ -21,7 +21,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.check.form_effects import changes
 from umo.generate.form import Element
-from umo.generate.lower.lowered_expressions import is_of_numpy
+from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
@@ -245,6 +245,8 @@ class LoweredAssignments(LoweredSubject):
             raise self.f.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
         if base.type.listed and base.type.of != BOOL and may_be_bool(self.f.values.type_of(term) or NOTHING):
             raise self.f.refused(node, "a bool in a list of numbers", "int(...)")
+        if base.type.listed and base.type.of == REAL and not is_float(term):
+            raise self.f.refused(node, "a whole number in a list of real ones", "0.0, float(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.f.values.code(term, node).type) == REAL:
             raise self.f.refused(node, "numbers of another type are set in the array", "int(...)")
         place = Element(base.value, self.f.expressions.index(base.type, index, node))

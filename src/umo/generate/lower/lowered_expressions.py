@@ -301,7 +301,7 @@ class LoweredExpressions(LoweredSubject):
 
     def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
         """That the result of arithmetic is a float whenever it is a real in C, and exact."""
-        if any(map(_is_mixed, terms)) and not any(map(_is_float, terms)):
+        if any(map(_is_mixed, terms)) and not any(map(is_float, terms)):
             told = "it may be a whole number at one time and a float at another"
             raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
 
@@ -375,7 +375,7 @@ def _is_mixed(term: Term) -> bool:
     return isinstance(term, Code) and isinstance(of := plain(term.type), MixedNumber) and of.of == REAL
 
 
-def _is_float(term: Term) -> bool:
+def is_float(term: Term) -> bool:
     """Whether it is a float in Python, too."""
     if isinstance(term, Code):
         return plain_number(plain(term.type)) == REAL and not _is_mixed(term)
