@@ -87,6 +87,16 @@ class RealInAListOfReals(Program):
         self.k = -self.row[1] + -self.row[2]
 
 
+@equal
+class LengthOfATuple(Program):
+    def begin(self) -> None:
+        self.before = (0.0, 0.0)
+
+    def control(self) -> None:
+        self.before = (self.u, self.before[0])
+        self.k = sum(self.before) / len(self.before)
+
+
 def added(one: float, out: float = 0.0) -> float:
     return one + out
 
