@@ -145,11 +145,6 @@ def field_of_numpy_or_of_python(c: Law) -> None:
     c.other = float(1.0 / c.out)
 
 
-@refused("it is not a number")
-def lists_are_no_arrays(c: Law) -> None:
-    c.n = len(c.table * 2)
-
-
 @refused("one element in Python")
 def length_of_one_or_many(c: Law) -> None:
     values = np.ones(1) if c.a > 0 else c.x

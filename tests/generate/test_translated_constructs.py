@@ -245,6 +245,17 @@ class EmptyTexts(Program):
         self.alarm = self.alarm if self.n > 1 else ""
 
 
+@equal
+class ListsSeveralTimes(Program):
+    def begin(self) -> None:
+        self.table = [0.5, -1.0, 2.0]
+
+    def control(self) -> None:
+        twice = self.table * 2
+        self.c = len(twice)
+        self.k = twice[4] + twice[-1] * self.u + sum(twice)
+
+
 # Names -----------------------------------------------------------------------------------------------------
 
 
