@@ -114,8 +114,8 @@ def vanish(context: RuleContext) -> str | None:
 
 
 def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> None:
-    """Readings, now that the device is back: the first of each channel is as right as the next, as what the device has
-    lost meanwhile does not come back by itself; and they move no output, as a write that failed is not made up for.
+    """Readings, now that the device is back: where only its line was cut the first of each channel is as right as the
+    next; and they move no output, as a write that failed is not made up for.
     What the device itself did to its outputs meanwhile is not judged."""
     recorded = context.visible if context.subject.levels is not None else ()
     levels = {output: context.level(probe, output) for output in recorded}
@@ -127,6 +127,8 @@ def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> Non
         now = context.level(probe, output)
         if context.same(output, output.other(), now) and not context.same(output, output.other(), raw):
             raise RuleBroken(f"{output.channel} went from {raw} to {now} by a write that had failed")
+    if context.subject.line is None:
+        return  # it was the device that went, not its line: what it has lost may come back by itself
     for text, raw in before.items():
         then = probe.read(text)
         if context.alike(text, raw, then) and not context.alike(text, raw, first[text]) and not context.told(probe):
