@@ -29,13 +29,6 @@ from umo.wiring import resolve
 pytestmark = needs_a_compiler
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 @dataclass
 class Two:
     """Two machines of one kind with circuits of their own: the laws of the second are compiled."""

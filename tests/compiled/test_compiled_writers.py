@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from helpers.conversions import BUILT
 from helpers.generating import needs_a_compiler
@@ -23,13 +22,6 @@ from umo.wiring import resolve
 
 pytestmark = [needs_a_compiler, BUILT]
 HERE = Path(__file__)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 class Unit(Compound):

@@ -33,14 +33,6 @@ Umo = Callable[..., Any]
 pytestmark = needs_a_compiler
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    folder = tmp_path_factory.mktemp("cache")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(folder))
-        yield folder / "umo" / "laws"
-
-
 class Pump(Compound):
     timer: DigitalSensor
     level: DigitalSensor

@@ -22,13 +22,6 @@ pytestmark = [needs_a_compiler, pytest.mark.full]
 Patch = pytest.MonkeyPatch
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 def _without(kind: Callable[[Any], bool]) -> Callable[[Patch], None]:
     """Nothing of this kind of owners is watched."""
 

@@ -4,7 +4,6 @@ writes, in each period."""
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -29,13 +28,6 @@ KEEPS = {
     "object, field of its class",
 }
 """Ways that leave the laws compiled: what is set is tracked."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 def test_without_a_setting_the_laws_are_compiled() -> None:

@@ -46,13 +46,6 @@ class Oven(Compound):
             self.phase, self.count = "heat", 0
 
 
-@pytest.fixture(autouse=True, scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 @contextmanager
 def compiled() -> Iterator[tuple[Oven, CompiledLaws]]:
     """An oven whose laws are compiled already, and they."""
