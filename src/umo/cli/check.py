@@ -46,7 +46,7 @@ def check_station(
     would not translate for a target, if one is given. 2 for one."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
-    check_target(target)
+    _check_name_of(target)
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
@@ -136,7 +136,7 @@ def _check_target(machine: Compound, file: Path | None, target: str | None) -> i
     return 0
 
 
-def check_target(target: str | None) -> None:
+def _check_name_of(target: str | None) -> None:
     """OptionError for a target that there is not."""
     if target in (None, COMPILE):
         return

@@ -28,8 +28,7 @@ def is_dict(value: Any) -> bool:
 def element_of(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Code:
     """IndexError beyond its ends."""
     f.world.memory.place_known(table)
-    of = _type_of_all(f, table, node)
-    return _chosen(f, [_initial(f, each, of, node) for each in table], of, _place(f, index, len(table), node))
+    return value_of_each(f, table, _place(f, index, len(table), node), node)
 
 
 def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, node: ast.AST) -> Code:

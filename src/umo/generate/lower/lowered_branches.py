@@ -14,9 +14,6 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.terms import Known
 
-UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
-"""What the translation of a statement may raise that nobody has thought of."""
-
 
 class LoweredBranches(LoweredSubject):
     """The part of a function that is statements."""

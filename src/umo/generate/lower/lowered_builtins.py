@@ -204,13 +204,8 @@ class LoweredBuiltins(LoweredSubject):
         return Code(reduce(joined_type, kinds), found)
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
-        if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):
-            self.f.arrays.check_length(arguments[0].type, node)
-            return Known(arguments[0].type.length)
-        if target is len and isinstance(arguments[0], Many):
-            return Known(len(arguments[0].terms))
-        if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, TupleType):
-            return Known(len(arguments[0].type.members))
+        if target is len and (length := self._length(arguments[0], node)) is not None:
+            return Known(length)
         if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
             raise self.f.refused(node, TELLS, "a state of an Enum")
         if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
@@ -229,6 +224,16 @@ class LoweredBuiltins(LoweredSubject):
         if not all(isinstance(each, Known) for each in arguments):
             raise self.f.refused(node, f"{target.__name__} of something that is not known when the code is generated")
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
+
+    def _length(self, term: Term, node: ast.AST) -> int | None:
+        """Of a tuple, a list or an array; None: it is known, or has none."""
+        of = term.type if isinstance(term, Code) else None
+        if isinstance(of, ArrayType):
+            self.f.arrays.check_length(of, node)
+            return of.length
+        if isinstance(of, TupleType):
+            return len(of.members)
+        return len(term.terms) if isinstance(term, Many) else None
 
     def _attribute_by_name(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
         """`getattr` and `hasattr` of a live object; None: it is none, or has no such attribute."""

@@ -57,9 +57,6 @@ from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
-TELLING = (str, repr)
-"""Functions that make a text of whatever there is."""
-DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
 MOST_NUMBERS = 256
 """Elements of a list in one expression, each written out."""
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
@@ -319,12 +316,3 @@ ABSENT: Any = object()
 
 def _tells(target: Any) -> bool:
     return isinstance(getattr(target, "__self__", None), logging.Logger) or target is print
-
-
-def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant | ast.JoinedStr)
-
-
-def _names_of(func: ast.AST) -> list[str]:
-    """The attributes of a dotted name, the last one first."""
-    return [func.attr, *_names_of(func.value)] if isinstance(func, ast.Attribute) else []

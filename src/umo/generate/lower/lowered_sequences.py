@@ -241,10 +241,6 @@ def _is_sequence(term: Term) -> bool:
     return isinstance(term, Many)
 
 
-def _is_whole(term: Term) -> bool:
-    return isinstance(term, Known) and type(term.value) is int
-
-
 def _is_list(term: Term) -> bool:
     if isinstance(term, Code):
         return isinstance(term.type, ArrayType) or (isinstance(term.type, TupleType) and term.type.kind is list)

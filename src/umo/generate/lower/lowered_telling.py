@@ -7,7 +7,6 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from umo.control.profile import Profile
 from umo.generate.c_types import (
     INT,
     REAL,
@@ -20,10 +19,6 @@ from umo.generate.lower.terms import Code
 TELLING = (str, repr)
 """Functions that make a text of whatever there is."""
 DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
-MOST_NUMBERS = 256
-"""Elements of a list in one expression, each written out."""
-HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
-"""What only the host can do: it plans motions."""
 
 
 class LoweredTelling(LoweredSubject):

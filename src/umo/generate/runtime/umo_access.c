@@ -143,8 +143,8 @@ umo_fault umo_binary_write(umo_object *o, uint8_t number, bool *taken)
     return memory_command(o, number == o->traits->one ? 1 : 0, taken);
 }
 
-/* As judge, of an element of a Vector: binary actuators take 0 and 1, and a number that is not chosen only must not be
- * the level of none. */
+/* As judge, of an element of a Vector. Binary actuators take 0 and 1, also where the element is not chosen; any other
+ * number is right there. */
 static umo_fault judge_element(const umo_object *o, umo_real value, bool chosen, bool *inside)
 {
     *inside = true;
