@@ -315,7 +315,7 @@ def test_what_was_told_is_looked_at_no_longer(monkeypatch: pytest.MonkeyPatch) -
         rig.start(warm(rig.m, 3.0), late(rig.m, 4.0))
         periods(rig.m, 5)
         assert rig.connection.image.columns.written[rig.m.heater._slot] >= TOLD
-        monkeypatch.setattr(TwoWriters, "_claim", lambda self: pytest.fail("it is looked at"))
+        monkeypatch.setattr(TwoWriters, "_writer", lambda self: pytest.fail("it is looked at"))
         periods(rig.m, 3)
 
 

@@ -46,7 +46,8 @@ class Columns:
     Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending`, the value written; `sent`
     and `sent_raws`, a pair: what the driver was given last, or is given next; `raws`, `values`, `times`: what it has
     accepted last; `stepped`, for those with a rate: the time of the last step, infinite while a reset is still to be
-    accepted; `restrictions`, the command stage's own: whether it is to be asked before a write.
+    accepted; `restrictions`: whether the command stage is to be asked before a write (set by the
+    claims, `claim_table.py`).
 
     `equipment`, `axes` and `alarms` have a row for each of these: the number of its state.
     """

@@ -3,7 +3,7 @@
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
 after it (`conversion.py`). What moves goes through the transfer stage. What control code writes goes straight into the
-image (`writes.py`), but where the column `restrictions`, which is the command stage's own, says that it is to be asked.
+image (`writes.py`), but where the column `restrictions` says that the command stage is to be asked (set by `claim_table.py`).
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ class TwoWriters:
     def __init__(self, image: Image, turn: Turn) -> None:
         self._image, self._turn = image, turn
         self._written: Any = image.columns.written.data
-        self._claims: dict[int, WriterSeen] = {}
+        self._writers: dict[int, WriterSeen] = {}
         """By slot, of those that were looked at."""
         self._number = -1
         """Number of the period."""
@@ -107,14 +107,14 @@ class TwoWriters:
         for slot, pending, value in zip(slots, before, values, strict=True):
             if slot in self._looked_at or len(self._looked_at) < LOOKED_AT:
                 self._looked_at.add(slot)
-                new = new or self._claim()
-                self._claims[slot] = self._next(slot, new, pending, value)
+                new = new or self._writer()
+                self._writers[slot] = self._next(slot, new, pending, value)
             else:
-                self._claims.pop(slot, None)
+                self._writers.pop(slot, None)
 
     def _next(self, slot: int, new: WriterSeen, pending: float, value: float) -> WriterSeen:
-        """The claim of an actuator from now on. Two writers are told."""
-        former, default = self._claims.get(slot), self._image.scales.defaults[slot]
+        """Who writes an actuator from now on. Two writers are told."""
+        former, default = self._writers.get(slot), self._image.scales.defaults[slot]
         written = self._written[slot]
         self._written[slot] = written & ~UNSEEN
         if former is None or former.who is new.who or written & UNSEEN:
@@ -133,7 +133,7 @@ class TwoWriters:
         clock, time = self._image.clock, self._image.times[slot]
         return NOW if time >= clock.now else LAST if time >= clock.now - 1.5 * clock.dt else 0
 
-    def _claim(self) -> WriterSeen:
+    def _writer(self) -> WriterSeen:
         """The one whose turn it is."""
         task, law = self._turn.task, self._turn.law
         place, is_called = _where()
