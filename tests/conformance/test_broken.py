@@ -68,6 +68,8 @@ SIGNS_OF_LIFE = (
     "the block before is given for as long as the device is silent, with an age of zero",
     "the first reading on a new connection is that of the channel before",
     "the start of an answer that was cut short stays in the buffer of the driver",
+    "the socket is closed again by its number with the driver",
+    "a connection that was lost is closed once more with the driver",
 )
 """Those that `make test` tries, with their rule alone."""
 
