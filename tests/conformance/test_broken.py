@@ -136,6 +136,7 @@ def test_a_rule_is_broken_also_where_no_record_shows_a_pulse(driver: type[Carefu
 
 
 @pytest.mark.full
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a destructor that fails on purpose
 @pytest.mark.parametrize("mutant", MUTANTS.values(), ids=lambda mutant: mutant.words.replace(" ", "-"))
 def test_the_kit_names_the_rule_that_a_mutant_breaks(mutant: Mutant) -> None:
     certificate = tried(mutant.driver(), mutant.cycles)

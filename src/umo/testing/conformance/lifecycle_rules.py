@@ -98,6 +98,7 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
         return
     for each in others:
         probe.write(each.channel, each.other())
+        context.confirm(probe, each, each.other())
     probe.initialize(initialised.channel, initialised.default)
     for each in others:
         if not context.is_at(probe, each, each.other()):

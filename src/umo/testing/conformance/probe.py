@@ -44,6 +44,8 @@ class Watch:
         """The first call that raised something else than an OSError."""
         self.wrong_type = ""
         """The first reading that is not an int within the bits of its channel."""
+        self.beyond: str | None = None
+        """The channel whose reading that is, if it is an int."""
 
     def call(self, what: str, limit: float, function: Callable[..., T], *arguments: Any) -> T:
         """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
@@ -220,6 +222,8 @@ class Probe:
         if type(raw) is not int:
             self._note(f"returned {raw!r}, a {type(raw).__name__}")
         elif not channel.lowest <= value <= channel.highest:
+            if not self.watch.wrong_type:
+                self.watch.beyond = channel.text
             self._note(f"returned {value}; {channel.text} has {channel.lowest} to {channel.highest}")
         return value
 

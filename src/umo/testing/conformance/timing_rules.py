@@ -164,14 +164,18 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
 def _without_a_connection(context: RuleContext) -> bool:
     """Whether requests to connect can be left without an answer."""
     others = [context.new() for _ in range(TRIES)]
-    with context.opened() as probe:
-        probe.timeout = context.haste
+    probe = context.new()
+    context.bring_up(probe)
+    probe.timeout = context.haste
+    try:
         with context.line.unreachable() as possible:
             if possible:
                 for call in context.transfers(probe, default=False)[1::2]:
                     if in_time(context, probe, call) is None:
                         raise RuleBroken(f"{context.watch.doing} succeeded without a connection")
                 _open_in_time(context, others)
+    finally:
+        context.failure(context.leave, probe)  # whether it works again is judged by the rule vanish
     return possible
 
 
