@@ -25,7 +25,7 @@ from umo.drivers.optional import (
 )
 from umo.drivers.simulated import Simulated
 from umo.drivers.wrapping import Wrapper, bare
-from umo.errors import DeclarationError, WiringError
+from umo.errors import DeclarationError, DeviceTimeout, WiringError
 from umo.testing import Scripted
 
 
@@ -93,6 +93,53 @@ def test_write_many_hands_plain_integers_to_write_in_order():
 def test_a_buffer_of_another_length_is_an_error_not_a_silent_half():
     with pytest.raises(ValueError):
         Least().write_many(CHANNELS, np.array([7, 8]))
+
+
+class Waits(Least):
+    """Each transfer takes its whole timeout, or the time that is given, on a clock of the test."""
+
+    def __init__(self, monkeypatch, takes=None):
+        super().__init__()
+        self.timeout, self.takes, self.now, self.timeouts = 1.0, takes, 0.0, []
+        monkeypatch.setattr("umo.drivers.contract.monotonic", lambda: self.now)
+
+    def write(self, channel, raw):
+        self.timeouts.append(self.timeout)
+        self.now += min(self.timeout, self.takes)
+        if self.takes > self.timeout:
+            raise DeviceTimeout("timed out")
+
+    def read(self, channel):
+        self.write(channel, 0)
+        return 0
+
+    def transfer(self, form):
+        getattr(self, form)(CHANNELS, np.zeros(3, np.int64))
+
+
+@pytest.mark.parametrize("form", ["read_many", "write_many"])
+def test_the_single_transfers_of_a_block_have_one_timeout_together(monkeypatch, form):
+    driver = Waits(monkeypatch, takes=0.4)
+    with pytest.raises(TimeoutError):
+        driver.transfer(form)
+    assert driver.timeouts == pytest.approx([1.0, 0.6, 0.2])
+    assert driver.now == pytest.approx(1.0)
+    assert driver.timeout == 1.0
+
+
+@pytest.mark.parametrize("form", ["read_many", "write_many"])
+def test_a_block_whose_timeout_is_over_names_the_channel_that_was_not_transferred(monkeypatch, form):
+    driver = Waits(monkeypatch, takes=0.5)
+    with pytest.raises(TimeoutError, match=r"the timeout of 1 s was over before 2"):
+        driver.transfer(form)
+    assert driver.timeouts == [1.0, 0.5]
+
+
+@pytest.mark.parametrize("form", ["read_many", "write_many"])
+def test_the_timeout_of_single_transfers_that_are_quick_is_not_touched(monkeypatch, form):
+    driver = Waits(monkeypatch, takes=0.001)
+    driver.transfer(form)
+    assert driver.timeouts == [1.0, 1.0, 1.0]
 
 
 def test_a_reading_that_is_no_integer_is_not_truncated():

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from conformance.careful import Careful
+from conformance.careful import HASTE, Careful
 from conformance.odd import (
     LEVELS,
     Beats,
@@ -39,6 +39,7 @@ from conformance.odd import (
 from conformance.plain import Bytes, Scpi, TwoBytes, of_bytes, scpi
 from conformance.subjects import careful, plain, without_watchdog
 from helpers.tiers import some
+from umo.errors import DeviceTimeout
 from umo.testing.conformance import Input, Judgement, Output, Subject, conform
 from umo.testing.conformance.budget import Budget
 from umo.testing.conformance.rule_context import RuleContext
@@ -176,6 +177,20 @@ def test_a_refused_channel_is_used_in_the_directions_that_the_driver_has(driver:
     with careful(driver, loopbacks=(), refused=refused, levels=None, **channels) as subject:
         certificate = conform(subject, only=["process", "memory", "error answer", "retry", "kind of errors"], cycles=20)
     assert not certificate.failed, str(certificate)
+
+
+def test_an_error_answer_that_comes_too_late_on_a_busy_computer_is_waited_for() -> None:
+    class Busy(OutputsOnly):
+        """Nothing that the device refuses is read in time, unless there is more than the short timeout."""
+
+        def check(self, channels: Any, answer: Any) -> None:
+            if self.timeout <= HASTE and channels[0].text == "out:40":
+                raise DeviceTimeout("timed out")
+            super().check(channels, answer)
+
+    with careful(Busy, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",)) as subject:
+        found = conform(subject, only=["error answer"]).finding("error answer")
+    assert found.verdict is Judgement.PASSED, found
 
 
 def test_a_record_that_jitters_around_the_level_before_is_straight() -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
 from functools import cache
 from operator import index
+from time import monotonic
 from typing import Any, ClassVar, Generic, Self
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from typing_extensions import TypeVar
 
 from umo.drivers.optional import check_named
-from umo.errors import ChannelsFailed, DriverError, text_of
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, text_of
 from umo.user_code import check_overrides, incomplete
 
 IntArray = npt.NDArray[np.int64]
@@ -29,6 +30,9 @@ that reads exactly this loses the reading: one raw integer of 2**64."""
 MAX_DEFAULT_TIMEOUT = 1.0
 """Upper limit of a default timeout in s; a longer one is given in the wiring. The timeouts of a period add up, and a
 stop and the guardian wait for them."""
+
+QUICK_SHARE = 0.01
+"""Share of the timeout within which the single transfers of a block are quick: the timeout is not made shorter then."""
 
 
 class Direction(Flag):
@@ -197,34 +201,47 @@ class Driver(ABC, Generic[C]):
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
         `channels` is a tuple without repetitions, for the whole machine the same object in every period: a plan may be
         kept by it. Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as
-        failed."""
-        failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
-        for i, channel in enumerate(channels):
-            try:
-                out[i] = index(self.read(channel))  # numpy alone would truncate a float
-            except TimeoutError:  # the device does not answer: the others would only wait as long
-                raise
-            except OSError as error:
-                failed[channel.text] = text_of(error)
-        if failed:
-            raise ChannelsFailed(failed)
+        failed. By default each channel is read alone, within what is left of the timeout."""
+
+        def read(i: int, channel: C) -> None:
+            out[i] = index(self.read(channel))  # numpy alone would truncate a float
+
+        _one_by_one(self, channels, read)
 
     def write_many(self, channels: Sequence[C], raws: IntArray) -> None:
         """Write all channels: the actuators of one period. Raises ChannelsFailed if only some channels failed. `raws`
-        belongs to the caller: copy it, do not keep it."""
-        failed: dict[str, str] = {}
-        for channel, raw in zip(channels, raws.tolist(), strict=True):
-            try:
-                self.write(channel, raw)
-            except TimeoutError:
-                raise
-            except OSError as error:
-                failed[channel.text] = text_of(error)
-        if failed:
-            raise ChannelsFailed(failed)
+        belongs to the caller: copy it, do not keep it. By default each channel is written alone, as in `read_many`."""
+        levels = raws.tolist()
+        if len(levels) != len(channels):
+            raise ValueError(f"{len(levels)} raw values for {len(channels)} channels")
+        _one_by_one(self, channels, lambda i, channel: self.write(channel, levels[i]))
 
     def open(self) -> None:
         """Open the circuit. Only `channel` and `devices` are called before."""
 
     def close(self) -> None:
         """Close the circuit. The last call; also made if `open` failed."""
+
+
+def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:
+    """A block in single transfers. The timeout is that of the block: each transfer has what those before it have left,
+    and DeviceTimeout says that nothing is. ChannelsFailed names the channels that failed without a timeout."""
+    failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
+    timeout, began = driver.timeout, monotonic()
+    quick = began + QUICK_SHARE * timeout
+    try:
+        for i, channel in enumerate(channels):
+            if (now := monotonic()) > quick:
+                driver.timeout = began + timeout - now
+                if driver.timeout <= 0:
+                    raise DeviceTimeout(f"the timeout of {timeout:g} s was over before {channel.text}")
+            try:
+                transfer(i, channel)
+            except TimeoutError:  # the device does not answer: the others would only wait as long
+                raise
+            except OSError as error:
+                failed[channel.text] = text_of(error)
+    finally:
+        driver.timeout = timeout
+    if failed:
+        raise ChannelsFailed(failed)

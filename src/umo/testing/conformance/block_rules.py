@@ -15,7 +15,7 @@ from umo.drivers.contract import Direction
 from umo.errors import ChannelsFailed
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import WRITTEN_MANY, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import TEXTS, WRITTEN, WRITTEN_MANY, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -118,7 +118,8 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
         if look == LOOKS - 1:
             i = wrong[0]
             of = f" in the block {', '.join(texts)}" if len(texts) > 1 else ""
-            raise RuleBroken(f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}")
+            why = f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}"
+            raise RuleBroken(why, f"reading of {texts[i]}")
         sleep(LOOK_INTERVAL * 2**look)
 
 
@@ -176,10 +177,20 @@ def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], li
 
 def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws: list[int], after: str) -> None:
     for output, raw in zip(outputs, raws, strict=True):
-        if after == "write_many":
-            context.expect(probe, output, raw, f"{after} of {raw}", WRITTEN_MANY)
-        else:
+        if after != "write_many":
             context.expect(probe, output, raw, after)
+            continue
+        try:
+            context.expect(probe, output, raw, f"{after} of {raw}", WRITTEN_MANY)
+        except RuleBroken as broken:
+            raise RuleBroken(str(broken), *broken.causes, *_alone_too(context, probe, output, raw)) from broken
+
+
+def _alone_too(context: RuleContext, probe: Probe, output: Output, raw: int) -> list[str]:
+    """The cause, if a write of this level alone brings another one, too."""
+    there = context.last_level
+    probe.write(output.channel, raw)
+    return [WRITTEN] if not context.is_at(probe, output, raw) and context.last_level == there else []
 
 
 @rule(Cost(each=2, calls=8))
@@ -264,9 +275,8 @@ def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
             named = _named(context.failure(probe.read_many, block, out), block, bad, "read_many")
         for text, raw in zip(block, out.tolist(), strict=True):
             if text not in named and text in context.known and not context.alike(text, raw, expected[text]):
-                raise RuleBroken(
-                    f"read_many failed for {', '.join(named)}; {text} is {raw} in place of {expected[text]}"
-                )
+                why = f"read_many failed for {', '.join(named)}; {text} is {raw} in place of {expected[text]}"
+                raise RuleBroken(why, f"reading of {text}")
 
 
 def _write_with(context: RuleContext, probe: Probe, bad: str) -> None:
@@ -292,7 +302,8 @@ def _named(error: OSError | None, block: list[str], bad: str, what: str) -> list
     if not isinstance(error, ChannelsFailed):
         return block
     if unknown := sorted(set(error.causes) - set(block)):
-        raise RuleBroken(f"ChannelsFailed of {what} names {unknown[0]}, which is not a channel of the block")
+        why = f"ChannelsFailed of {what} names {unknown[0]}, which is not a channel of the block"
+        raise RuleBroken(why, TEXTS)
     if bad not in error.causes:
         raise RuleBroken(f"ChannelsFailed of {what} does not name {bad}")
     return list(error.causes)

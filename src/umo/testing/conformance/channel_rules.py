@@ -10,7 +10,7 @@ from umo.drivers.optional import HasWatchdog
 from umo.errors import ChannelError, text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, RuleBroken, rule
+from umo.testing.conformance.rules import TEXTS, Cost, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
@@ -25,7 +25,8 @@ def channels(context: RuleContext) -> None:
         if not isinstance(channel, Channel):
             raise RuleBroken(f"channel({text!r}) returned {channel!r}, not a Channel")
         if channel.text != text:
-            raise RuleBroken(f"channel({text!r}) has the text {channel.text!r}: errors of a block are told by it")
+            why = f"channel({text!r}) has the text {channel.text!r}: errors of a block are told by it"
+            raise RuleBroken(why, TEXTS)
         if channel != other.channel(text) or hash(channel) != hash(other.channel(text)):
             raise RuleBroken(f"channel({text!r}) returned two channels that are not equal")
     for each in context.subject.outputs:

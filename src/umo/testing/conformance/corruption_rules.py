@@ -103,6 +103,8 @@ def _late_level(context: RuleContext, probe: Probe, behind: bool) -> bool:
         lambda: context.insist(probe.read, view), lambda level: context.same(output, new, level)
     )
     if not there and not context.fallen(view, found):
+        rewrite(context, probe, output, new, "late answers")
+        context.confirm(probe, output, new)
         raise RuleBroken(f"{view} read {found} after a timeout of it; {output.channel} is at {new}")
     return line.spoiled > before
 

@@ -14,7 +14,7 @@ from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import TEXTS, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
@@ -242,6 +242,7 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
             client.write(one.channel, one.default)
         second.write(other.channel, other.other(1))
         first.write(one.channel, one.other(1))
+        context.confirm(first, one, one.other(1))
         try:
             context.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
             context.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
@@ -360,7 +361,10 @@ def _is_old(
     mover.write(output.channel, raw)
     context.arrive(other, output, raw)
     found = reading()
-    return context.alike(context.view(output), earlier, found) and not context.same(output, raw, found)
+    if not context.alike(context.view(output), earlier, found) or context.same(output, raw, found):
+        return False
+    context.confirm(mover, output, raw)
+    return True
 
 
 @rule(Cost(opens=3, connects=2, waits=5, sleeps=1))
@@ -405,7 +409,8 @@ def _check_names(error: DriverError, texts: dict[str, str]) -> None:
         raise RuleBroken(f"the error names no object: {error}")
     for failure in error.failures:
         if texts.get(failure.path) != failure.channel:
-            raise RuleBroken(f"the error names {failure.path} (channel {failure.channel}), which was not transferred")
+            why = f"the error names {failure.path} (channel {failure.channel}), which was not transferred"
+            raise RuleBroken(why, TEXTS)
 
 
 class Machine(Compound):

@@ -23,7 +23,8 @@ def readings(context: RuleContext) -> None:
             probe.read(text)
         probe.read_many(context.readable)
     if context.watch.wrong_type:
-        raise RuleBroken(context.watch.wrong_type)
+        beyond = context.watch.beyond
+        raise RuleBroken(context.watch.wrong_type, *([] if beyond is None else [f"reading of {beyond}"]))
 
 
 @rule(Cost(calls=4, connects=2, waits=2))

@@ -12,6 +12,7 @@ from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
+from umo.testing.conformance.taps import Tap
 from umo.text import some
 
 FEWEST_OUTPUTS = 2
@@ -97,6 +98,7 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
         return
     for each in others:
         probe.write(each.channel, each.other())
+        context.confirm(probe, each, each.other())
     probe.initialize(initialised.channel, initialised.default)
     for each in others:
         if not context.is_at(probe, each, each.other()):
@@ -234,28 +236,50 @@ def _use(context: RuleContext, probe: Probe, text: str) -> None:
         probe.read(text)
 
 
-@rule(Cost(opens=15, each=10, calls=6))
+@rule(Cost(opens=14, each=10, calls=10, connects=2, waits=1))
 def reopen(context: RuleContext) -> str | None:
     """A closed driver can be opened again, and one that is not open can be closed. Outputs come up at their defaults
-    again, also if they were driven in the meantime."""
+    again, also if they were driven in the meantime. No descriptor is closed twice: its number may be another's by
+    then."""
     probe = context.new()
     probe.close()
-    for number in range(3):
-        with context.leaving(probe):
-            try:
-                _open_watched(context, probe, context.subject.outputs[:1] if number else ())
-                context.bring_up(probe)
-                for output in context.visible:
-                    context.expect(probe, output, output.default, f"initialize({output.default}) when opened again")
-                for text in context.channels:
-                    _use(context, probe, text)
-            except OSError as error:
-                raise RuleBroken(f"opened again, {failed(error)}") from error
-        probe.close()
-        for output in context.subject.outputs[:1]:
-            _leave_at(context, output, output.other())
+    with context.watch.placeholders() as held:
+        for number in range(3):
+            _opened_again(context, probe, number)
+    if held.closed_by:
+        why = "that had been closed before, and whose number was another's"
+        raise RuleBroken(f"{held.closed_by} closed a descriptor {why}", "descriptor closed twice")
     _open_in_turns(context)
     return context.looked()
+
+
+def _opened_again(context: RuleContext, probe: Probe, number: int) -> None:
+    with context.leaving(probe):
+        try:
+            _open_watched(context, probe, context.subject.outputs[:1] if number else ())
+            context.bring_up(probe)
+            for output in context.visible:
+                context.expect(probe, output, output.default, f"initialize({output.default}) when opened again")
+            for text in context.channels:
+                _use(context, probe, text)
+        except OSError as error:
+            raise RuleBroken(f"opened again, {failed(error)}") from error
+        if number == 0 and context.subject.line is not None:
+            _lose_connections(context, probe, context.subject.line)
+    probe.close()
+    for output in context.subject.outputs[:1]:
+        _leave_at(context, output, output.other())
+
+
+def _lose_connections(context: RuleContext, probe: Probe, line: Tap) -> None:
+    """Each in another way: it ends, or an answer gets lost, and then the device is looked for."""
+    call = context.transfers(probe)[0]
+    line.drop()
+    context.insist(call)
+    with context.in_haste(probe):
+        context.unanswered(call)
+        context.look(probe)
+    context.insist(call)
 
 
 def _open_watched(context: RuleContext, probe: Probe, driven: Sequence[Output]) -> None:

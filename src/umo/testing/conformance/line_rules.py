@@ -192,6 +192,8 @@ def error_answer(context: RuleContext) -> str | None:
             for call in context.refused_calls(probe, text):
                 with context.in_haste(probe):
                     answered, error = _refusal(context, call)
+                if answered == "seen" and isinstance(error, TimeoutError):
+                    answered, error = _refusal(context, call)  # with more time: the computer may have been busy
                 if not answered:
                     silent.append(context.watch.doing)
                     continue

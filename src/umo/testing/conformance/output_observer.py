@@ -10,7 +10,7 @@ from time import monotonic, sleep
 
 from umo.testing.conformance.driver_factory import DriverFactory
 from umo.testing.conformance.probe import Probe, Watch
-from umo.testing.conformance.rules import RECORD, NotTried, RuleBroken
+from umo.testing.conformance.rules import RECORD, WRITTEN, NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
 from umo.text import some
 
@@ -155,6 +155,12 @@ class OutputObserver(DriverFactory):
             text = f"{view}{of} reads {found} after {after}, not {raw}"
             raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}", *causes)
 
+    def confirm(self, probe: Probe, output: Output, raw: int) -> None:
+        """RuleBroken if the level that was written last is not there, or not read so, whatever a rule has found beside
+        that: it is the cause then."""
+        probe.timeout = self.patience
+        self.expect(probe, output, raw, f"write({raw})", WRITTEN)
+
     def _hint(self, output: Output, raw: int) -> str:
         """A hint for devices that have steps."""
         off, width = abs(self.last_level - raw), output.greatest - output.least
@@ -233,6 +239,8 @@ class OutputObserver(DriverFactory):
         yield
         for output, goal in seen.items():
             first, *levels = self.recorded(output)
+            if levels and not self.same(output, goal, levels[-1]):
+                continue  # that it is not there is told with the level itself
             stood = (level for level in levels if not self.alike(self.view(output), first, level))
             if odd := [level for level in stood if not self.same(output, goal, level)]:
                 text = f"{output.channel} went from {first} to {odd[0]} for a moment in {doing}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from math import inf
 from operator import index
 from time import monotonic
@@ -12,6 +13,7 @@ import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.errors import text_of
+from umo.testing.conformance.closed_twice import Placeholders
 from umo.testing.conformance.taps import Tap
 
 T = TypeVar("T")
@@ -36,10 +38,14 @@ class Watch:
         """No more calls are to be made: one did not return in time."""
         self.interrupted = False
         """A KeyboardInterrupt came out of a call."""
+        self.after: Callable[[str], object] | None = None
+        """Called with each call that has ended."""
         self.wrong_kind = ""
         """The first call that raised something else than an OSError."""
         self.wrong_type = ""
         """The first reading that is not an int within the bits of its channel."""
+        self.beyond: str | None = None
+        """The channel whose reading that is, if it is an int."""
 
     def call(self, what: str, limit: float, function: Callable[..., T], *arguments: Any) -> T:
         """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
@@ -71,6 +77,19 @@ class Watch:
         finally:
             self.took = monotonic() - began
             self.began = None
+            if self.after is not None:
+                self.after(what)
+
+    @contextmanager
+    def placeholders(self) -> Iterator[Placeholders]:
+        """Each descriptor that becomes free by a call within the block is taken at once."""
+        held = Placeholders()
+        self.after = held.look
+        try:
+            yield held
+        finally:
+            self.after = None
+            held.release()
 
     def _disturbed(self) -> str:
         """What the kit has disturbed before this call, and lets pass now."""
@@ -203,6 +222,8 @@ class Probe:
         if type(raw) is not int:
             self._note(f"returned {raw!r}, a {type(raw).__name__}")
         elif not channel.lowest <= value <= channel.highest:
+            if not self.watch.wrong_type:
+                self.watch.beyond = channel.text
             self._note(f"returned {value}; {channel.text} has {channel.lowest} to {channel.highest}")
         return value
 

@@ -18,7 +18,7 @@ from umo.drivers.optional import EndsWait
 from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.process_snapshot import change, state, threads
+from umo.testing.conformance.process_snapshot import alarm_time, change, state, threads
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 
@@ -28,6 +28,8 @@ PAUSE = 1.2
 """Time in s for which nothing is called."""
 MAX_SHARE = 0.5
 """Share of the time in which a thread could run that it uses at most while it waits."""
+ALARM_TOLERANCE = 0.2
+"""Time in s by which the end of a running timer may seem to move."""
 TRIES = 2
 """Tries of which the best counts."""
 WAITING_FUNCTIONS = {
@@ -176,7 +178,7 @@ def process(context: RuleContext) -> str | None:
     processors, priority, limits, garbage collector, child processes, logging, blocked signals, timers, warnings, hooks
     for exceptions, errors of numpy, the mask of new files, functions of the standard library; nothing is printed, also
     if a call fails, or when the driver is no longer used."""
-    on = gc.isenabled()
+    on, alarm = gc.isenabled(), alarm_time()
     gc.disable()  # as in the control process
     gc.collect()  # what prints in its destructor is the driver's from here on
     try:
@@ -191,6 +193,8 @@ def process(context: RuleContext) -> str | None:
         raise RuleBroken(f"it prints: {text.splitlines()[0]!r}")
     if changed := change(context.before, state()):
         raise RuleBroken(f"it changed {changed}")
+    if alarm is not None and (now := alarm_time()) is not None and abs(now - alarm) > ALARM_TOLERANCE:
+        raise RuleBroken(f"it changed the timer of the process that was running, by {duration(round(now - alarm, 1))}")
     return remark
 
 

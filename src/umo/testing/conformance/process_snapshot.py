@@ -93,6 +93,12 @@ def state() -> State:
     } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.Signals}
 
 
+def alarm_time() -> float | None:
+    """The time (`monotonic`) at which the process gets SIGALRM once; None if it does not, or again and again."""
+    left, interval = signal.getitimer(signal.ITIMER_REAL) if TIMERS else (0.0, 0.0)
+    return time.monotonic() + left if left and not interval else None
+
+
 def _scheduling() -> str:
     """The processors and the priority of this thread."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else ""

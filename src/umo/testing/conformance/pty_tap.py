@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.drivers.streams.line import Parity
+from umo.testing.conformance.closed_twice import out_of_the_way
 from umo.testing.conformance.relay import Tapped
 from umo.testing.conformance.taps import Tap
 
@@ -43,7 +44,8 @@ class PtyTap(Tap):
         device = os.open(self._path, os.O_RDWR | os.O_NOCTTY)
         if os.isatty(device):
             tty.setraw(device)
-        driver, self._terminal = os.openpty()  # kept open, so that the line does not end with each driver
+        driver, terminal = os.openpty()
+        self._terminal = out_of_the_way(terminal)  # kept open, so that the line does not end with each driver
         tty.setraw(self._terminal)
         os.symlink(os.ttyname(self._terminal), self.serial)
         self._away, self._settings = False, []

@@ -18,6 +18,8 @@ from itertools import pairwise
 from time import monotonic, sleep
 from typing import Self
 
+from umo.testing.conformance.closed_twice import out_of_the_way
+
 ANSWER_GAP = 0.005
 """Time in s without a byte that ends an answer."""
 PIECE_INTERVAL = 0.003
@@ -297,8 +299,9 @@ class Relay(ABC):
             self._close(tapped)
 
     def _add(self, driver: int, device: int) -> None:
-        self._open.append(Tapped(driver, device))
-        for each in (driver, device):
+        tapped = Tapped(out_of_the_way(driver), out_of_the_way(device))
+        self._open.append(tapped)
+        for each in (tapped.driver, tapped.device):
             self._selector.register(each, selectors.EVENT_READ)
 
     def _close(self, tapped: Tapped) -> None:

@@ -49,6 +49,7 @@ class Cost:
 
 MADE_UP = "success without an answer"
 RECORD = "levels of the subject"
+TEXTS = "texts of channels"
 WRITTEN, WRITTEN_MANY = "levels that a write brings", "levels that a write_many brings"
 """Causes of broken rules."""
 NOTHING = Cost(opens=0)

@@ -193,10 +193,10 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
         verdict, why = Judgement.FAILED, str(broken)
-        found = broken.causes or _failure(broken.__cause__, causes)
+        found = broken.causes or _failure(context, broken.__cause__, causes)
     except OSError as error:
         verdict, why = Judgement.FAILED, failed(error)
-        found = _failure(error, causes)
+        found = _failure(context, error, causes)
     finally:
         context.watch.until = inf
     if first := next((causes[each] for each in found if each in causes), ""):
@@ -206,14 +206,17 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
     return _finding_on(rule, verdict, why)
 
 
-def _failure(error: BaseException | None, causes: Iterable[str]) -> tuple[str, ...]:
-    """The cause that a call has failed: what the driver says, whatever the call; one that is known already if it is a
-    part of this. A timeout says nothing of its cause: it is what was disturbed before, or else this kind of call."""
+def _failure(context: RuleContext, error: BaseException | None, causes: Iterable[str]) -> tuple[str, ...]:
+    """The cause that a call has failed: what the driver says, whatever the call and its channel; one that is known
+    already if it is a part of this. A timeout says nothing of its cause: it is what was disturbed before, or else this
+    kind of call."""
     if not isinstance(error, OSError):
         return ()
     kind = call_of(error).partition(" ")[0] if isinstance(error, TimeoutError) else ""
     kind = "call after a disturbance" if kind and disturbed_before(error) else kind
-    text = f"{kind} failed: {re.sub(r'-?[0-9]+', '#', text_of(error))}"
+    channels = sorted((*context.channels, *context.subject.refused), key=len, reverse=True)
+    said = re.sub("|".join(map(re.escape, channels)) or "$^", "a channel", text_of(error))
+    text = f"{kind} failed: {re.sub(r'-?[0-9]+', '#', said)}"
     known = (each for each in causes if each.startswith(" failed: ") and each.removeprefix(" failed: ") in text)
     return (next(known, text),)
 

@@ -141,6 +141,8 @@ def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text
         levels = (known, before) if context.told(probe) else (known,)
         right = output is not None and any(context.same(output, level, found) for level in levels)
         if not (right or context.alike(text, known, found) or context.fallen(text, found)) and text in context.known:
+            if output is not None:
+                context.confirm(probe, output, known)
             raise RuleBroken(f"{text} read {found} from {way.words}; it is at {known}")
     recovers(context, probe, {text: known} if text in context.known else {text: None}, way.words, way.tries)
     if context.told(probe):

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from threading import Timer
 
+from umo.testing.conformance.closed_twice import out_of_the_way
 from umo.testing.conformance.relay import Tapped
 from umo.testing.conformance.taps import Tap
 
@@ -71,7 +72,8 @@ class TcpTap(Tap):
     def _appear(self) -> None:
         while self._full:
             self._full.pop().close()
-        self._listener = socket.create_server((self.host, self.port), backlog=16)
+        listener = socket.create_server((self.host, self.port), backlog=16)
+        self._listener = socket.socket(fileno=out_of_the_way(listener.detach()))
         self.port = self._listener.getsockname()[1]
         self._selector.register(self._listener, selectors.EVENT_READ)
 
@@ -83,7 +85,7 @@ class TcpTap(Tap):
 
     def _ended(self, tapped: Tapped, by: int) -> None:
         if self._silent and by == tapped.driver:
-            self._ignored.append(os.dup(by))
+            self._ignored.append(out_of_the_way(os.dup(by)))
         super()._ended(tapped, by)
 
     def _reset(self, tapped: Tapped) -> None:

@@ -184,7 +184,8 @@ def directions(context: RuleContext) -> str | None:
                     raise RuleBroken(f"a {what}, an input, was taken")
             after = probe.read(each.channel)
             if each.channel in context.known and not context.alike(each.channel, before, after):
-                raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
+                why = f"a refused write to {each.channel} changed it from {before} to {after}"
+                raise RuleBroken(why, f"reading of {each.channel}")
     unsure = [each.channel for each in inputs if each.channel not in context.known]
     return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 

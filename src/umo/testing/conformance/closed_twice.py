@@ -1,0 +1,65 @@
+"""Descriptors that are closed twice: the second time their number may be another's, such as that of another driver."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+
+try:
+    import fcntl
+    import resource
+except ImportError:  # not on Windows
+    fcntl = resource = None  # type: ignore[assignment]
+
+OPEN = "/proc/self/fd"
+OUT_OF_THE_WAY = 400
+"""Numbers of descriptors from here on are the kit's own: the kernel gives a driver the lowest one that is free."""
+
+
+def out_of_the_way(descriptor: int) -> int:
+    """The same file by a number that no driver has had, if the limits of the process allow it: a driver that closes one
+    of its own twice does not end the kit."""
+    if fcntl is None or resource.getrlimit(resource.RLIMIT_NOFILE)[0] <= 2 * OUT_OF_THE_WAY:
+        return descriptor
+    moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, OUT_OF_THE_WAY)
+    os.close(descriptor)
+    return moved
+
+
+class Placeholders:
+    """Open files that take each number which becomes free behind a call. One that is gone was closed by a driver that
+    had closed its own of this number before."""
+
+    def __init__(self) -> None:
+        self.closed_by = ""
+        """The first call that closed one; empty if none did."""
+        self._held: set[int] = set()
+        self._null = os.stat(os.devnull)
+        self._highest = max(_numbers(), default=-1)
+
+    def look(self, call: str) -> None:
+        """Called behind each call of the driver."""
+        for number in [each for each in self._held if not self._is_there(each)]:
+            self._held.discard(number)
+            self.closed_by = self.closed_by or call
+        self._highest = max(self._highest, *_numbers(), -1)
+        while (number := os.open(os.devnull, os.O_RDONLY)) <= self._highest:
+            self._held.add(number)
+        os.close(number)
+
+    def release(self) -> None:
+        for number in self._held:
+            with suppress(OSError):
+                os.close(number)
+
+    def _is_there(self, number: int) -> bool:
+        with suppress(OSError):
+            return os.path.samestat(os.fstat(number), self._null)
+        return False
+
+
+def _numbers() -> Iterator[int]:
+    """Numbers of the descriptors that are open, without the kit's own."""
+    with suppress(OSError):
+        yield from (number for number in map(int, os.listdir(OPEN)) if number < OUT_OF_THE_WAY)
