@@ -124,8 +124,6 @@ def optional(of: CType) -> OptionalType:
     """The type of a value that may be None; TypeError for one that has none."""
     if isinstance(of, OptionalType):
         return of
-    if isinstance(of, NumpyNumber):
-        of = of.of
     if isinstance(of, TupleType | ArrayType):
         return OptionalType(f"{of.name}_or_none", of)
     name = "umo_optional_state" if isinstance(of, StateType) else OPTIONALS.get(plain_number(of))
@@ -199,6 +197,20 @@ def may_be_bool(of: CType) -> bool:
     """Whether a value, if it is there, may be a bool."""
     of = plain(of)
     return of == BOOL or (isinstance(of, MixedNumber) and of.is_bool)
+
+
+def of_python(of: CType) -> CType:
+    """The type with a number of Python in the place of one of numpy."""
+    if isinstance(of, OptionalType):
+        return OptionalType(of.name, of_python(of.of))
+    return of.of if isinstance(of, NumpyNumber) else of
+
+
+def perhaps_of_numpy(of: CType) -> CType:
+    """The type with a number of numpy, or one of Python, in the place of a number."""
+    if isinstance(of, OptionalType):
+        return OptionalType(of.name, perhaps_of_numpy(of.of))
+    return numpy_number(plain_number(of), sure=False)
 
 
 def is_number(of: CType) -> bool:

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ConditionInASum(Program):
     def control(self) -> None:
-        # refused: `if` in a sum; a loop
+        # refused: elements of several classes, or of numpy, of which the number is not known; float(...)
         self.k = sum(each for each in (self.u, self.k) if each > 1.0)

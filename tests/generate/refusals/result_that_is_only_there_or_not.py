@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class ResultThatIsOnlyThereOrNot(Program):
     def found(self):
-        # refused: only whether it is None is known on the controller
+        # refused: only whether it is None is known on the controller; is None, is not None
         return self.fan.inhibited
 
     def control(self) -> None:

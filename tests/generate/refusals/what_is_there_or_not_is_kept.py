@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class WhatIsThereOrNotIsKept(Program):
     def control(self) -> None:
-        # refused: self.yes is no number or state; numbers, states, tuples of them
+        # refused: only whether it is None is known on the controller; is None, is not None
         self.yes = self.fan.inhibited

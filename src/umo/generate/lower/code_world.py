@@ -45,7 +45,8 @@ from umo.generate.known_values import KnownValues, Unwatchable
 from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
 from umo.generate.lower.function_lowering import FunctionLowering
 from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
-from umo.generate.lower.terms import Code, Known, Many, Present, Term
+from umo.generate.lower.lowered_values import only_asked
+from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth
 from umo.generate.lower.translation_memory import MOST_PASSES, TranslationMemory
 from umo.generate.names import identifier
 from umo.generate.translation import (
@@ -133,8 +134,8 @@ class CodeWorld:
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
         """A result; None: there is none."""
         of = scope.values.type_of(term)
-        if isinstance(term, Present):
-            raise scope.refused(node, "only whether it is None is known on the controller")
+        if isinstance(term, Present | Truth):
+            raise scope.refused(node, *only_asked(term))
         if of is None:
             if isinstance(term, Known):
                 if any(map(_is_code, scope.results)):

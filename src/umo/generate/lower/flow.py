@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from umo.generate.c_types import (
     CType,
@@ -15,11 +15,14 @@ from umo.generate.form import (
 )
 from umo.generate.lower.terms import Code, Known
 
+Names: TypeAlias = dict[str, CType | Known]
+"""Local names: their types, or the live object that each stands for."""
+
 
 class Way(NamedTuple):
     """What is known at a place of a function."""
 
-    names: dict[str, CType | Known]
+    names: Names
     known: set[str]
 
 
@@ -27,12 +30,13 @@ class KnownFlow:
     """What is known where the next statement stands."""
 
     def __init__(self) -> None:
-        self.names: dict[str, CType | Known] = {}
-        """Local names: their types, or the live object that each stands for."""
+        self.names: Names = {}
         self.known: set[str] = set()
         """Expressions that are not None here: local names, and fields."""
         self.left: dict[str, list[Way]] = {}
         """What was known where each label is left to."""
+        self._decided: dict[ast.AST, tuple[Names, Names]] = {}
+        """The names where an `and` or an `or` that was lowered is true, and where it is false."""
 
     # What is known at a place ----------------------------------------------------------------------------
 
@@ -43,9 +47,7 @@ class KnownFlow:
     def go_on_from(self, ways: Sequence[Way]) -> None:
         """What is known where these ways meet: names that have the same on all of them."""
         first, *rest = ways
-        self.names = {
-            name: each for name, each in first.names.items() if all(way.names.get(name) == each for way in rest)
-        }
+        self.names = common([each.names for each in ways])
         self.known = first.known.intersection(*(way.known for way in rest))
 
     def forget(self, target: ast.AST) -> None:
@@ -62,13 +64,33 @@ class KnownFlow:
         )
         return lasting and ast.dump(node) in self.known
 
-    def only(self, names: dict[str, CType | Known]) -> None:
+    def only(self, names: Names) -> None:
         """Of these names those that still have the same."""
-        self.names = {name: of for name, of in names.items() if self.names.get(name) == of}
+        self.names = common([names, self.names])
 
     def forget_fields(self) -> None:
         """Any field may have another value from here on."""
         self.known = {each for each in self.known if each.startswith("Name(")}
+
+    # Names that a condition gives a value (`:=`) ----------------------------------------------------------
+
+    def decide(self, node: ast.BoolOp, both: bool, early: Sequence[Names], last: tuple[Names, Names]) -> None:
+        """`and` (`both`) or `or`: the names where it was decided `early`, and where its last part is true or false."""
+        when_true, when_false = last
+        if both:
+            when_false = common([*early, when_false])
+        else:
+            when_true = common([*early, when_true])
+        self._decided[node] = when_true, when_false
+        self.names = common([when_true, when_false])
+
+    def names_if(self, test: ast.AST) -> tuple[Names, Names]:
+        """The names where a condition, which was lowered last, is true, and where it is false."""
+        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+            when_true, when_false = self.names_if(test.operand)
+            return when_false, when_true
+        found = self._decided.pop(test, None)
+        return found or (dict(self.names), dict(self.names))
 
     # What a condition proves ---------------------------------------------------------------------------
 
@@ -89,6 +111,12 @@ class KnownFlow:
         if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
             return self.proved(test.operand)
         return {ast.dump(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+
+
+def common(ways: Sequence[Names]) -> Names:
+    """The names that stand for the same on each of these ways."""
+    first, *rest = ways
+    return {name: each for name, each in first.items() if all(way.get(name) == each for way in rest)}
 
 
 def _compares_none(test: ast.AST, sign: type[ast.cmpop]) -> bool:

@@ -37,6 +37,7 @@ from umo.generate.lower.subjects import (
     AskedOfCalls,
     AskedOfErrors,
     AskedOfExpressions,
+    AskedOfGenerators,
     AskedOfLoops,
     AskedOfSequences,
     AskedOfTelling,
@@ -72,6 +73,7 @@ class FunctionBuilder:
     attributes: AskedOfAttributes
     calls: AskedOfCalls
     builtins: AskedOfBuiltins
+    generators: AskedOfGenerators
     assignments: AskedOfAssignments
     loops: AskedOfLoops
     sequences: AskedOfSequences

@@ -17,6 +17,7 @@ from umo.generate.lower.lowered_calls import LoweredCalls
 from umo.generate.lower.lowered_conditions import LoweredConditions
 from umo.generate.lower.lowered_errors import LoweredErrors
 from umo.generate.lower.lowered_expressions import LoweredExpressions
+from umo.generate.lower.lowered_generators import LoweredGenerators, TurnOf
 from umo.generate.lower.lowered_loops import LoweredLoops
 from umo.generate.lower.lowered_sequences import LoweredSequences
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -34,6 +35,7 @@ class FunctionLowering(FunctionBuilder):
         self.expressions, self.conditions = LoweredExpressions(self), LoweredConditions(self)
         self.arrays, self.vectors = LoweredArrays(self), LoweredVectors(self)
         self.attributes, self.calls, self.builtins = LoweredAttributes(self), LoweredCalls(self), LoweredBuiltins(self)
+        self.generators = LoweredGenerators(self)
         self.assignments, self.branches = LoweredAssignments(self), LoweredBranches(self)
         self.loops, self.sequences, self.errors = LoweredLoops(self), LoweredSequences(self), LoweredErrors(self)
         self.of_expressions = {
@@ -56,6 +58,7 @@ class FunctionLowering(FunctionBuilder):
         self.of_statements = {
             ast.Pass: self.branches.lower_pass,
             ast.Expr: self.branches.lower_expr,
+            TurnOf: self.generators.lower_turn,
             ast.FunctionDef: self.branches.lower_function_def,
             ast.Import: self.branches.lower_import,
             ast.ImportFrom: self.branches.lower_import,

@@ -51,7 +51,7 @@ from umo.generate.form import (
 from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Present, Term
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Truth
 from umo.generate.translation import ControllerLimit
 
 MOST_SUMMED = 128
@@ -321,7 +321,7 @@ class LoweredArrays(LoweredSubject):
         """np.count_nonzero: of one element or more only whether there is one."""
         found = self.reduced("count", code, node)
         loose = isinstance(code.type, ArrayType) and code.type.loose
-        return Present(differs(found.value)) if loose else found
+        return Truth(differs(found.value)) if loose else found
 
     def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
         """One number of an array."""

@@ -16,6 +16,7 @@ from umo.generate.c_types import (
     TupleType,
     array,
     may_be_bool,
+    of_python,
     plain,
     plain_number,
 )
@@ -23,8 +24,9 @@ from umo.generate.check.form_effects import changes
 from umo.generate.form import Element
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, refused_store
 from umo.objects import Quality
@@ -125,6 +127,8 @@ class LoweredAssignments(LoweredSubject):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
+        if isinstance(term, Present | Truth):
+            raise self.f.refused(node, *only_asked(term))
         of = self.f.values.type_of(term)
         key = (self.f.key, name)
         before = self.f.world.memory.locals.get(key)
@@ -166,7 +170,8 @@ class LoweredAssignments(LoweredSubject):
         return all(assigned.count(each) == 1 for each in (name, *others))
 
     def _odd(self, name: str, node: ast.AST) -> None:
-        raise self.f.refused(node, f"{name!r} has values of different types", "one type for each name")
+        told = f"{name.partition(' ')[0]!r} has values of different types"  # that of a generator has a mark
+        raise self.f.refused(node, told, "one type for each name")
 
     def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         base = self.f.term(target.value)
@@ -190,6 +195,8 @@ class LoweredAssignments(LoweredSubject):
                 self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
                 return
             term = text
+        if isinstance(term, Present | Truth):
+            raise self.f.refused(node, *only_asked(term))
         self.f.world.memory.assign(owner, name)
         new = self.f.values.type_of(term)
         key = id(owner), name
@@ -199,11 +206,10 @@ class LoweredAssignments(LoweredSubject):
             raise self.f.refused(
                 node, f"{self.f.source.segment(target)} is no number or state", "numbers, states, tuples of them"
             )
-        if isinstance(new, NumpyNumber):
+        if isinstance(plain(new), NumpyNumber):
             self.f.world.memory.changed |= key not in self.f.world.memory.of_numpy
             self.f.world.memory.of_numpy.add(key)
-        of = plain_number(new) if isinstance(new, NumpyNumber) else new
-        self.f.world.memory.learn(self.f.world.memory.fields, key, of, lambda: self._odd(name, node))
+        self.f.world.memory.learn(self.f.world.memory.fields, key, of_python(new), lambda: self._odd(name, node))
         if key in self.f.world.memory.texts and text is None:
             raise self.f.refused(node, f"{name} has texts and other values", "a name for each")
         place = self.f.attributes.field(owner, name, base, target)

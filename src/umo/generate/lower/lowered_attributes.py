@@ -20,9 +20,8 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     CType,
-    numpy_number,
+    perhaps_of_numpy,
     plain,
-    plain_number,
     state,
 )
 from umo.generate.form import Object, OfObject, Runtime, Value, WholeMachine
@@ -127,7 +126,7 @@ class LoweredAttributes(LoweredSubject):
             self._check_numbers(value, name, node)
         self.f.world.memory.place_arrays(place, value)
         if (id(owner), name) in self.f.world.memory.of_numpy or isinstance(value, np.generic):
-            return Code(numpy_number(plain_number(of), sure=False), place)
+            return Code(perhaps_of_numpy(of), place)
         return Code(of, place)
 
     def _check_numbers(self, value: Any, name: str, node: ast.AST) -> None:

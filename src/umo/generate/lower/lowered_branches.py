@@ -61,15 +61,18 @@ class LoweredBranches(LoweredSubject):
         proved, disproved = (
             (self.f.flow.proved(node.test), self.f.flow.disproved(node.test)) if shown else (set(), set())
         )
+        names, otherwise_names = self.f.flow.names_if(node.test)
         if isinstance(truth, bool):
             self.f.flow.known |= proved if truth else disproved
+            self.f.flow.names = names if truth else otherwise_names
             return self.f.body(node.body if truth else node.orelse)
-        before, names = set(self.f.flow.known), dict(self.f.flow.names)
+        before = set(self.f.flow.known)
         self.f.flow.known |= proved
+        self.f.flow.names = names
         with self.f.body_of() as body:
             goes_on = self.f.body(node.body)
         one, self.f.flow.known = self.f.flow.way(), before | disproved
-        self.f.flow.names = names
+        self.f.flow.names = otherwise_names
         with self.f.one_of_two() as otherwise:
             other = self.f.body(node.orelse)
         self.f.add(If(truth, tuple(body), tuple(otherwise)))

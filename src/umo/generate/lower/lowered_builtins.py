@@ -32,12 +32,9 @@ from umo.generate.form import (
     ONE,
     ZERO,
     Address,
-    Assign,
     Conditional,
     Conversion,
     Do,
-    Labelled,
-    Leave,
     Literal,
     Operator,
     Runtime,
@@ -46,14 +43,13 @@ from umo.generate.form import (
     joined,
     negated,
 )
-from umo.generate.lower.lowered_conditions import calls_in
 from umo.generate.lower.lowered_expressions import NUMBERS, is_of_numpy
 from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Known, Many, Term, Turns, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Term, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
 
@@ -70,6 +66,7 @@ TO_WHOLE: dict[Any, str] = {
 }
 
 
+NOUGHT = Known(0)
 MAKES_UP = sys.version_info >= (3, 12)
 """Whether `sum` of this Python makes up for what is lost when it rounds."""
 
@@ -77,8 +74,14 @@ MAKES_UP = sys.version_info >= (3, 12)
 class LoweredBuiltins(LoweredSubject):
     """The part of a function that calls min, max, abs, round, len, any, math ..."""
 
-    def of_python(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+    def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         """A function of Python itself, or of math; None: it is another one."""
+        if target in (min, max) and len(arguments) == 1 and named.keys() == {"default"}:
+            return self._extreme(target, arguments, node, named["default"])
+        if target is sum and named.keys() == {"start"}:
+            arguments, named = [*arguments, named["start"]], {}
+        if named:
+            return None
         if target in ITERATORS:
             told = f"`{target.__name__}` that is kept: it gives its elements once"
             raise self.f.refused(node, told, "the head of a loop, list(...)")
@@ -86,6 +89,8 @@ class LoweredBuiltins(LoweredSubject):
             return self._static(target, arguments, node)
         if target in (min, max):
             return self._extreme(target, arguments, node)
+        if target is sum and len(arguments) == 2:
+            return self.added(self.f.calls.parts(arguments[0], node), node, arguments[1])
         one = arguments[0] if len(arguments) == 1 else None
         if one is not None and target in (sum, any, all) and not isinstance(one, Known):
             terms = self.f.calls.parts(one, node.args[0])
@@ -95,7 +100,7 @@ class LoweredBuiltins(LoweredSubject):
                 and plain_number(self.f.arrays.of(self.f.arrays.array(one, node))) == BOOL
             ):
                 raise self.f.refused(node, "sum of an array of bools", "np.sum, np.count_nonzero")
-            return self._added(terms, node) if target is sum else self._any_or_all(target, terms, node)
+            return self.added(terms, node) if target is sum else self._any_or_all(target, terms, node)
         if target in OF_MATH:
             return of_math(self.f, target, arguments, node)
         if one is None:
@@ -186,8 +191,10 @@ class LoweredBuiltins(LoweredSubject):
             return Code(REAL, Runtime("umo_atan2", (a, b)))
         return None
 
-    def _extreme(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
+    def _extreme(self, target: Any, arguments: list[Term], node: ast.Call, default: Term | None = None) -> Term:
         terms = self.f.calls.parts(arguments[0], node) if len(arguments) == 1 else arguments
+        if not terms or (len(terms) == 1 and len(arguments) == 1):
+            return self._of_few(terms, default, node)
         if all(isinstance(each, Known) and type(each.value) in NUMBERS for each in terms):
             return Known(target(each.value for each in terms))  # type: ignore[union-attr]
         kinds = [plain(self.f.values.code(each, node).type) for each in terms]
@@ -202,6 +209,14 @@ class LoweredBuiltins(LoweredSubject):
             sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
             return Code(numpy_number(of, sure), found)
         return Code(reduce(joined_type, kinds), found)
+
+    def _of_few(self, terms: Sequence[Term], default: Term | None, node: ast.Call) -> Term:
+        """The extreme of one element, with which nothing is compared, or of none."""
+        if not terms and default is None:
+            self.f.raises(ValueError, node)
+            return Known(0.0)
+        (found,) = terms or [default or Known(None)]
+        return found
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and (length := self._length(arguments[0], node)) is not None:
@@ -245,44 +260,6 @@ class LoweredBuiltins(LoweredSubject):
         self.f.takes(base.value, named.value, node)
         return None
 
-    def over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
-        """any, all or sum of an expression over objects."""
-        inner, turns = self.f.sequences.opened(generator)
-        at = len(self.f.statements)
-        found = self._over_turns(target, inner, turns, node)
-        self.f.sequences.check_unchanged(turns, self.f.statements[at:], node)
-        return found
-
-    def _over_turns(
-        self, target: Any, generator: ast.ListComp | ast.GeneratorExp, turns: Turns, node: ast.Call
-    ) -> Term:
-        first = generator.generators[0]
-        if target is sum:
-            if first.ifs:
-                raise self.f.refused(node, "`if` in a sum", "a loop")
-            return self._added(self.f.sequences.terms_of(generator, turns), node)
-        result, end = self.f.temporary(BOOL, "c"), self.f.label("found")
-        self.f.assign(result, Literal(target is all, BOOL))
-        names = dict(self.f.flow.names)
-        with self.f.gathered() as written:
-            for each in map(turns.find, range(turns.count)):
-                on, known = self.f.label("next"), set(self.f.flow.known)
-                with self.f.gathered() as turn, self.f.loops.bound_to(first.target, each):
-                    for test in first.ifs:
-                        self._leave_unless(self.f.values.truth(self.f.term(test), test), on)
-                        self.f.flow.known |= self.f.flow.proved(test) if not calls_in(test) else set()
-                    truth = _as_value(self.f.values.truth(self.f.term(generator.elt), generator.elt))
-                    found = Assign(result, Literal(target is any, BOOL)), Leave(end)
-                    self.f.add_if(truth if target is any else negated(truth), *found)
-                self.f.flow.known &= known
-                self.f.add(Labelled(on, tuple(turn)))
-        self.f.add(Labelled(end, tuple(written)))
-        self.f.flow.names = names
-        return Code(BOOL, result)
-
-    def _leave_unless(self, truth: Value | bool, label: str) -> None:
-        self.f.add_if(negated(_as_value(truth)), Leave(label))
-
     def _is_instance(self, value: Code, classes: Known | Many, node: ast.AST) -> Known:
         """`isinstance`, where every class that the value may have in Python gives the same."""
         terms = classes.terms if isinstance(classes, Many) else (classes,)
@@ -293,12 +270,12 @@ class LoweredBuiltins(LoweredSubject):
             raise self.f.refused(node, "the class of a value that may have another one", "a name for each class")
         return Known(answers.pop())
 
-    def _added(self, terms: Iterable[Term], node: ast.Call) -> Term:
+    def added(self, terms: Iterable[Term], node: ast.Call, start: Term = NOUGHT) -> Term:
         """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
         its own numbers, not for those of numpy, and those after one."""
-        total, makes_up = self.f.values.number(Known(0), node), MAKES_UP
+        total, makes_up = self.f.values.number(start, node), MAKES_UP and not is_of_numpy(start)
         lost: Value | None = None
-        of_numpy = False
+        of_numpy = is_of_numpy(start)
         for each in terms:
             of_numpy |= is_of_numpy(each)
             makes_up = makes_up and not (isinstance(each, Code) and isinstance(each.type, NumpyNumber))

@@ -67,8 +67,6 @@ class LoweredCalls(LoweredSubject):
     """The part of a function that is calls and attributes."""
 
     def lower_call(self, node: ast.Call) -> Term:
-        if self._is_super(node.func):
-            return self._of_super(node)
         if self.f.telling.is_joined_text(node):
             self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
             return Known(TEXT)
@@ -81,23 +79,26 @@ class LoweredCalls(LoweredSubject):
                 f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
             )
             return Known(None)
-        if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
-            return self.f.builtins.over(func.value, node.args[0], node)
-        if func.value in CONSUMERS and len(node.args) == 1 and not node.keywords and self._is_passage(node.args[0]):
-            return self.apply(func, [Many(tuple(self.f.sequences.gone_through(node.args[0])))], {}, node)
-        arguments, named = self._arguments(node)
-        return self.apply(func, arguments, named, node)
+        if (found := self.f.generators.over(func.value, node)) is not None:
+            return found
+        passed = node.args[:1] if func.value in CONSUMERS and any(map(self._is_passage, node.args[:1])) else []
+        elements = [Many(tuple(self.f.sequences.gone_through(each))) for each in passed]
+        arguments, named = self._arguments(node.args[len(passed) :], node.keywords)
+        return self.apply(func, [*elements, *arguments], named, node)
 
     def _is_passage(self, node: ast.AST) -> bool:
         """Whether its elements are given once."""
         return isinstance(node, ast.GeneratorExp) or self.f.sequences.is_iterator(node)
 
-    def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
-        if any(each.arg is None for each in node.keywords):
-            raise self.f.refused(node, "** does not translate", "name the arguments")
-        terms = self.f.sequences.spread([*node.args, *(each.value for each in node.keywords)])
-        count = len(terms) - len(node.keywords)
-        return terms[:count], {str(each.arg): term for each, term in zip(node.keywords, terms[count:], strict=True)}
+    def _arguments(
+        self, given: Sequence[ast.expr], keywords: Sequence[ast.keyword]
+    ) -> tuple[list[Term], dict[str, Term]]:
+        for each in keywords:
+            if each.arg is None:
+                raise self.f.refused(each, "** does not translate", "name the arguments")
+        terms = self.f.sequences.spread([*given, *(each.value for each in keywords)])
+        count = len(terms) - len(keywords)
+        return terms[:count], {str(each.arg): term for each, term in zip(keywords, terms[count:], strict=True)}
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
         """The elements of a tuple, or of a list of numbers."""
@@ -165,7 +166,7 @@ class LoweredCalls(LoweredSubject):
                     node, f"it does not give the fields of {target.__name__}", ", ".join(target._fields)
                 )
             return Many(tuple(given[name] for name in target._fields), target._fields, target)
-        if not named and (found := self.f.builtins.of_python(target, arguments, node)) is not None:
+        if (found := self.f.builtins.of_python(target, arguments, named, node)) is not None:
             return found
         if target is typing.cast:
             return arguments[1]
@@ -179,26 +180,29 @@ class LoweredCalls(LoweredSubject):
             node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
         )
 
-    def _is_super(self, func: ast.AST) -> bool:
-        inner = func.value if isinstance(func, ast.Attribute) else None
-        if not (isinstance(inner, ast.Call) and isinstance(inner.func, ast.Name) and inner.func.id == "super"):
+    def is_super(self, node: ast.AST) -> bool:
+        """Whether this is `super()`."""
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "super"):
             return False
-        return not inner.args and inner.func.id not in self.f.flow.names and self.f.source.meaning("super") is super
+        return not node.args and "super" not in self.f.flow.names and self.f.source.meaning("super") is super
 
-    def _of_super(self, node: ast.Call) -> Term:
-        assert isinstance(node.func, ast.Attribute)
+    def of_super(self, node: ast.Attribute) -> Term:
+        """A method, a property or a value of the classes above."""
         me = next((self.f.flow.names.get(each.arg) for each in self.f.source.tree.args.args), None)
         kind = self.f.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
             raise self.f.refused(node, "super() outside of a method")
-        self.f.takes(type(me.value), node.func.attr, node)
         for each in type(me.value).__mro__:
-            self.f.takes(each, node.func.attr, node)
-        found = getattr(super(kind, me.value), node.func.attr, None)
-        if not isinstance(found, MethodType | FunctionType):
-            raise self.f.refused(node, "an attribute of super() that is no method", "a method")
-        arguments, named = self._arguments(node)
-        return self.function(found, arguments, named, node)
+            self.f.takes(each, node.attr, node)
+        above = type(me.value).__mro__[type(me.value).__mro__.index(kind) + 1 :]
+        static = next((vars(each)[node.attr] for each in above if node.attr in vars(each)), None)
+        if type(static) is property and static.fget is not None:
+            return self.function(static.fget, [me], {}, node)
+        if isinstance(static, FunctionType | staticmethod | classmethod):
+            return Known(getattr(super(kind, me.value), node.attr))
+        if static is None or hasattr(type(static), "__get__"):
+            raise self.f.refused(node, "an attribute of super() that no class has", "a method, a property, a number")
+        return Known(static)
 
     def _call_atomic(
         self, owner: Atomic, name: str, arguments: list[Term], named: dict[str, Term], node: ast.Call

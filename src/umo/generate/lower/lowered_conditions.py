@@ -41,12 +41,13 @@ from umo.generate.form import (
     joined,
     negated,
 )
+from umo.generate.lower.flow import Names, common
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_values import TELLS
+from umo.generate.lower.lowered_values import TELLS, only_asked
 from umo.generate.lower.state_members import number_of
-from umo.generate.lower.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+from umo.generate.lower.terms import TEXT, Code, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, refuse_comparison
 
@@ -105,7 +106,7 @@ class LoweredConditions(LoweredSubject):
         if none and not identity and self.f.arrays.is_array(other):
             raise self.f.refused(left_node, "an array is compared with None", "is None")
         if none and (identity or isinstance(sign, ast.Eq | ast.NotEq)):
-            return self._is_none(right if none[0] is left else left, equal)
+            return self._is_none(right if none[0] is left else left, equal, left_node)
         if self.f.arrays.is_array(left) or self.f.arrays.is_array(right):
             return self.f.arrays.compared_arrays(sign, left, right, left_node)
         if not identity and refuse_comparison(_class_of(left), _class_of(right)):
@@ -217,7 +218,7 @@ class LoweredConditions(LoweredSubject):
     def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
         """A state beside something else, or in an order: those with numbers are compared by these."""
         if isinstance(sign, ast.Is | ast.IsNot):
-            if any(isinstance(each, Present | Many) for each in (left, right)):
+            if any(isinstance(each, Present | Many | Truth) for each in (left, right)):
                 raise self.f.refused(node, "a state is compared with something else", "a state of the same Enum")
             return Known(not equal)
         numbers = [number_of(self.f, each, node) for each in (left, right)]
@@ -227,7 +228,9 @@ class LoweredConditions(LoweredSubject):
             node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum"
         )
 
-    def _is_none(self, term: Term, equal: bool) -> Term:
+    def _is_none(self, term: Term, equal: bool, node: ast.AST) -> Term:
+        if isinstance(term, Truth):
+            raise self.f.refused(node, *only_asked(term))
         if isinstance(term, Present):
             return Code(BOOL, negated(term.test) if equal else term.test)
         if isinstance(term, Code) and isinstance(term.type, OptionalType):
@@ -261,29 +264,27 @@ class LoweredConditions(LoweredSubject):
 
     def lower_bool_op(self, node: ast.BoolOp) -> Term:
         both, at = isinstance(node.op, ast.And), len(self.f.statements)
-        first, rest = self.f.term(node.values[0]), node.values[1:]
-        for place, each in enumerate(rest, 1):
-            truth = self.f.values.truth(first, node.values[place - 1])
+        last, decided = node.values[0], list[Names]()
+        first = self.f.term(last)
+        for each in node.values[1:]:
+            truth = self.f.values.truth(first, last)
+            when_true, when_false = self.f.flow.names_if(last)
+            if truth is not both and isinstance(truth, bool):
+                break
+            self.f.flow.names = when_true if both else when_false
             if isinstance(truth, bool):
-                if truth is not both:
-                    return first
                 first = self.f.term(each)
-                continue
-            names = dict(self.f.flow.names)
-            proved = self.f.flow.proved(node.values[place - 1]) if both and not self.f.changed_since(at) else set()
-            first = self._joined(both, first, truth, node.values[place - 1], each, node, proved)
-            self.f.flow.only(names)
+            else:
+                proof = self.f.flow.proved if both else self.f.flow.disproved
+                proved = proof(last) if not self.f.changed_since(at) else set()
+                decided.append(when_false if both else when_true)
+                first = self._joined(both, first, truth, last, each, proved)
+            last = each
+        self.f.flow.decide(node, both, decided, self.f.flow.names_if(last))
         return first
 
     def _joined(
-        self,
-        both: bool,
-        first: Term,
-        truth: Value,
-        first_node: ast.AST,
-        node: ast.AST,
-        whole: ast.AST,
-        proved: set[str],
+        self, both: bool, first: Term, truth: Value, first_node: ast.AST, node: ast.AST, proved: set[str]
     ) -> Term:
         """`first and second`; `first or second` with `both` False. `proved`: what is not None in the second."""
         known = set(self.f.flow.known)
@@ -294,23 +295,35 @@ class LoweredConditions(LoweredSubject):
             second = self._as_value(second, node)
         self.f.flow.known = known & self.f.flow.known
         is_bool = _is_bool(first) and _is_bool(second)
-        only_truth = not is_bool and not (isinstance(first, Code) and (isinstance(second, Code) or _is_none(second)))
         if is_bool and not rest and isinstance(other, bool):
             return Known(other) if other is not both else Code(BOOL, truth)
+        of = _bool_of(first, second) if is_bool else self._one_type(both, first, second, first_node)
         second_truth = Literal(other, BOOL) if isinstance(other, bool) else other
-        if (is_bool or only_truth) and not rest:
+        if (is_bool or of is None) and not rest:
             either = Operator("&&" if both else "||", truth, second_truth)
-            return Code(_bool_of(first, second), either) if is_bool else Present(either)
-        of = _bool_of(first, second) if is_bool else BOOL if only_truth else self._one_type(first, second, whole)
-        is_bool |= only_truth
-        result = self.f.temporary(of, "c")
-        self.f.assign(result, truth if is_bool else self.f.values.as_type(first, of, first_node))
-        test = result if is_bool else truth
+            return Truth(either) if of is None else Code(of, either)
+        result = self.f.temporary(of or BOOL, "c")
+        of_truth = is_bool or of is None
+        self.f.assign(result, truth if of is None or is_bool else self._decided(both, first, of, first_node))
+        test = result if of_truth else truth
         with self.f.body_of() as body:
             self.f.statements += rest
-            self.f.assign(result, second_truth if is_bool else self.f.values.as_type(second, of, node))
+            self.f.assign(result, second_truth if of is None or is_bool else self.f.values.as_type(second, of, node))
         self.f.add(If(test if both else negated(test), tuple(body)))
-        return Present(result) if only_truth else Code(of, result)
+        return Truth(result) if of is None else Code(of, result)
+
+    def _decided(self, both: bool, first: Term, of: CType, node: ast.AST) -> Value:
+        """The first value where it decides: of `or` it is not None, of `and` a state that may be None is None."""
+        if isinstance(first, Code) and isinstance(first.type, OptionalType):
+            if not both:
+                first = Code(first.type.of, inside(self.f.expressions.place(first).value))
+            elif self._is_true(first, node):
+                first = Known(None)
+        return self.f.values.as_type(first, of, node)
+
+    def _is_true(self, first: Code, node: ast.AST) -> bool:
+        """Whether what may be None is true where it is there."""
+        return self.f.values.truth(Code(plain(first.type), inside(first.value)), node) is True
 
     def _as_value(self, term: Term, node: ast.AST) -> Term:
         """A number or a state that is known, as a value in C."""
@@ -318,12 +331,17 @@ class LoweredConditions(LoweredSubject):
             return self.f.values.code(term, node)
         return term
 
-    def _one_type(self, first: Term, second: Term, node: ast.AST) -> CType:
+    def _one_type(self, both: bool, first: Term, second: Term, node: ast.AST) -> CType | None:
+        """The type of `first and second`, or of `first or second`; None: only its truth can be asked."""
+        one, other = self.f.values.type_of(first), self.f.values.type_of(second)
+        if isinstance(first, Code) and isinstance(one, OptionalType):
+            one = one.of if not both else NOTHING if self._is_true(first, node) else one
+        if one is None or other is None:
+            return None
         try:
-            other = NOTHING if _is_none(second) else self.f.values.code(second, node).type
-            return joined_type(self.f.values.code(first, node).type, other)
+            return joined_type(one, other)
         except TypeError:
-            raise self.f.refused(node, "one of two values of different types", "one type for both") from None
+            return None
 
     def lower_if_exp(self, node: ast.IfExp) -> Term:
         start = len(self.f.statements)
@@ -337,23 +355,25 @@ class LoweredConditions(LoweredSubject):
             ):
                 return Known(TEXT)
             raise
+        of_both = self.f.flow.names_if(node.test)
         if isinstance(truth, bool):
+            self.f.flow.names = of_both[not truth]
             return self.f.term(node.body if truth else node.orelse)
         before = set(self.f.flow.known)
-        parts, names = [], dict(self.f.flow.names)
+        parts, ends = [], list[Names]()
         after = set(before)
         shown = not self.f.changed_since(start)
         facts = (self.f.flow.proved(node.test), self.f.flow.disproved(node.test)) if shown else (set(), set())
-        for each, proved in zip((node.body, node.orelse), facts, strict=True):
-            self.f.flow.known, self.f.flow.names = before | proved, dict(names)
+        for each, proved, names in zip((node.body, node.orelse), facts, of_both, strict=True):
+            self.f.flow.known, self.f.flow.names = before | proved, names
             with self.f.one_of_two() as rest:
                 term = self.f.term(each)
                 if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
                     term = as_text(self.f, term, each) or self.f.values.code(term, each)
             parts.append((term, rest))
-            names = {name: of for name, of in names.items() if self.f.flow.names.get(name) == of}
+            ends.append(self.f.flow.names)
             after &= self.f.flow.known
-        self.f.flow.known, self.f.flow.names = after, names
+        self.f.flow.known, self.f.flow.names = after, common(ends)
         (one, of_one), (other, of_other) = parts
         if isinstance(one, Known) and isinstance(other, Known):
             raise self.f.refused(node, "it stands for None either way")

@@ -50,11 +50,14 @@ class LoweredErrors(LoweredSubject):
         raise self.f.refused(node, "the class of the error is not known when the code is generated", "raise Error(...)")
 
     def lower_assert(self, node: ast.Assert) -> None:
+        at = len(self.f.statements)
         truth = self.f.values.truth(self.f.term(node.test), node.test)
+        shown = not self.f.changed_since(at)
+        self.f.flow.names, _ = self.f.flow.names_if(node.test)
         if truth is not True:
             self.f.telling.check_told([] if node.msg is None else [node.msg])
             self.f.raises(AssertionError, node, TRUE if truth is False else negated(truth))
-        self.f.flow.known |= self.f.flow.proved(node.test)
+        self.f.flow.known |= self.f.flow.proved(node.test) if shown else set()
 
     def lower_try(self, node: ast.Try) -> bool | None:
         if any(isinstance(each, LEAVING) for part in node.finalbody for each in ast.walk(part)):

@@ -98,6 +98,8 @@ class LoweredExpressions(LoweredSubject):
         return Known(value, name=node.id)
 
     def lower_attribute(self, node: ast.Attribute) -> Term:
+        if self.f.calls.is_super(node.value):
+            return self.f.calls.of_super(node)
         return self.attribute_of(self.f.term(node.value), node)
 
     def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
@@ -287,9 +289,9 @@ class LoweredExpressions(LoweredSubject):
         if {a.type, b.type} == {BOOL}:
             raise self.f.refused(node, "arithmetic of bools, of which one is of numpy", "int(...), and, or")
         sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
-        if isinstance(sign, ast.Div) and sure:
+        if isinstance(sign, ast.Div) and (sure or (isinstance(right, Known) and right.value)):
             return Code(
-                numpy_number(REAL),
+                numpy_number(REAL, sure),
                 Operator("/", self.f.values.as_type(a, REAL, node), self.f.values.as_type(b, REAL, node)),
             )
         if type(sign) not in CHECKED:

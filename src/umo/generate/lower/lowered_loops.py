@@ -59,12 +59,14 @@ class LoweredLoops(LoweredSubject):
         loop = self._loop_of_c(node)
         with self.f.body_of() as body:
             truth = self.f.values.truth(self.f.term(node.test), node.test)
+            in_turn, at_end = self.f.flow.names_if(node.test)
             if truth is False:
                 self.f.add(Leave(loop.end))
             elif truth is not True:
                 self.f.add_if(negated(truth), Leave(loop.end))
             if truth is not True:
-                ways.append(self.f.flow.way())
+                ways.append(Way(at_end, set(self.f.flow.known)))
+            self.f.flow.names = in_turn
             left = self._turns(node, start, loop)
         return self._after_loop(node, loop, Forever(loop.end, tuple(body)), ways, left)
 

@@ -12,6 +12,7 @@ from typing import Any
 from umo.generate.c_types import INT, ArrayType, TupleType
 from umo.generate.check.form_effects import calls
 from umo.generate.form import Element, Literal, Operator, Statement, Value
+from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns
@@ -193,8 +194,6 @@ class LoweredSequences(LoweredSubject):
             self._check_count(turns, node)
             return [self.f.values.settled(turns.find(n)) for n in range(turns.count)]
         inner, turns = self.opened(node)
-        if inner.generators[0].ifs:
-            raise self.f.refused(node, "`if` in a comprehension, whose length is then not known", "a loop")
         at = len(self.f.statements)
         found = list(self.terms_of(inner, turns))
         self.check_unchanged(turns, self.f.statements[at:], node)
@@ -204,9 +203,7 @@ class LoweredSequences(LoweredSubject):
         """A comprehension or generator, whose names are its own, and what it goes through."""
         if len(node.generators) != 1 or node.generators[0].is_async:
             raise self.f.refused(node, "two loops in one expression", "a loop for each")
-        node = _with_own_names(node, f" {node.lineno} {node.col_offset}")
-        if any(isinstance(each, ast.NamedExpr) for each in ast.walk(node)):
-            raise self.f.refused(node, "an assignment in a generator", "a loop")
+        node = with_own_names(node)
         turns = self.over(node.generators[0].iter)
         self._check_count(turns, node)
         return node, turns
@@ -217,13 +214,21 @@ class LoweredSequences(LoweredSubject):
             raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")
 
     def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
-        """What the expression of a generator gives in each turn."""
-        names = dict(self.f.flow.names)
+        """What the expression of a generator gives in each turn for which its conditions hold."""
+        first = node.generators[0]
         for number in range(turns.count):
-            with self.f.loops.bound_to(node.generators[0].target, turns.find(number)):
-                term = self.f.values.settled(self.f.term(node.elt))  # the names stand for others in the next turn
-            self.f.flow.names = dict(names)
-            yield term
+            with self.f.loops.bound_to(first.target, turns.find(number)):
+                if all(self._is_known(each, node) for each in first.ifs):
+                    yield self.f.values.settled(self.f.term(node.elt))  # the names stand for others in the next turn
+            self.f.flow.names = without_own(self.f.flow.names, node)
+
+    def _is_known(self, test: ast.expr, node: ast.AST) -> bool:
+        """Whether a condition holds that is known when the code is generated."""
+        truth = self.f.values.truth(self.f.term(test), test)
+        if not isinstance(truth, bool):
+            told = "`if` in a comprehension, whose length is then not known"
+            raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
+        return truth
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
         """That no function which an expression calls changes what the expression goes through."""
@@ -256,13 +261,24 @@ def _numbered(turns: Turns, first: int) -> Turns:
     return replace(found, find_at=lambda at: Many((Code(INT, Operator("+", at, begin)), find_at(at))))
 
 
-def _with_own_names(generator: ast.ListComp | ast.GeneratorExp, mark: str) -> ast.ListComp | ast.GeneratorExp:
+def mark_of(generator: ast.ListComp | ast.GeneratorExp) -> str:
+    """What is added to the names of a generator: no name of the function around it has it."""
+    return f" {generator.lineno} {generator.col_offset}"
+
+
+def with_own_names(generator: ast.ListComp | ast.GeneratorExp) -> ast.ListComp | ast.GeneratorExp:
     """The same, whose names are no names of the function around it."""
-    copied = copy.deepcopy(generator)
-    first = copied.generators[0]
-    own = {each.id for each in ast.walk(first.target) if isinstance(each, ast.Name)}
-    inner = [first.target, *first.ifs, copied.elt]
+    copied, mark = copy.deepcopy(generator), mark_of(generator)
+    first, *more = copied.generators
+    targets = [each.target for each in copied.generators]
+    own = {each.id for part in targets for each in ast.walk(part) if isinstance(each, ast.Name)}
+    inner = [first.target, *first.ifs, *more, copied.elt]
     for each in (one for part in inner for one in ast.walk(part)):
         if isinstance(each, ast.Name) and each.id in own:
             each.id += mark
     return copied
+
+
+def without_own(names: Names, generator: ast.ListComp | ast.GeneratorExp) -> Names:
+    """Names without those of a generator."""
+    return {name: of for name, of in names.items() if not name.endswith(mark_of(generator))}

@@ -48,7 +48,7 @@ from umo.generate.form import (
 )
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, UnknownText
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_methods, refused_truth
 from umo.objects import Quality
@@ -68,7 +68,7 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Many):
             types = [self.type_of(each) for each in term.terms]
             return self.f.world.fields.tuple_type(types, term.names, term.kind or tuple)
-        if isinstance(term, Present):
+        if isinstance(term, Present | Truth):
             return None
         found = self.f.world.fields.type_of_value(term.value)
         return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
@@ -98,7 +98,9 @@ class LoweredValues(LoweredSubject):
             return self.kept(term)
         if isinstance(term, Many):
             return Many(tuple(map(self.settled, term.terms)), term.names, term.kind)
-        return Present(self.kept(Code(BOOL, term.test)).value) if isinstance(term, Present) else term
+        if isinstance(term, Present | Truth):
+            return type(term)(self.kept(Code(BOOL, term.test)).value)
+        return term
 
     def code(self, term: Term, node: ast.AST) -> Code:
         """A term as a value in C."""
@@ -128,7 +130,7 @@ class LoweredValues(LoweredSubject):
             if of is None:
                 raise self.f.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
             return self.made(term, of, node)
-        raise self.f.refused(node, "only whether it is None is known on the controller")
+        raise self.f.refused(node, *only_asked(term))
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value:
         try:
@@ -208,7 +210,7 @@ class LoweredValues(LoweredSubject):
             if refused_truth(term.value):
                 raise self.f.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
             return bool(term.value)
-        if isinstance(term, Present):
+        if isinstance(term, Present | Truth):
             return term.test
         if isinstance(term, Many):
             return bool(term.terms)
@@ -223,6 +225,8 @@ class LoweredValues(LoweredSubject):
             return differs(term.value)
         if isinstance(term.type, TextType):
             return truth_of_text(self.f, term)
+        if isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed):
+            return True  # none is empty
         if isinstance(term.type, StateType):
             if own_methods(term.type.kind, TRUTH):
                 raise self.f.refused(
@@ -232,13 +236,19 @@ class LoweredValues(LoweredSubject):
                 return True
             zeros = [n for n, each in enumerate(term.type.kind) if not each]
             return Operator("!=", term.value, Literal(zeros[0], INT)) if zeros else True
-        nearest = "any(), all()" if isinstance(term.type, ArrayType) else ""
-        raise self.f.refused(node, "whether it is true is not known on the controller", nearest)
+        raise self.f.refused(node, "whether it is true is not known on the controller", "any(), all()")
 
 
 def _widens(one: CType, other: CType) -> bool:
     """Whether every value of one type is the same as the other."""
     return one == other or other == REAL or (one == BOOL and other == INT)
+
+
+def only_asked(term: Present | Truth) -> tuple[str, str]:
+    """Why this is no value, and what is nearest."""
+    if isinstance(term, Present):
+        return "only whether it is None is known on the controller", "is None, is not None"
+    return "one of two values of different types", "bool(...), one type for both"
 
 
 def _told(value: object) -> str:

@@ -197,6 +197,12 @@ class AskedOfAttributes(Protocol):
 class AskedOfCalls(Protocol):
     """The part of a function that is calls and attributes."""
 
+    def is_super(self, node: ast.AST) -> bool:
+        """Whether this is `super()`."""
+
+    def of_super(self, node: ast.Attribute) -> Term:
+        """A method, a property or a value of the classes above."""
+
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
         """The elements of a tuple, or of a list of numbers."""
 
@@ -208,11 +214,16 @@ class AskedOfCalls(Protocol):
 class AskedOfBuiltins(Protocol):
     """The part of a function that calls min, max, abs, round, len, any, math ..."""
 
-    def of_python(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+    def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         """A function of Python itself, or of math; None: it is another one."""
 
-    def over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
-        """any, all or sum of an expression over objects."""
+
+class AskedOfGenerators(Protocol):
+    """The generators of a function that something is made of at once."""
+
+    def over(self, target: Any, node: ast.Call) -> Term | None:
+        """any, all, sum, min, max, len or next of a generator; None: it is another call, or the number of elements is
+        known."""
 
 
 class AskedOfAssignments(Protocol):

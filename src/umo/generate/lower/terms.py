@@ -74,7 +74,14 @@ class Present:
     """The condition under which it is not None."""
 
 
-Term = Code | Known | Many | Present
+@dataclass(frozen=True)
+class Truth:
+    """Something that is only asked for whether it is true, such as `a and b` of a bool and a state."""
+
+    test: Value
+
+
+Term = Code | Known | Many | Present | Truth
 
 
 @dataclass(frozen=True)

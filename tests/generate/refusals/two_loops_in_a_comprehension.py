@@ -1,11 +1,11 @@
-"""Two loops in one expression."""
+"""A list that two loops make."""
 
 from __future__ import annotations
 
 from helpers.written_programs import Program
 
 
-class TwoLoopsInOneExpression(Program):
+class TwoLoopsInAComprehension(Program):
     def control(self) -> None:
         # refused: two loops in one expression; a loop for each
-        self.yes = any(a > b for a in (self.u, self.k) for b in (1.0, 2.0))
+        self.k = [one * other for one in (self.u, 1.0) for other in (self.k, 2.0)][0]

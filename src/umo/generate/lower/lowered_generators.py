@@ -1,0 +1,293 @@
+"""What a function of Python makes of a generator: any and all, and what has conditions, where the number of elements is
+not known: the loop that Python would write."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MIXED,
+    REAL,
+    ArrayType,
+    CType,
+    MixedNumber,
+    NumpyNumber,
+    OptionalType,
+    joined,
+    plain,
+    plain_number,
+)
+from umo.generate.form import (
+    FALSE,
+    ONE,
+    TRUE,
+    ZERO,
+    Address,
+    Assign,
+    Checked,
+    Conditional,
+    Do,
+    If,
+    Labelled,
+    Leave,
+    Literal,
+    Operator,
+    Runtime,
+    Temporary,
+    Value,
+    negated,
+)
+from umo.generate.lower.flow import Names, common
+from umo.generate.lower.lowered_builtins import MAKES_UP
+from umo.generate.lower.lowered_conditions import calls_in
+from umo.generate.lower.lowered_sequences import mark_of, with_own_names, without_own
+from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.terms import Code, Known, Term, Turns
+from umo.generate.translation import ControllerLimit
+
+Generator = ast.GeneratorExp | ast.ListComp
+Act = Callable[[Term, ast.AST], None]
+"""What is done with an element, and the expression that it is of."""
+ELEMENTS = "elements of several classes, or of numpy, of which the number is not known"
+OVER = any, all, sum, min, max, len, next
+
+
+class TurnOf(ast.Expr):
+    """The innermost statement of the loops that stand for a generator."""
+
+    act: Act
+
+
+class LoweredGenerators(LoweredSubject):
+    """The generators of a function that something is made of at once."""
+
+    def over(self, target: Any, node: ast.Call) -> Term | None:
+        """any, all, sum, min, max, len or next of a generator; None: it is another call, or the number of elements is
+        known."""
+        generator = node.args[0] if node.args else None
+        if target not in OVER or not isinstance(generator, Generator):
+            return None
+        is_counted = len(generator.generators) == 1 and not generator.generators[0].ifs
+        if isinstance(generator, ast.GeneratorExp) and target in (any, all):
+            return self._any_or_all(target, generator, node)
+        if isinstance(generator, ast.GeneratorExp) and target is next:
+            return self._first(generator, node)
+        if is_counted or target is next or (target is len and isinstance(generator, ast.GeneratorExp)):
+            return None
+        if target in (min, max):
+            return self._extreme(target, generator, node)
+        return self._sum(generator, node) if target is sum else self._of_list(target, generator)
+
+    # Turns ---------------------------------------------------------------------------------------------
+
+    def _any_or_all(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
+        """The turns are written out."""
+        first, *more = generator.generators
+        if more:  # any(a > b for a in x for b in y): any(any(a > b for b in y) for a in x)
+            inner = ast.Call(node.func, [ast.GeneratorExp(generator.elt, more)], [])
+            generator = _placed(ast.GeneratorExp(inner, [first]), generator)
+        own, turns = self.f.sequences.opened(generator)
+        at = len(self.f.statements)
+        found = self._decided(target, own, turns)
+        self.f.sequences.check_unchanged(turns, self.f.statements[at:], node)
+        return found
+
+    def _decided(self, target: Any, own: Generator, turns: Turns) -> Term:
+        first = own.generators[0]
+        result, end, ways = self.f.temporary(BOOL, "c"), self.f.label("found"), list[Names]()
+        self.f.assign(result, Literal(target is all, BOOL))
+        with self.f.gathered() as written:
+            for each in map(turns.find, range(turns.count)):
+                on, known, skipped = self.f.label("next"), set(self.f.flow.known), list[Names]()
+                with self.f.one_of_two() as turn, self.f.loops.bound_to(first.target, each):
+                    for test in first.ifs:
+                        self.f.add_if(negated(self._truth(test)), Leave(on))
+                        self.f.flow.names, otherwise = self.f.flow.names_if(test)
+                        skipped.append(otherwise)
+                        self.f.flow.known |= self.f.flow.proved(test) if not calls_in(test) else set()
+                    truth = self._truth(own.elt)
+                    found = Assign(result, Literal(target is any, BOOL)), Leave(end)
+                    self.f.add_if(truth if target is any else negated(truth), *found)
+                    when_true, when_false = self.f.flow.names_if(own.elt)
+                    leaves, goes_on = (when_true, when_false) if target is any else (when_false, when_true)
+                    ways.append(leaves)
+                    self.f.flow.names = common([goes_on, *skipped])
+                self.f.flow.known &= known
+                self.f.add(Labelled(on, tuple(turn)))
+        self.f.add(Labelled(end, tuple(written)))
+        self.f.flow.names = without_own(common([self.f.flow.names, *ways]), own)
+        return Code(BOOL, result)
+
+    def _truth(self, node: ast.expr) -> Value:
+        truth = self.f.values.truth(self.f.term(node), node)
+        return Literal(truth, BOOL) if isinstance(truth, bool) else truth
+
+    def _loops(self, generator: Generator, act: Act, *then: ast.stmt) -> None:
+        """The loops of a generator, with what is done with each element."""
+        own = with_own_names(generator)
+        turn = TurnOf(own.elt)
+        turn.act = act
+        body: list[ast.stmt] = [turn, *then]
+        for each in reversed(own.generators):
+            for test in reversed(each.ifs):
+                body = [ast.If(test, body, [])]
+            body = [ast.For(each.target, each.iter, body, [])]
+        self.f.body([_placed(each, generator) for each in body])
+        self.f.flow.names = without_own(self.f.flow.names, own)
+
+    def lower_turn(self, node: TurnOf) -> None:
+        node.act(self.f.term(node.value), node.value)
+
+    # What is made of the elements -------------------------------------------------------------------------
+
+    def _number(self, term: Term, node: ast.AST) -> Code:
+        """An element as a number, which is not None."""
+        code = self.f.values.code(term, node)
+        if isinstance(code.type, OptionalType) and not self.f.flow.is_proved(code, node):
+            raise self.f.refused(node, "an element that may be None", "`if x is not None`")
+        self.f.values.number(code, node)
+        return self.f.values.present(code, node)
+
+    def _type_so_far(self, generator: Generator) -> CType:
+        """The type of what is made of the elements, as far as it is known; a whole number at first."""
+        found = self.f.world.memory.locals.get(self._key(generator), INT)
+        assert isinstance(found, CType)
+        return found
+
+    def _learnt(self, generator: Generator, of: CType) -> CType:
+        """The same, after an element of this type."""
+
+        def refuse() -> None:
+            raise self.f.refused(generator, ELEMENTS, "float(...), one type for all")
+
+        return self.f.world.memory.learn(self.f.world.memory.locals, self._key(generator), of, refuse)
+
+    def _key(self, generator: Generator) -> tuple[Any, str]:
+        return self.f.key, mark_of(generator)
+
+    def _sum(self, generator: Generator, node: ast.Call) -> Term:
+        """In the order of the elements; 0, a whole number, where there is none."""
+        start = self._beside("start", 1, node) or Known(0)
+        begin = self.f.values.number(start, node)
+        is_zero = isinstance(start, Known) and start.value == 0 and type(start.value) is int
+        of = REAL if begin.type == REAL else plain_number(self._type_so_far(generator))
+        total, lost = self.f.temporary(of, "sum"), self.f.temporary(REAL, "lost")
+        self.f.assign(total, self.f.values.as_type(begin, of, node))
+        self.f.assign(lost, ZERO)
+
+        def add(term: Term, at: ast.AST) -> None:
+            code = self._number(term, at)
+            one = INT if code.type == BOOL else code.type
+            found = self._learnt(generator, one if is_zero else joined(one, begin.type))
+            if isinstance(found, MixedNumber | NumpyNumber):
+                raise self.f.refused(at, ELEMENTS, "float(...)")
+            if found != of:
+                return  # in the next pass it is
+            value = self.f.values.as_type(code, of, at)
+            if of == INT:
+                self.f.add(Checked("add", total, total, value, self.f.fault(ControllerLimit, node)))
+            elif MAKES_UP:
+                self.f.add(Do(Runtime("umo_add", (Address(total), Address(lost), value))))
+            else:
+                self.f.assign(total, Operator("+", total, value))
+
+        self._loops(generator, add)
+        if of == INT:
+            return Code(INT, total)
+        value = Runtime("umo_added", (total, lost)) if MAKES_UP else total
+        return Code(REAL if begin.type == REAL else MIXED, value)
+
+    def _extreme(self, target: Any, generator: Generator, node: ast.Call) -> Term:
+        default = self._beside("default", 0, node)
+        kind = self._type_so_far(generator)
+        of = plain_number(kind)
+        found, there = self.f.temporary(of, "found"), self.f.temporary(BOOL, "any")
+        self.f.assign(there, FALSE)
+        name = f"umo_{target.__name__}{'' if of == REAL else '_int'}"
+
+        def take(term: Term, at: ast.AST) -> None:
+            code = self._number(term, at)
+            if isinstance(code.type, NumpyNumber) and code.type.of == BOOL:
+                raise self.f.refused(at, "an extreme of bools of numpy", "and, or, bool(...)")
+            if self._learnt(generator, code.type) == kind:
+                value = self.f.values.kept(Code(of, self.f.values.as_type(code, of, at))).value
+                self.f.assign(found, Conditional(there, Runtime(name, (found, value)), value))
+                self.f.assign(there, TRUE)
+
+        self._loops(generator, take)
+        return self._or_default(Code(kind, found), there, default, node)
+
+    def _first(self, generator: ast.GeneratorExp, node: ast.Call) -> Term:
+        """`next` of a generator that has not begun: its first element."""
+        default = self._beside("", 1, node)
+        if default is None or len(generator.generators) > 1:
+            raise self.f.refused(node, "`next` that may find nothing, or of two loops", "next(..., 0.0), a loop")
+        kind = self._type_so_far(generator)
+        found, there = self.f.temporary(kind, "found"), self.f.temporary(BOOL, "any")
+        self.f.assign(there, FALSE)
+
+        def take(term: Term, at: ast.AST) -> None:
+            code = self.f.values.code(term, at)
+            if isinstance(plain(code.type), ArrayType):
+                raise self.f.refused(at, "a list or an array that is found", "one of its elements")
+            if self._learnt(generator, code.type) == kind:
+                self.f.assign(found, self.f.values.as_type(code, kind, at))
+                self.f.assign(there, TRUE)
+
+        self._loops(generator, take, ast.Break())
+        return self._or_default(Code(kind, found), there, default, node)
+
+    def _or_default(self, found: Code, there: Temporary, default: Term | None, node: ast.Call) -> Term:
+        """What was found, or the default; ValueError where there is neither."""
+        if default is None:
+            self.f.raises(ValueError, node, negated(there))
+            return found
+        of = self.f.values.type_of(default)
+        with suppress(TypeError):
+            kind = joined(found.type, found.type if of is None else of)
+            if of is not None:
+                result = self.f.temporary(kind, "v")
+                a, b = (self.f.values.as_type(each, kind, node) for each in (found, default))
+                self.f.add(If(there, (Assign(result, a),), (Assign(result, b),)))
+                return Code(kind, result)
+        raise self.f.refused(node, "two values of different types", "one type for both")
+
+    def _of_list(self, target: Any, generator: Generator) -> Term:
+        """`len`, `any` and `all` of a list, which is made before it is asked."""
+        result = self.f.temporary(INT if target is len else BOOL, "n")
+        self.f.assign(result, ZERO if target is len else Literal(target is all, BOOL))
+
+        def take(term: Term, at: ast.AST) -> None:
+            if target is len:
+                self.f.values.settled(term)
+                self.f.assign(result, Operator("+", result, ONE))
+                return
+            truth = self.f.values.truth(term, at)
+            test = Literal(truth, BOOL) if isinstance(truth, bool) else truth
+            self.f.add_if(test if target is any else negated(test), Assign(result, Literal(target is any, BOOL)))
+
+        self._loops(generator, take)
+        return Code(INT if target is len else BOOL, result)
+
+    def _beside(self, name: str, place: int, node: ast.Call) -> Term | None:
+        """The argument beside the generator, by name or place, which Python computes before the first element."""
+        given = [each.value for each in node.keywords if each.arg == name] + node.args[1 : 1 + place]
+        if len(given) != len(node.args) + len(node.keywords) - 1 or len(given) > 1:
+            raise self.f.refused(node, "an argument that does not translate", name)
+        if not given:
+            return None
+        with self.f.gathered() as needed:
+            term = self.f.values.settled(self.f.term(given[0]))
+        if any(not isinstance(each, Assign) for each in needed):
+            raise self.f.refused(node, "an argument that is computed", "a name for it first")
+        self.f.statements += needed
+        return term
+
+
+def _placed(new: Any, node: ast.AST) -> Any:
+    return ast.fix_missing_locations(ast.copy_location(new, node))

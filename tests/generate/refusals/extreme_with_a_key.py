@@ -1,0 +1,11 @@
+"""An extreme by a key."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ExtremeWithAKey(Program):
+    def control(self) -> None:
+        # refused: an argument that does not translate; default
+        self.k = max((each for each in (self.u, self.k) if each > 1.0), key=abs)

@@ -1,0 +1,11 @@
+"""A bool or a state is written."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class TruthIsWritten(Program):
+    def control(self) -> None:
+        # refused: one of two values of different types; bool(...), one type for both
+        self.fan.write(self.yes and self.fan.inhibited)  # type: ignore[arg-type]
