@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from operator import is_
 from typing import Any
 
@@ -386,8 +387,13 @@ BODIES = "body", "orelse", "last"
 # Walks ------------------------------------------------------------------------------------------------------
 
 
+@cache
+def _parts(kind: type[FormNode]) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(kind))  # type: ignore[arg-type]
+
+
 def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:
-    return ((each.name, getattr(node, each.name)) for each in fields(node))  # type: ignore[arg-type]
+    return ((name, getattr(node, name)) for name in _parts(type(node)))
 
 
 def children(node: FormNode) -> Iterator[FormNode]:
@@ -401,9 +407,11 @@ def children(node: FormNode) -> Iterator[FormNode]:
 
 def walk(*nodes: FormNode) -> Iterator[FormNode]:
     """Every node in these, themselves included."""
-    for node in nodes:
+    waiting = [*reversed(nodes)]
+    while waiting:
+        node = waiting.pop()
         yield node
-        yield from walk(*children(node))
+        waiting += reversed([*children(node)])
 
 
 def rebuilt(node: Any, change: Callable[[Any], Any]) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from umo.generate.c_types import CType
@@ -49,7 +49,9 @@ def _body(body: Statements, types: Types) -> Statements:
         new = {name: of for name, of in types.items() if name in used[place] and name not in begun}
         begun |= new.keys()
         later = set[str]().union(*used[place + 1 :])
-        inner = {name: of for name, of in new.items() if name not in later and _is_of_one_body(name, each)}
+        own, within = _names(*own_values(each)), [(one, _names(*one)) for one in bodies(each)]
+        alone = {name: of for name, of in new.items() if name not in later and name not in own}
+        inner = {name: of for name, of in alone.items() if _is_of_one_body(name, each, within)}
         here = {name: of for name, of in new.items() if name not in inner}
         each = with_bodies(each, lambda one, inner=inner: _body(one, _of(inner, one)))  # type: ignore[misc]
         found += _begin(each, here, later)
@@ -82,10 +84,11 @@ def _of(types: Types, body: Statements) -> Types:
     return {name: of for name, of in types.items() if name in names}
 
 
-def _is_of_one_body(name: str, statement: Statement) -> bool:
-    """Whether a variable is used in one body of a statement only; in a loop it has a value of its own in each turn."""
-    users = [body for body in bodies(statement) if name in _names(*body)]
-    if len(users) != 1 or name in _names(*own_values(statement)):
+def _is_of_one_body(name: str, statement: Statement, within: Sequence[tuple[Statements, set[str]]]) -> bool:
+    """Whether a variable is used in one body of a statement only; in a loop it has a value of its own in each turn.
+    `within`: the bodies, with the names that are in each."""
+    users = [body for body, names in within if name in names]
+    if len(users) != 1:
         return False
     return not isinstance(statement, Forever | CountedLoop) or _is_set_first(name, users[0])
 
