@@ -21,7 +21,8 @@ from umo.frames import Reader
 from umo.process import source_files
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
-from umo.process.source_files import ChangedFile, changed_files, changed_text
+from umo.process.named_files import named_files
+from umo.process.source_files import ChangedFile, changed_files, changed_text, other_files
 from umo.system import packages
 from umo.testing import periods
 
@@ -37,6 +38,13 @@ class Press(Compound):
 
     def setup(self):
         from . import later  # imported when the machine is connected
+
+    def control(self):
+        if self.heater.read() > 9.0:
+            from . import recipes  # not in this test
+            from .tables import curve
+
+            curve.read("curve.csv")
 
 
 def machine():
@@ -62,8 +70,14 @@ def press(umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
         "laws.py": "GAIN = 1.0\n",
         "later.py": "",
         "unused.py": "",
+        "recipes.py": "",
+        "tables/__init__.py": "",
+        "tables/curve.py": "def read(name): ...",
+        "curve.csv": "1, 2",
+        "unused.csv": "3, 4",
         "wiring/rig.toml": WIRING,
     }
+    (folder / "tables").mkdir()
     for name, text in files.items():
         (folder / name).write_text(text)
     for name in [name for name in sys.modules if name.startswith(packages.PREFIX)]:
@@ -114,6 +128,40 @@ def test_a_file_that_was_changed_is_named(press: Path, name: str) -> None:
     assert changed() == [ChangedFile(name, False)]
     (press / name).write_text(before)
     assert changed() == []
+
+
+@pytest.mark.parametrize("name", ["recipes.py", "tables/curve.py", "curve.csv"])
+def test_a_file_that_the_code_names_and_may_have_read_is_named_so(press: Path, name: str) -> None:
+    (press / name).write_text("5, 6 # changed")
+    assert changed() == [ChangedFile(name, False, is_read=False)]
+    assert changed_text(changed()) == FORMER.format(name).replace("runs", "may have read")
+
+
+def test_a_replay_is_told_of_files_that_the_code_names(press: Path) -> None:
+    with running() as reader:
+        job = reader.about["job"]
+    assert other_files(job, press) == []
+    (press / "curve.csv").write_text("5, 6")
+    assert other_files(job, press) == ["curve.csv"]
+
+
+def test_a_file_of_the_folder_that_no_code_names_does_not_count(press: Path) -> None:
+    for name in ("unused.csv", "unused.py"):
+        (press / name).write_text("changed = 1")
+    assert changed() == []
+
+
+def test_code_that_cannot_be_read_names_no_files(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("open('curve.csv'")
+    (tmp_path / "curve.csv").write_text("1, 2")
+    assert named_files([str(tmp_path / "broken.py"), str(tmp_path / "gone.py")], tmp_path) == []
+
+
+def test_a_file_outside_of_the_folder_is_not_looked_for(tmp_path: Path) -> None:
+    (tmp_path / "station").mkdir()
+    (tmp_path / "secret.csv").write_text("1, 2")
+    (tmp_path / "station" / "laws.py").write_text("open('../secret.csv'); open('/etc/hosts.allow'); open('.')")
+    assert named_files([str(tmp_path / "station" / "laws.py")], tmp_path / "station") == []
 
 
 def test_a_file_of_the_same_length_and_time_is_seen_to_differ_by_its_content(press: Path) -> None:

@@ -223,6 +223,21 @@ class ListInATupleThatIsRead(Program):
         self.c = self.both[0][0]
 
 
+@equal
+class ArrayThatIsNew(Program):
+    """Nobody else has it: it is changed in place after it was assigned to an attribute."""
+
+    def begin(self) -> None:
+        self.row = np.zeros(3, dtype=np.int64)
+
+    def control(self) -> None:
+        self.row = self.row * 2 + 1
+        self.row //= 3
+        found = (row := np.array([self.u, 2.0]))
+        row += 1.0
+        self.k = float(found[0])
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
     return CASES.played(tmp_path_factory.mktemp("c"))

@@ -52,6 +52,22 @@ class Arrays:
     def divided(self) -> None:
         self.out = self.a / self.b
 
+    def floor_divided(self) -> None:
+        self.out = self.a // self.b + np.floor_divide(self.x, self.b)
+
+    def remainders(self) -> None:
+        self.out = self.a % self.b
+        self.last = np.mod(self.b, 2.5) + self.a % -self.x
+
+    def whole_quotients(self) -> None:
+        self.whole = self.n // (self.n - 2) + self.n % (3 - self.n) * 100 + self.n // 2 - 7 % self.n
+        self.whole //= 2
+
+    def powers(self) -> None:
+        self.out = self.a**2 + self.b**-1 + self.a**0
+        self.last = self.b**0.5 - self.a**1.0
+        self.whole = self.n**3 + self.n**0 - self.n**2
+
     def with_constants(self) -> None:
         self.out = GAINS * self.a + GAINS[2] * self.b**2
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum, IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -282,6 +282,40 @@ class PrivateNames(Program):
     def control(self) -> None:
         self.c = self.__bump(2)
         self.k, self.__last = self.__last, self.u
+
+
+class Pair(NamedTuple):
+    auto: float
+    NULL: float
+    has: float = 0.0
+
+
+class Double:
+    def __init__(self) -> None:
+        self.EOF = 1.0
+
+
+@equal
+class WordsOfC(Program):
+    """Names of words and macros of C, of umo, of ctypes, beyond ASCII, and those that they could become."""
+
+    def begin(self) -> None:
+        self.auto, self.auto_, self.double, self.EOF, self.errno, self.M_PI = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+        self.bool, self.register, self.int32_t, self.umo_real, self.machine_step = True, 2, 3, 4.0, 5.0
+        self.größe, self.gr_f6_, self.x_u, self._objects, self.keep, self._Bool = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
+        self.pair, self.pairs, self.NULL, self.outputs = Pair(1.0, 2.0), [Pair(1.0, 2.0)], Double(), Double()
+
+    def control(self) -> None:
+        self.auto, self.auto_, self.double = self.auto_, self.double, self.auto + 1.0
+        self.EOF, self.errno, self.M_PI = self.errno, self.M_PI, self.EOF + 1.0
+        self.register, self.int32_t, self.bool = self.int32_t, self.register + 1, not self.bool
+        self.umo_real, self.machine_step, self._Bool = self.machine_step, self._Bool, self.umo_real + 1.0
+        self.größe, self.gr_f6_, self.x_u = self.gr_f6_, self.x_u, self.größe + 1.0
+        self._objects, self.keep = self.keep, self._objects + 1.0
+        self.pair = Pair(self.pair.NULL, self.u, self.pair.auto)
+        self.NULL.EOF, self.outputs.EOF = self.outputs.EOF, self.NULL.EOF + self.pairs[self.n % 1].NULL
+        default, int, größe = self.u, 2.0, 3.0
+        self.k = default + int + größe
 
 
 # Else of loops ---------------------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ import numpy as np
 from umo.cycle.conversion import extension
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
 from umo.generate.lower.live_fields import LiveStruct, mask_of
-from umo.generate.names import identifier
 
 PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
 """Formats of a number in memory, as of the module struct; a real is a double."""
@@ -38,11 +37,11 @@ class StructMemory:
             MASK: c_uint32,
             REAL: c_double if real == "double" else c_float,
         }
-        fields = [(identifier(name), self._type(of)) for name, of in struct.fields.items()]
+        fields = [(_member(name), self._type(of)) for name, of in struct.fields.items()]
         kind = type(f"Machine_{struct.member}", (Structure,), {"_fields_": fields})
         self._memory: Any = cast(address, POINTER(kind)).contents
         self._memory.keep = keep
-        places = {name: getattr(kind, identifier(name)) for name in struct.fields}
+        places = {name: getattr(kind, _member(name)) for name in struct.fields}
         self._slices = {name: slice(place.offset, place.offset + place.size) for name, place in places.items()}
         self._pushed: dict[str, Any] = {}
         """What `push` has written, as the live object had it."""
@@ -93,19 +92,19 @@ class StructMemory:
     def element(self, name: str, number: int) -> Any:
         of = self._struct.fields[name]
         assert isinstance(of, ArrayType)
-        return self._value(of.of, getattr(self._memory, identifier(name))[number])
+        return self._value(of.of, getattr(self._memory, _member(name))[number])
 
     def set_element(self, name: str, number: int, value: Any) -> None:
         of = self._struct.fields[name]
         assert isinstance(of, ArrayType)
-        self._set_element(of.of, getattr(self._memory, identifier(name)), number, value)
+        self._set_element(of.of, getattr(self._memory, _member(name)), number, value)
 
     def read(self, name: str) -> Any:
-        return self._value(self._struct.fields[name], getattr(self._memory, identifier(name)))
+        return self._value(self._struct.fields[name], getattr(self._memory, _member(name)))
 
     def write(self, name: str, value: Any) -> None:
         of = self._struct.fields[name]
-        self._set(of, self._memory, identifier(name), value)
+        self._set(of, self._memory, _member(name), value)
 
     def push(self) -> None:
         """The fields have the values of the live object. What is there already is not written again."""
@@ -211,3 +210,8 @@ class StructMemory:
         if isinstance(of, StateType):
             return [*of.kind].index(value)
         return value
+
+
+def _member(name: str) -> str:
+    """The name of a field in the memory: ctypes has names of its own there."""
+    return f"of {name}"

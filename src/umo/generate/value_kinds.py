@@ -52,23 +52,6 @@ REFUSING = (TwoState, Node)
 """Classes whose objects are equal to themselves only, and refuse to be compared with numbers, texts, other states."""
 OWN_MODULES = ("builtins", "enum", "typing", "collections")
 NUMPY_NUMBERS = (np.float64, np.int64, np.bool_)
-WORDS_OF_C = frozenset(
-    """
-    alignas alignof and and_eq asm atomic_cancel auto bitand bitor bool break case catch char class compl concept
-    const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype default delete do
-    double dynamic_cast else enum errno explicit export extern false float for friend goto if inline int linux long
-    main mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
-    reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast struct switch
-    template this thread_local throw true try typedef typeid typename typeof union unix unsigned using virtual void
-    volatile wchar_t while xor xor_eq stdin stdout stderr signbit isnan isinf isfinite
-    """.split()  # noqa: SIM905
-)
-"""Words that have a meaning of their own in C, C++ or its headers."""
-
-
-def is_plain_word(name: str) -> bool:
-    """Whether a name is also one of a field in C, and no other name becomes the same."""
-    return name.isascii() and name not in WORDS_OF_C and not name.startswith("__")
 
 
 def own_methods(kind: type, names: Iterable[str]) -> list[str]:

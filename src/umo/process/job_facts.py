@@ -15,6 +15,7 @@ import numpy as np
 
 from umo.errors import text_of
 from umo.process.job import Plan
+from umo.process.source_files import later_files
 from umo.system.processes import HASH_SEED
 from umo.wiring.json_values import as_plain
 
@@ -57,7 +58,8 @@ def _facts(plan: Plan, kept: Mapping[str, Any]) -> dict[str, Any]:
             "numpy": np.__version__,
             "platform": f"{sys.platform} {platform.release()} {platform.machine()}",
         },
-        "sources": plan.all_sources(),
+        "sources": (sources := plan.all_sources()),
+        "later": later_files(plan.place, sources),
         "host": platform.node(),
         "hash_seed": os.environ.get(HASH_SEED),
     }

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from umo.objects import Compound
+from umo.process.named_files import named_files
 from umo.text import INSTALLED, is_users, printable, shown_path, some
 
 MAX_FILE_BYTES = 8 << 20
@@ -35,31 +36,44 @@ def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, st
     return {file: found for file in files if (found := digest_of(file))}
 
 
+def later_files(place: Path, known: Mapping[str, str]) -> dict[str, str]:
+    """The same of the files in the folder of the station that its code names, and that are not known to be read: a
+    module that is imported in the middle of a run, a table of values."""
+    folder = _folder_of(place.resolve())
+    return {file: found for file in named_files(known, folder) if file not in known and (found := digest_of(file))}
+
+
 class ChangedFile(NamedTuple):
     path: str
     """Below the folder of the station, else absolute, or relative to the current folder if that is shorter."""
     is_gone: bool
+    is_read: bool = True
+    """Whether the run has read it; else its code names it, and the run may have."""
 
 
 def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
     """The files of a run that are not on disk as it has read them, by what its frames tell of it (`Reader.about`).
     None of a run on another computer, or one that has published no hashes."""
     job = about.get("job")
-    known = job.get("sources") if isinstance(job, Mapping) and job.get("host") == platform.node() else None
+    if not isinstance(job, Mapping) or job.get("host") != platform.node():
+        return []
     found = []
-    for file, was in known.items() if isinstance(known, Mapping) else ():
-        now = digest_of(file)
-        if now != was:
-            found.append(ChangedFile(_shown(file, str(about.get("place", ""))), not now))
+    for is_read, known in ((True, job.get("sources")), (False, job.get("later"))):
+        for file, was in known.items() if isinstance(known, Mapping) else ():
+            now = digest_of(file)
+            if now != was:
+                found.append(ChangedFile(_shown(file, str(about.get("place", ""))), not now, is_read))
     return found
 
 
 def other_files(job: Mapping[str, Any], place: Path) -> list[str] | None:
-    """Names of the files that a recorded run had in the folder of its station, or beside its script, and that differ
-    in `place`. Its wiring does not count, as a recording has it. None: the job does not tell them."""
+    """Names of the files that a recorded run had, or may have read, in the folder of its station, or beside its script,
+    and that differ in `place`. Its wiring does not count, as a recording has it. None: the job does not tell them."""
     known, where, wiring = job.get("sources"), job.get("place"), job.get("wiring")
     if not isinstance(known, Mapping) or not known or not isinstance(where, str):
         return None
+    later = job.get("later")
+    known = {**(later if isinstance(later, Mapping) else {}), **known}
     own = str(wiring.get("file", "")) if isinstance(wiring, Mapping) else ""
     before, today = _folder_of(Path(where)), _folder_of(place)
     found = []
@@ -85,12 +99,15 @@ def _is_below(file: object, folder: Path, wiring: str) -> bool:
 def changed_text(changed: Sequence[ChangedFile]) -> str:
     """The same in words: `it runs the former control.py, which has changed on disk since the start; the next run takes
     it as it is now`; empty: nothing has changed."""
-    if not changed:
-        return ""
-    names = some([f"{each.path} (gone)" if each.is_gone else each.path for each in changed])
-    has, them = ("has", "it as it is") if len(changed) == 1 else ("have", "them as they are")
-    text = f"it runs the former {names}, which {has} changed on disk since the start; the next run takes {them} now"
-    return printable(text)
+    texts = []
+    for is_read, runs in ((True, "runs the former"), (False, "may have read the former")):
+        names = [f"{each.path} (gone)" if each.is_gone else each.path for each in changed if each.is_read is is_read]
+        if names:
+            has, them = ("has", "it as it is") if len(names) == 1 else ("have", "them as they are")
+            texts.append(
+                f"it {runs} {some(names)}, which {has} changed on disk since the start; the next run takes {them} now"
+            )
+    return printable("; ".join(texts))
 
 
 def _modules() -> Iterator[str]:

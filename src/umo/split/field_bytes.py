@@ -11,7 +11,7 @@ import numpy as np
 from umo.errors import DriverError
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
 from umo.generate.lower.live_fields import LiveStruct, mask_of
-from umo.generate.names import identifier
+from umo.generate.names import member_name
 
 LETTERS = {INT: "i", BOOL: "?", MASK: "I"}
 ZEROS = {"?": False}
@@ -23,7 +23,7 @@ class FieldBytes:
     def __init__(self, live: LiveStruct, name: str, of: CType, changes: bool, real: str) -> None:
         self.owner, self.name, self.type = live.owner, name, of
         self.path = f"{live.path}.{name}".lstrip(".")
-        self.place = f"{live.member}.{identifier(name)}"
+        self.place = f"{live.member}.{member_name(name)}"
         """The member of the machine's struct."""
         self.changes = changes
         """Whether the controller assigns it."""

@@ -33,6 +33,7 @@ from umo.generate.form import (
     Value,
     WholeMachine,
 )
+from umo.generate.names import member_name
 from umo.generate.translation import ControllerTarget
 
 RANKS = {"*": 6, "/": 6, "+": 5, "-": 5, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4, "&&": 3, "||": 2}
@@ -109,8 +110,8 @@ PRINTED: dict[type[Value], Callable[[FormValues, Any], str]] = {
     Literal: FormValues.literal,
     Local: lambda _, value: value.name,
     Temporary: lambda _, value: value.name,
-    Field: lambda _, value: f"m->{value.struct}.{value.name}",
-    Member: lambda c, value: f"{c.text(value.whole)}.{value.name}",
+    Field: lambda _, value: f"m->{value.struct}.{member_name(value.name)}",
+    Member: lambda c, value: f"{c.text(value.whole)}.{member_name(value.name)}",
     Element: lambda c, value: f"{c.text(value.whole)}.at[{c.text(value.index)}]",
     Elements: lambda c, value: f"{c.text(value.array)}.at",
     Unary: FormValues.unary,

@@ -10,6 +10,7 @@ from umo.generate.emit.c_text import array, comment
 from umo.generate.emit.fault_tests import tests_of
 from umo.generate.emit.function_text import function_text, statements_text
 from umo.generate.form import CallStatement, MachineForm, OfObject, Runtime, Struct, walk
+from umo.generate.names import member_name
 from umo.generate.translation import CodeFault, ControllerTarget
 
 
@@ -78,7 +79,7 @@ def _object(struct: Struct) -> tuple[str, str]:
 
 
 def _struct(name: str, members: Iterable[tuple[str, CType]]) -> str:
-    lines = [f"    {of.name} {each};\n" for each, of in members]
+    lines = [f"    {of.name} {member_name(each)};\n" for each, of in members]
     return f"typedef struct {{\n{''.join(lines)}}} {name};\n"
 
 

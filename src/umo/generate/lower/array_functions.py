@@ -26,6 +26,8 @@ BINARY: dict[Any, ast.operator | str] = {
     np.subtract: ast.Sub(),
     np.multiply: ast.Mult(),
     np.divide: ast.Div(),
+    np.floor_divide: ast.FloorDiv(),
+    np.mod: ast.Mod(),
     np.logical_and: ast.BitAnd(),
     np.logical_or: ast.BitOr(),
     np.minimum: "umo_np_min",

@@ -390,7 +390,7 @@ def _function(scope: FunctionBuilder, source: SourcedFunction, result: CType) ->
 
 def _struct(live: LiveStruct) -> Struct:
     title = f"{live.path or 'the machine'}: {type(live.owner).__qualname__}"
-    return Struct(live.member, title, tuple((identifier(name), of) for name, of in live.fields.items()))
+    return Struct(live.member, title, tuple(live.fields.items()))
 
 
 class Lowered(NamedTuple):

@@ -34,9 +34,9 @@ from umo.generate.c_types import (
 )
 from umo.generate.form import FALSE, TRUE, Assign, Element, Field, Literal, Member, Statement, Value, has, inside
 from umo.generate.lower.translation_memory import TranslationMemory
-from umo.generate.names import identifier
+from umo.generate.names import identifier, member_name
 from umo.generate.translation import StructField
-from umo.generate.value_kinds import is_plain_enum, is_plain_record, is_plain_word
+from umo.generate.value_kinds import is_plain_enum, is_plain_record
 from umo.objects import Node, Quality
 
 MOST_INT = 2**31 - 1
@@ -74,8 +74,8 @@ class LiveFields:
         found = self.structs.get(id(owner))
         if found is None:
             path = owner._path if isinstance(owner, Node) else path
-            member = identifier(path) or "machine"
-            while member in self._names or member in RESERVED or not is_plain_word(member):
+            member = member_name(identifier(path) or "machine")
+            while member in self._names or member in RESERVED:
                 member += "_"
             self._names.add(member)
             found = self.structs[id(owner)] = LiveStruct(owner, path, member)
@@ -143,8 +143,6 @@ class LiveFields:
         members = tuple(zip(names or [f"_{n}" for n in range(len(types))], types, strict=True))
         name = f"machine_tuple_{letters}"
         if names:
-            if not all(map(is_plain_word, names)):
-                return None
             name = self._memory.record_name(kind, members)
         found = TupleType(name, members, kind if names or kind is list else None)  # type: ignore[arg-type]
         self.tuples.setdefault(name, found)
@@ -154,7 +152,7 @@ class LiveFields:
         """The field of an attribute."""
         found = self.known(owner, path)
         found.fields[name] = unmixed(of)
-        return Field(found.member, identifier(name))
+        return Field(found.member, name)
 
     def use(self, of: CType) -> None:
         """The C has something of this type."""
@@ -189,7 +187,7 @@ class LiveFields:
             line
             for each in self.filled
             for name, of in each.fields.items()
-            for line in self._set(Field(each.member, identifier(name)), of, getattr(each.owner, name))
+            for line in self._set(Field(each.member, name), of, getattr(each.owner, name))
         ]
 
     def layout(self) -> list[StructField]:

@@ -61,7 +61,11 @@ class LoweredAliases(LoweredSubject):
         is_list = isinstance(term, Code) and isinstance(plain(term.type), ArrayType)
         if not (is_list or self.f.arrays.is_array(term)) or isinstance(term, Elementwise):
             return True
-        return isinstance(term, Code) and (term.value in self.sole or not self.shares(term.value))
+        return isinstance(term, Code) and not self.shares(term.value)
+
+    def is_new(self, term: Term) -> bool:
+        """Whether an array was made here, and has no name yet."""
+        return isinstance(term, Code) and isinstance(term.value, Temporary) and not self.shares(term.value)
 
     def share(self, term: Term) -> None:
         """Another name is given to an array: neither is changed in place from now on."""

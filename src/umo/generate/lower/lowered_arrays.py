@@ -29,6 +29,8 @@ from umo.generate.c_types import (
     plain_number,
 )
 from umo.generate.form import (
+    LEAST_INT,
+    ONE,
     ZERO,
     Assign,
     Checked,
@@ -52,8 +54,17 @@ from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEME
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Truth
+from umo.generate.lower.whole_powers import MOST_POWER
 from umo.generate.translation import ControllerLimit
 
+OF_ARRAYS = ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod, ast.Pow
+EXACT_POWERS: dict[float, Callable[[Value], Value]] = {
+    -1: lambda x: Operator("/", Literal(1.0, REAL), x),
+    0: lambda _: Literal(1.0, REAL),
+    0.5: lambda x: Runtime("umo_sqrt", (x,)),
+    1: lambda x: x,
+    2: lambda x: Operator("*", x, x),
+}
 MOST_SUMMED = 128
 """Numbers that numpy sums in one block."""
 
@@ -150,26 +161,56 @@ class LoweredArrays(LoweredSubject):
                 raise self.f.refused(node, "& and | of numbers", "of booleans")
             of_bools = {ast.BitAnd: "&&", ast.BitOr: "||", ast.BitXor: "!="}[type(sign)]
             return Elementwise(array(BOOL, n), Operator(of_bools, self.at(a, BOOL, n), self.at(b, BOOL, n)))
-        if kinds == {BOOL} or (type(sign) not in CHECKED and not isinstance(sign, ast.Div | ast.Pow)):
+        if kinds == {BOOL} or type(sign) not in OF_ARRAYS:
             raise self.f.refused(
-                node, "this arithmetic of arrays does not translate", "+, -, *, /, & and | of booleans"
+                node, "this arithmetic of arrays does not translate", "+, -, *, /, //, %, **, & and | of booleans"
             )
         if isinstance(sign, ast.Pow):
-            return self._squared(a, right, n, node)
+            return self._power(a, right, n, node)
         if REAL in kinds or isinstance(sign, ast.Div):
-            of_reals = "/" if isinstance(sign, ast.Div) else SIGNS[type(sign)]
-            return Elementwise(array(REAL, n), Operator(of_reals, self.at(a, REAL, n), self.at(b, REAL, n)))
+            return self._of_reals(sign, self.at(a, REAL, n), self.at(b, REAL, n), n)
+        if isinstance(sign, ast.FloorDiv | ast.Mod):
+            return self._divided(sign, self.at(a, INT, n), self.at(self.f.values.kept(b), INT, n), n, node)
         return self._checked(CHECKED[type(sign)], self.at(a, INT, n), self.at(b, INT, n), n, node)
+
+    def _of_reals(self, sign: ast.operator, a: Value, b: Value, n: int) -> Code:
+        if isinstance(sign, ast.FloorDiv | ast.Mod):
+            function = "umo_mod" if isinstance(sign, ast.Mod) else "umo_np_floor_div"
+            return Elementwise(array(REAL, n), Runtime(function, (a, b)))
+        return Elementwise(array(REAL, n), Operator("/" if isinstance(sign, ast.Div) else SIGNS[type(sign)], a, b))
+
+    def _divided(self, sign: ast.operator, a: Value, b: Value, n: int, node: ast.AST) -> Code:
+        """Whole numbers divided by 0 are 0; ControllerLimit beyond 32 bits."""
+        if isinstance(sign, ast.FloorDiv):
+            beyond = Operator("&&", Operator("==", b, Literal(-1, INT)), Operator("==", a, LEAST_INT))
+            with self.each_place(n) as turn:
+                self.f.raises(ControllerLimit, node, placed(beyond, turn))
+        function = "umo_np_mod_int" if isinstance(sign, ast.Mod) else "umo_np_floor_div_int"
+        return Elementwise(array(INT, n), Runtime(function, (a, b)))
 
     def of(self, code: Code) -> CType:
         """The type of its elements."""
         return code.type.of if isinstance(code.type, ArrayType) else code.type
 
-    def _squared(self, base: Code, power: Term, n: int, node: ast.AST) -> Code:
-        if not (isinstance(power, Known) and power.value == 2 and self.of(base) == REAL):
-            raise self.f.refused(node, "a power of an array", "** 2")
-        each = self.at(self.f.values.kept(base), REAL, n)
-        return Elementwise(array(REAL, n), Operator("*", each, each))
+    def _power(self, base: Code, power: Term, n: int, node: ast.AST) -> Code:
+        """Those that numpy computes exactly: its own function for others has other bits than that of the library."""
+        exponent = power.value if isinstance(power, Known) else None
+        if self.of(base) == INT and type(exponent) is int and 0 <= exponent <= MOST_POWER:
+            return self._whole_power(base, exponent, n, node)
+        if self.of(base) != REAL or type(exponent) not in (int, float) or exponent not in EXACT_POWERS:
+            nearest = "** -1, 0, 0.5, 1, 2; of whole numbers 0, 1, 2, 3 ...; x * x * x"
+            raise self.f.refused(node, "this power of an array", nearest)
+        return Elementwise(array(REAL, n), EXACT_POWERS[exponent](self.at(self.f.values.kept(base), REAL, n)))
+
+    def _whole_power(self, base: Code, power: int, n: int, node: ast.AST) -> Code:
+        one = Elementwise(array(INT, n), ONE)
+        found, base = (base if power else one), self.f.values.kept(base)
+        for bit in f"{power:b}"[1:]:
+            each = self.at(found, INT, n)
+            found = self._checked("mul", each, each, n, node)
+            if bit == "1":
+                found = self._checked("mul", self.at(found, INT, n), self.at(base, INT, n), n, node)
+        return found
 
     def _checked(self, what: str, a: Value, b: Value, n: int, node: ast.AST) -> Code:
         """Whole numbers: ControllerLimit beyond 32 bits."""

@@ -39,7 +39,10 @@ class LoweredAssignments(LoweredSubject):
         term = self.f.term(node.value)
         if isinstance(term, Code) and ast.dump(node.value) in self.f.flow.known:
             term = self.f.values.present(term, node.value)
-        if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Name):
+        first, *more = node.targets
+        if more or not (
+            isinstance(first, ast.Name) or (isinstance(first, ast.Attribute) and self.f.aliases.is_new(term))
+        ):
             term = self.f.values.settled(term)
         for each in node.targets:
             self.store(each, term, node)
@@ -150,7 +153,7 @@ class LoweredAssignments(LoweredSubject):
             self.f.variables[place] = of
         if isinstance(plain(of), ArrayType):
             self.f.aliases.rebound.append(place)
-        if not (isinstance(term, Code) and term.value in self.f.aliases.sole):
+        if not self.f.aliases.is_new(term):
             self.f.aliases.share(term)
             if isinstance(term, Code) and not isinstance(term, Elementwise) and isinstance(plain(of), ArrayType):
                 self.f.aliases.share(Code(of, place))
@@ -222,7 +225,7 @@ class LoweredAssignments(LoweredSubject):
                 raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
             self.f.world.memory.rebind(place.value)
             self.f.aliases.rebound.append(place.value)
-            if isinstance(term, Code) and not isinstance(term, Elementwise):
+            if isinstance(term, Code) and not isinstance(term, Elementwise) and not self.f.aliases.is_new(term):
                 self.f.aliases.share(term)
                 self.f.aliases.share(place)
             if isinstance(place.type, ArrayType) and isinstance(term, Elementwise):

@@ -30,7 +30,7 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.terms import TEXT, Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
-from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_word
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
@@ -115,10 +115,6 @@ class LoweredAttributes(LoweredSubject):
             self.f.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
             return self._known(owner, name, node)
         self.f.takes_class(owner, name, node)
-        if not is_plain_word(name):
-            raise self.f.refused(
-                node, f"{name!r} is not the name of a field in C", "letters of ASCII, and no word of C"
-            )
         if type(value) is int and abs(value) > MOST_INT:
             raise self.f.refused(node, f"{name} is {value}, and does not fit 32 bits", "a smaller number, or a float")
         place = self.f.world.fields.field(owner, name, of, self._path(owner, base, ""))

@@ -67,6 +67,9 @@ class AskedOfAliases(Protocol):
     def is_sole(self, term: Term) -> bool:
         """Whether nobody else has an array."""
 
+    def is_new(self, term: Term) -> bool:
+        """Whether an array was made here, and has no name yet."""
+
     def share(self, term: Term) -> None:
         """Another name is given to an array: neither is changed in place from now on."""
 

@@ -137,6 +137,12 @@ static inline umo_real umo_floor_div(umo_real a, umo_real b)
     return floored;
 }
 
+/* a // b of arrays; that by 0 is that of a / b. */
+static inline umo_real umo_np_floor_div(umo_real a, umo_real b)
+{
+    return b == 0 ? a / b : umo_floor_div(a, b);
+}
+
 /* The same of whole numbers; b is not 0, and the quotient fits. */
 static inline int32_t umo_mod_int(int32_t a, int32_t b)
 {
@@ -148,6 +154,17 @@ static inline int32_t umo_floor_div_int(int32_t a, int32_t b)
 {
     int32_t quotient = a / b;
     return a % b != 0 && (a < 0) != (b < 0) ? quotient - 1 : quotient;
+}
+
+/* The same of arrays: by 0 it is 0. */
+static inline int32_t umo_np_mod_int(int32_t a, int32_t b)
+{
+    return b == 0 ? 0 : umo_mod_int(a, b);
+}
+
+static inline int32_t umo_np_floor_div_int(int32_t a, int32_t b)
+{
+    return b == 0 ? 0 : umo_floor_div_int(a, b);
 }
 
 /* a >> b and a << b, b not negative. False: it does not fit. */

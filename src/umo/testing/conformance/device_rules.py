@@ -148,11 +148,12 @@ def _writes_what_failed(context: RuleContext, probe: Probe) -> None:
 
 def _writes_again(context: RuleContext, probe: Probe) -> None:
     """The driver writes what it has written before the device was away; another client has moved the output since."""
-    if context.subject.sole_writer:
+    if context.subject.sole_writer or not context.visible:
         return
+    first = context.visible[0]
     with context.second(direct=context.subject.direct is not None) as other:
-        if other is None:
-            return
+        if other is None or context.failure(context.insist, other.write, first.channel, first.default) is not None:
+            return  # a driver may find out with its first call only that there is no room for it
         for output, many in _by_both_forms(context.visible):
             raw = output.other()
             rewrite(context, probe, output, raw, "the device was away", many=many)

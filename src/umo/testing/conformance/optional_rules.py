@@ -204,15 +204,17 @@ def _moves(context: RuleContext, probe: Probe, output: Output, texts: tuple[str,
     old, new = (output.other(), output.default) if number % 2 else (output.default, output.other())
     probe.write(output.channel, old)
     any(context.is_read(probe, output, old) for _ in range(AGE_LOOKS))
+    before = monotonic()
     probe.read_many(texts)
     sleep(1.2 * AGE_TOLERANCE)  # what is kept of it is too old for the new level
     began = monotonic()
     probe.write(output.channel, new)
     context.arrive(None, output, new)
     came = monotonic()
-    for wait in (pause, AGE_INTERVAL):
+    # when a value has come, and the one before it, a driver may know no better than since which reading
+    for wait, since in ((pause, before), (AGE_INTERVAL, before), (AGE_INTERVAL, began)):
         sleep(wait)
-        _check_age(context, probe, output, texts, (old, new), (began, came))
+        _check_age(context, probe, output, texts, (old, new), (since, came))
 
 
 def _check_age(

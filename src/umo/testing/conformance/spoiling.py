@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import sleep
 from typing import Any, TypeVar
@@ -24,8 +24,8 @@ MAX_CHANNELS = 2
 NO_ANSWER = "the device answers neither reads nor writes over the line"
 LISTENING = 0.05
 """Time in s in which a device that sends by itself has sent something."""
-LONG_ANSWER = 64
-"""Bytes of an answer by which a change is tried: one that leaves nothing, or another."""
+COUNTED = bytes(range(64))
+"""An answer by which a change is tried: one that leaves nothing, or the beginning, or another."""
 ENVELOPE_SIZE = 2
 """Bytes by which an answer is longer than its value where it has a structure."""
 
@@ -63,14 +63,15 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
         texts = [context.view(each) for each in context.viewed[:MAX_CHANNELS]]
         texts += [text for text in context.readable if text not in texts and context.default(text) is None]
         texts = texts[:MAX_CHANNELS]
-        speaks = _speaks(context)
+        if speaks := _speaks(context):
+            ways = [_of_a_stream(way) for way in ways]
         if structured:
             plain = {text for text in texts if not _has_structure(context, probe, text)}
         for way in ways:
             for text in texts:
                 if text not in plain and spoiled_read(context, probe, watcher, text, way):
                     tried.add("reads")
-            if speaks and way.change(bytes(LONG_ANSWER)):
+            if speaks and way.change(COUNTED):
                 continue  # what is changed may be something else than the answer to a write
             if context.subject.outputs and "writes" not in plain:
                 if structured and not _acknowledged(context, probe):
@@ -86,6 +87,13 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
         silent, words = silent - {"writes"}, [*words, "without writes, as the device sends by itself"]
     words += [f"{' and '.join(sorted(silent))} have no answer over the line"] if silent else []
     return "; ".join(words) or None
+
+
+def _of_a_stream(way: Spoilt) -> Spoilt:
+    """The same for a device that sends by itself: what is cut may begin with whole frames, and what comes behind it
+    belongs to no frame."""
+    left = way.change(COUNTED)
+    return replace(way, blind=way.blind and not (left and COUNTED.startswith(left)), tries=TRIES)
 
 
 def _speaks(context: RuleContext) -> bool:

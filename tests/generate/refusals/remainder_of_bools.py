@@ -1,4 +1,4 @@
-"""Remainder of an array."""
+"""Remainder of bools."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from helpers.written_programs import Program
 
 
-class RemainderOfAnArray(Program):
+class RemainderOfBools(Program):
     def begin(self) -> None:
         self.x3, self.y2, self.i3, self.b3 = (
             np.zeros(3),
@@ -17,5 +17,5 @@ class RemainderOfAnArray(Program):
         )
 
     def control(self) -> None:
-        # refused: this arithmetic of arrays does not translate; +, -, *, /, & and | of booleans
-        self.x3 = self.x3 % 2.0
+        # refused: this arithmetic of arrays does not translate; +, -, *, /, //, %, **, & and | of booleans
+        self.x3 = self.b3 % self.b3

@@ -1,0 +1,55 @@
+"""Files that the code of a station names and may read later: modules that a function imports, data files by their text.
+
+The code is read, not run. A name that it puts together, or a folder that it searches, is not seen.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+MAX_NAME = 200
+"""Characters of a text that is looked at as the name of a file."""
+
+
+def named_files(modules: Iterable[str], folder: Path) -> list[str]:
+    """The files of a folder, by their absolute paths, that these modules of it name, and modules that those import; not
+    the modules themselves."""
+    given = {Path(each) for each in modules}
+    found, waiting = set[Path](), [each for each in given if each.suffix == ".py" and each.is_relative_to(folder)]
+    while waiting:
+        for file in _named_in(waiting.pop(), folder) - given - found:
+            found.add(file)
+            if file.suffix == ".py":
+                waiting.append(file)
+    return sorted(map(str, found))
+
+
+def _named_in(module: Path, folder: Path) -> set[Path]:
+    try:
+        tree = ast.parse(module.read_bytes())
+    except (OSError, SyntaxError, ValueError, RecursionError):
+        return set()
+    wanted = (path for node in ast.walk(tree) for path in _candidates(node, module.parent, folder))
+    return {path for path in map(Path.resolve, wanted) if path.is_relative_to(folder) and path.is_file()}
+
+
+def _candidates(node: ast.AST, beside: Path, folder: Path) -> Iterator[Path]:
+    """Where a file would be that this part of the code names."""
+    match node:
+        case ast.Constant(value=str() as text) if "." in text and len(text) < MAX_NAME and text.isprintable():
+            yield from (beside / text, folder / text)
+        case ast.Import(names=names):
+            for each in names:
+                yield from _modules(folder, each.name)
+        case ast.ImportFrom(module=module, names=names, level=level):
+            base = beside.joinpath(*[".."] * (level - 1)) if level else folder
+            for name in (module or "", *(f"{module or ''}.{each.name}" for each in names)):
+                yield from _modules(base, name.strip("."))
+
+
+def _modules(base: Path, name: str) -> Iterator[Path]:
+    if name and "*" not in name:
+        place = base.joinpath(*name.split("."))
+        yield from (place.with_name(f"{place.name}.py"), place / "__init__.py")
