@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from umo.objects import Compound
 
 TIMES = ("derivative_time", "filter_time")
+NEVER, NO_RATE = np.full(1, np.nan), np.zeros(1)
+"""The measurement before the first one, and its rate: nobody changes them in place."""
+NEVER.flags.writeable = NO_RATE.flags.writeable = False
 
 
 @dataclass(kw_only=True)
@@ -161,7 +164,7 @@ class VectorPID:
     integral: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
     """Whether each of the last outputs was limited."""
-    _last: FloatArray | None = field(default=None, init=False, repr=False)
+    _last: FloatArray = field(default_factory=lambda: NEVER, init=False, repr=False)
     """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
 
@@ -175,7 +178,7 @@ class VectorPID:
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
         self.error, self.integral, self._rate = np.zeros(1), np.zeros(1), np.zeros(1)
-        self.limited, self._last = np.zeros(1, np.bool_), None
+        self.limited, self._last = np.zeros(1, np.bool_), NEVER
 
     @property
     def numbers(self) -> Mapping[str, Number]:
@@ -238,8 +241,8 @@ class VectorPID:
             self._last = measurement.copy()  # the caller may fill the same array anew
             if dt:
                 self._rate = rate
-        elif self._last is not None:
-            self._last, self._rate = None, np.zeros(1)
+        else:
+            self._last, self._rate = NEVER, NO_RATE
         self.integral = self.integral + growth
         return output
 
@@ -250,7 +253,7 @@ class VectorPID:
     def _filtered_rate(self, measurement: FloatArray, dt: float) -> FloatArray:
         if not dt:
             return np.zeros(1)
-        rate = np.zeros(1) if self._last is None else np.nan_to_num((measurement - self._last) / dt)
+        rate = np.nan_to_num((measurement - self._last) / dt)
         filtered: FloatArray = self._rate + (rate - self._rate) * (dt / (self.filter_time + dt))
         return filtered
 
@@ -262,7 +265,7 @@ def _times() -> dict[str, Number]:
 def _check_finite(numbers: FloatArray) -> None:
     finite = np.isfinite(numbers)
     if np.count_nonzero(finite) != finite.size:
-        places = np.flatnonzero(~finite)
-        more = f", and of {len(places) - 1} more" if len(places) > 1 else ""
+        others = np.count_nonzero(~finite) - 1
+        more = f", and of {others} more" if others else ""
         what = "a setting, or the setpoint, measurement, feed-forward or range"
-        raise RangeError(f"{what} of element {places[0]}{more} is not finite")
+        raise RangeError(f"{what} of element {finite.argmin()}{more} is not finite")

@@ -3,7 +3,8 @@
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
 after it (`conversion.py`). What moves goes through the transfer stage. What control code writes goes straight into the
-image (`writes.py`), but where the column `restrictions` says that the command stage is to be asked (set by `claim_table.py`).
+image (`writes.py`), but where the column `restrictions`, which the claims set, says that the command stage is to be
+asked.
 """
 
 from __future__ import annotations

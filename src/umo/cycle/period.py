@@ -66,7 +66,8 @@ PHASES = (
     PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED,
         "cycle/image, deliveries"),
     PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD of all together, then "
-        "SEQUENCES, LAWS and SEND of each, the fastest first", "as in the phase of the whole", "cycle/rate_groups, part_periods"),
+        "SEQUENCES, LAWS and SEND of each, the fastest first", "as in the phase of the whole",
+        "cycle/rate_groups, part_periods"),
     PeriodPhase(UPDATE, "OWED", "what does not wait for its group's period", LISTED, "cycle/part_periods"),
     PeriodPhase(UPDATE, "SHOW", "alarms, then events and logs, then frames, observers", "raised, after all outputs",
         "alarms, cycle/events, showing"),

@@ -388,12 +388,13 @@ BODIES = "body", "orelse", "last"
 
 
 @cache
-def _parts(kind: type[FormNode]) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(kind))  # type: ignore[arg-type]
+def _parts(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(kind))
 
 
 def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:
-    return ((name, getattr(node, name)) for name in _parts(type(node)))
+    kind: Any = type(node)
+    return ((name, getattr(node, name)) for name in _parts(kind))
 
 
 def children(node: FormNode) -> Iterator[FormNode]:

@@ -30,8 +30,9 @@ class Interlock:
                 yield Interlock(lambda: self.door.read() is OpenClosed.OPEN, [self.spindle], "the door is open")
 
     The condition is evaluated when the machine is connected and in each period, after `sample`; once more in a period
-    in which parts with rates of their own are due, after their sensors were read. It must be quick and read only synchronous sensors and actuators. If it raises, it counts as true: `state_of` and `value_of` of
-    `umo.control` raise for bad sensors.
+    in which parts with rates of their own are due, after their sensors were read. It must be quick and read only
+    synchronous sensors and actuators. If it raises, it counts as true: `state_of` and `value_of` of `umo.control`
+    raise for bad sensors.
     `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition is
     false and `acknowledge()` was called, for one of its actuators or for a compound that contains one. This frees all
     of its actuators. It latches from the first period on; before, it only inhibits. `effect="stop"`: `write` raises

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class FormatThatFails(Program):
     def control(self) -> None:
-        # refused: a text that a controller does not have, and that may fail; a name for it first
+        # refused: it is not proved that the text has no effect and cannot fail: the format '.2f' does not fit what it may be; a name for it first
         print(f"{self.maybe:.2f}")

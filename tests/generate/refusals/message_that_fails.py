@@ -11,5 +11,5 @@ class MessageThatFails(Program):
 
     def control(self) -> None:
         if self.u > 1.0:
-            # refused: a text that a controller does not have, and that may fail; a name for it first
+            # refused: it is not proved that the text has no effect and cannot fail: it may have no such element; a name for it first
             raise ValueError(f"{self.row[self.n]}")

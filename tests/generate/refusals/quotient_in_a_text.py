@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class QuotientInAText(Program):
     def control(self) -> None:
-        # refused: a quotient in a text that a controller does not have; a name for it first
+        # refused: it is not proved that the text has no effect and cannot fail: it may change something, or fail; a name for it first
         print(f"{self.u / self.k}")

@@ -46,7 +46,7 @@ from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
 from umo.generate.lower.function_lowering import FunctionLowering
 from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
 from umo.generate.lower.lowered_values import only_asked
-from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.translation_memory import MOST_PASSES, TranslationMemory
 from umo.generate.names import identifier
 from umo.generate.translation import (
@@ -367,7 +367,8 @@ def _identity(value: Any) -> Any:
     """What tells two live values apart; a tuple is made anew in each pass."""
     if type(value) is tuple:
         return tuple(map(_identity, value))
-    return value if value is None or isinstance(value, str | bytes) else id(value)
+    is_plain = value is None or (isinstance(value, str | bytes) and not isinstance(value, UnknownText))
+    return value if is_plain else id(value)
 
 
 def _class(name: str) -> type[BaseException]:

@@ -193,7 +193,7 @@ class LoweredAssignments(LoweredSubject):
         if text is not None or (isinstance(term, Known) and isinstance(term.value, str)):
             self.f.world.memory.add_text(owner, name)
             if text is None:
-                self.f.world.memory.make_text(owner, name)
+                self.f.world.memory.take_text(owner, name, term.value)  # type: ignore[union-attr,arg-type]
             if text is None or not self.f.world.memory.is_text_state(owner, name):
                 self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
                 return

@@ -27,8 +27,7 @@ from umo.generate.c_types import (
 from umo.generate.form import Object, OfObject, Runtime, Value, WholeMachine
 from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_values import TELLS
-from umo.generate.lower.terms import TEXT, Code, Known, Present, Term, UnknownText
+from umo.generate.lower.terms import Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
 from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind
 from umo.objects import Compound, DigitalSensor, Quality, Vector
@@ -49,7 +48,7 @@ class LoweredAttributes(LoweredSubject):
     def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         owner = base.value
         if isinstance(owner, UnknownText):
-            raise self.f.refused(node, TELLS, "a state of an Enum")
+            raise self.f.telling.undecided(owner, node)
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, Vector):
@@ -95,10 +94,9 @@ class LoweredAttributes(LoweredSubject):
 
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
         """An attribute that is a number is a field; another one is known."""
-        if (id(owner), name) in self.f.world.memory.texts:
-            self.f.world.memory.ask_text(owner, name)
-            if not self.f.world.memory.is_text_state(owner, name):
-                return Known(TEXT)
+        memory = self.f.world.memory
+        if (id(owner), name) in memory.texts and not memory.is_text_state(owner, name):
+            return Known(memory.told_text(owner, name))
         value = self._got(owner, name, node)
         if isinstance(value, FunctionType | MethodType | BuiltinFunctionType | partial):
             if asks_host(owner, name):

@@ -11,7 +11,7 @@ from umo.generate.form import If, Return
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import local_function
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_values import TELLS
+from umo.generate.lower.lowered_telling import TELLS
 from umo.generate.lower.terms import Known
 
 

@@ -46,10 +46,9 @@ from umo.generate.form import (
 from umo.generate.lower.lowered_expressions import NUMBERS, is_of_numpy
 from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_values import TELLS
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Known, Many, Term, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Places, Term, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container
 
@@ -221,8 +220,13 @@ class LoweredBuiltins(LoweredSubject):
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and (length := self._length(arguments[0], node)) is not None:
             return Known(length)
-        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
-            raise self.f.refused(node, TELLS, "a state of an Enum")
+        if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Places):
+            found = self.f.arrays.of_numpy(np.count_nonzero, [arguments[0].value.array], {}, node)
+            assert found is not None
+            return found
+        for each in arguments:
+            if isinstance(each, Known) and isinstance(each.value, UnknownText):
+                raise self.f.telling.undecided(each.value, node)
         if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
             return self._is_instance(arguments[0], arguments[1], node)
         if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:

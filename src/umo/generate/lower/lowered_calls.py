@@ -52,7 +52,7 @@ from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import TEXT, ArrayMethod, Code, Known, Many, Term
+from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, Places, Term
 from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -67,9 +67,8 @@ class LoweredCalls(LoweredSubject):
     """The part of a function that is calls and attributes."""
 
     def lower_call(self, node: ast.Call) -> Term:
-        if self.f.telling.is_joined_text(node):
-            self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
-            return Known(TEXT)
+        if self.f.telling.is_text(node):
+            return self.f.telling.text(node)
         func = self.f.term(node.func)
         if not isinstance(func, Known):
             raise self.f.refused(node, "what is called is not known when the code is generated")
@@ -141,7 +140,7 @@ class LoweredCalls(LoweredSubject):
         if isinstance(func.owner, Vector):
             return self.f.vectors.method_of_vector(func.owner, func.name, arguments, named, node)
         if target is np.flatnonzero:
-            return Known(TEXT)  # places of elements only tell something
+            return Known(Places(self.f.arrays.array(self.f.values.settled(arguments[0]), node)))
         if (of_numpy := self.f.arrays.of_numpy(target, arguments, named, node)) is not None:
             return of_numpy
         if str(getattr(target, "__module__", "")).partition(".")[0] == "numpy":

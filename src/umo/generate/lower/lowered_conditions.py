@@ -42,12 +42,11 @@ from umo.generate.form import (
     negated,
 )
 from umo.generate.lower.flow import Names, common
-from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_values import TELLS, only_asked
+from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import number_of
-from umo.generate.lower.terms import TEXT, Code, Known, Many, Present, Term, Truth, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, refuse_comparison
 
@@ -94,8 +93,9 @@ class LoweredConditions(LoweredSubject):
     def compared(self, sign: ast.cmpop, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
-        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in (left, right)):
-            raise self.f.refused(left_node, TELLS, "a state of an Enum")
+        for each in (left, right):
+            if isinstance(each, Known) and isinstance(each.value, UnknownText):
+                raise self.f.telling.undecided(each.value, left_node)
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
         none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
@@ -344,17 +344,10 @@ class LoweredConditions(LoweredSubject):
             return None
 
     def lower_if_exp(self, node: ast.IfExp) -> Term:
+        if self.f.telling.is_text(node):
+            return self.f.telling.text(node)
         start = len(self.f.statements)
-        try:
-            truth = self.f.values.truth(self.f.term(node.test), node.test)
-        except NoTranslation as refused:
-            if (
-                refused.reason == TELLS
-                and all(map(_is_text, (node.body, node.orelse)))
-                and self.f.telling.does_nothing(node)
-            ):
-                return Known(TEXT)
-            raise
+        truth = self.f.values.truth(self.f.term(node.test), node.test)
         of_both = self.f.flow.names_if(node.test)
         if isinstance(truth, bool):
             self.f.flow.names = of_both[not truth]
@@ -436,10 +429,6 @@ def plain_type(of: CType) -> CType:
 def plain_kind(code: Code) -> Any:
     of = plain_type(code.type)
     return of.kind if isinstance(of, StateType) else None
-
-
-def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
 def _has_elements(of: CType) -> bool:

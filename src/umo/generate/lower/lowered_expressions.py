@@ -80,8 +80,7 @@ class LoweredExpressions(LoweredSubject):
         return Known(node.value)
 
     def lower_joined_str(self, node: ast.JoinedStr) -> Term:
-        self.f.telling.check_told([node])
-        return Known(TEXT)
+        return self.f.telling.text(node)
 
     def lower_name(self, node: ast.Name) -> Term:
         found = self.f.flow.names.get(node.id)
@@ -254,6 +253,8 @@ class LoweredExpressions(LoweredSubject):
         return self.arithmetic(ast.Sub(), Code(INT, ZERO), code, node)
 
     def lower_bin_op(self, node: ast.BinOp) -> Term:
+        if self.f.telling.is_text(node):
+            return self.f.telling.text(node)
         left, right = self.f.ordered([node.left, node.right])
         left, right = as_number(self.f, left, node.left), as_number(self.f, right, node.right)
         numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]

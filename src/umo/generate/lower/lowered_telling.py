@@ -1,124 +1,112 @@
-"""Texts that only tell something: a controller leaves them out, as long as they do nothing else."""
+"""Texts that only tell something: they are left out where it is proved that they do nothing else."""
 
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
-from umo.generate.c_types import (
-    INT,
-    REAL,
-)
-from umo.generate.check.form_effects import changes
+from umo.generate.c_types import NOTHING, CType
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code
+from umo.generate.lower.terms import TEXT, Known, Term, UnknownText
+from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
 
-TELLING = (str, repr)
-"""Functions that make a text of whatever there is."""
-DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
+TELLS = "a text that is made at run time"
+"""Why a condition does not translate that a text decides."""
+REASON = "it is not proved that the text has no effect and cannot fail"
 
 
 class LoweredTelling(LoweredSubject):
     """What is left out of a function."""
 
+    def text(self, node: ast.expr) -> Known:
+        """The text that an expression makes at run time."""
+        self.check_told([node])
+        return Known(TEXT)
+
     def check_told(self, nodes: Sequence[ast.AST]) -> None:
-        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail.
-        umo's own texts are known to be so."""
-        self._check_calls(nodes)
-        if not self.f.source.file.startswith("umo/"):
-            for node in nodes:
-                self._check_text(node)
+        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail."""
+        for each in nodes:
+            try:
+                self._proof().shown(each)
+            except Unproved as error:
+                raise self._refused(error, each) from None
 
-    def _check_text(self, node: ast.AST) -> None:
-        """A part of a text: names, attributes, numbers, and texts made of these."""
-        if isinstance(node, ast.Constant):
-            return
-        if isinstance(node, ast.JoinedStr | ast.Tuple | ast.List | ast.IfExp | ast.Call):
-            inner = [each for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr | ast.keyword)]
-            for each in inner[isinstance(node, ast.Call) :]:
-                self._check_text(each.value if isinstance(each, ast.keyword) else each)
-            if not isinstance(node, ast.Call) or self.is_joined_text(node) or self._meaning_of(node.func) in TELLING:
-                return
-        elif isinstance(node, ast.FormattedValue):
-            self._check_text(node.value)
-            if node.format_spec is None or self._is_formatted(node):
-                return
-        elif isinstance(node, ast.Name | ast.Attribute):
-            with self.f.gathered() as needed:
-                self.f.term(node)
-            if not any(map(changes, needed)):
-                return
-        raise self.f.refused(node, "a text that a controller does not have, and that may fail", "a name for it first")
-
-    def _is_formatted(self, node: ast.FormattedValue) -> bool:
-        """Whether a number takes this format whatever it is."""
-        spec = node.format_spec.values if isinstance(node.format_spec, ast.JoinedStr) else []
-        text = "".join(str(each.value) if isinstance(each, ast.Constant) else "?" for each in spec)
-        term = self.f.term(node.value)
-        of = term.type if isinstance(term, Code) else None
-        ends = {REAL: "fFeEgG%", INT: "fFeEgG%dxob"}.get(of) if of is not None else None
-        return ends is not None and re.fullmatch(rf"[-+ ]?0?[0-9]*(\.[0-9]+)?[{ends}]", text) is not None
-
-    def _meaning_of(self, func: ast.AST) -> Any:
-        return (
-            self.f.source.meaning(func.id) if isinstance(func, ast.Name) and func.id not in self.f.flow.names else None
-        )
-
-    def _check_calls(self, nodes: Sequence[ast.AST]) -> None:
-        for each in (one for node in nodes for one in ast.walk(node)):
-            if isinstance(each, ast.NamedExpr | ast.Await):
-                raise self.f.refused(
-                    each, "an assignment in a text that a controller does not have", "a line of its own"
-                )
-            if isinstance(each, ast.BinOp) and isinstance(each.op, DIVIDES) and not _is_text(each.left):
-                raise self.f.refused(
-                    each, "a quotient in a text that a controller does not have", "a name for it first"
-                )
-            if isinstance(each, ast.Call) and not self._only_tells(each):
-                raise self.f.refused(each, "a call in a text that a controller does not have", "a name for it first")
-
-    def does_nothing(self, node: ast.AST) -> bool:
-        """Whether evaluating an expression only looks at what there is."""
+    def does_nothing(self, test: ast.expr) -> bool:
+        """Whether evaluating a condition only looks at what there is."""
         try:
-            self._check_calls([node])
-        except NoTranslation:
+            self._proof().asked(test)
+        except Unproved:
             return False
         return True
 
-    def _only_tells(self, node: ast.Call) -> bool:
-        """Whether a call in a text changes nothing: a function of Python, or of umo."""
-        if self.is_joined_text(node):
+    def undecided(self, text: UnknownText, node: ast.AST) -> NoTranslation:
+        """The refusal to decide by a text: one that is read from an attribute may be a state in the next pass."""
+        self.f.world.memory.ask_text(text)
+        return self.f.refused(node, TELLS, "a state of an Enum")
+
+    def is_text(self, node: ast.AST) -> bool:
+        """Whether an expression makes a text at run time."""
+        if isinstance(node, ast.JoinedStr):
             return True
-        func = node.func
-        root = func
-        while isinstance(root, ast.Attribute):
-            root = root.value
-        if isinstance(root, ast.Call) and isinstance(root.func, ast.Name) and root.func.id == "super":
-            return False
-        if not isinstance(root, ast.Name) or root.id in self.f.flow.names:
-            return self.f.source.file.startswith("umo/")
-        found = self.f.source.meaning(root.id)
-        for name in reversed(_names_of(func)):
-            found = getattr(found, name, None)
-        return str(getattr(found, "__module__", "")).partition(".")[0] in ("builtins", "umo", "math", "numpy")
+        if isinstance(node, ast.Name):
+            text = self._told_name(node)
+            return text is not None and text.field is None
+        if isinstance(node, ast.IfExp):
+            return self.is_text(node.body) or self.is_text(node.orelse)
+        if isinstance(node, ast.BinOp):
+            signs = ast.Add | ast.Mult | ast.Mod
+            return isinstance(node.op, signs) and any(map(self._begins_text, (node.left, node.right)))
+        if isinstance(node, ast.Call):
+            of_text = isinstance(node.func, ast.Attribute) and self._has_method(node.func)
+            return of_text or self._meaning_of(node.func) in MAKERS
+        return False
 
-    def is_joined_text(self, node: ast.Call) -> bool:
-        """A method of a text, such as `", ".join(...)`: it gives a text."""
-        func = node.func
-        if not (isinstance(func, ast.Attribute) and isinstance(func.value, ast.Constant | ast.JoinedStr)):
-            return False
-        if isinstance(func.value, ast.Constant) and not isinstance(func.value.value, str):
-            return False
-        return func.attr in ("join", "format")
+    def _begins_text(self, node: ast.AST) -> bool:
+        """Whether it is a text, also one that is written down."""
+        is_told = isinstance(node, ast.Name) and self._told_name(node) is not None
+        return is_told or self.is_text(node) or (isinstance(node, ast.Constant) and type(node.value) is str)
 
+    def _told_name(self, node: ast.Name) -> UnknownText | None:
+        found = self.f.flow.names.get(node.id)
+        return found.value if isinstance(found, Known) and isinstance(found.value, UnknownText) else None
 
-def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant | ast.JoinedStr)
+    def _has_method(self, func: ast.Attribute) -> bool:
+        """Whether a method of a text is called."""
+        if isinstance(func.value, ast.Attribute) and func.attr in METHODS:
+            with suppress(NoTranslation), self.f.gathered():
+                term = self.f.term(func.value)
+                return isinstance(term, Known) and isinstance(term.value, UnknownText)
+        return self._begins_text(func.value)
 
+    def _meaning_of(self, func: ast.AST) -> Any:
+        if not isinstance(func, ast.Name) or func.id in self.f.flow.names or self.f.source.is_local(func.id):
+            return None
+        return self.f.source.meaning(func.id)
 
-def _names_of(func: ast.AST) -> list[str]:
-    """The attributes of a dotted name, the last one first."""
-    return [func.attr, *_names_of(func.value)] if isinstance(func, ast.Attribute) else []
+    # Proofs --------------------------------------------------------------------------------------------
+
+    def _proof(self) -> TextProof:
+        return TextProof(self.f.source, {}, Ways(self._field, self._take, self._local))
+
+    def _local(self, name: str) -> Term | None:
+        if name not in self.f.flow.names:
+            return None
+        return self.f.expressions.lower_name(ast.Name(name, ast.Load()))
+
+    def _field(self, owner: Any, name: str) -> CType | None:
+        of = self.f.world.fields.type_of(owner, name, getattr(owner, name))
+        return None if of == NOTHING else of
+
+    def _take(self, owner: Any, name: str, at: tuple[str, int]) -> None:
+        self.f.world.known.attribute(owner, name, at)
+
+    def _refused(self, error: Unproved, node: ast.AST) -> NoTranslation:
+        line, why = getattr(error.node, "lineno", 0), error.why
+        if error.source is self.f.source:
+            node = error.node if line else node
+        else:
+            why = f"{error.source.file}:{line}: {error.source.segment(error.node)}: {why}"
+        return self.f.refused(node, f"{REASON}: {why}", "a name for it first")

@@ -54,8 +54,6 @@ from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_met
 from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
-TELLS = "a text that is made at run time"
-"""Why a condition does not translate that a text decides."""
 
 
 class LoweredValues(LoweredSubject):
@@ -108,6 +106,8 @@ class LoweredValues(LoweredSubject):
             return term
         if isinstance(term, Known):
             value = term.value
+            if isinstance(value, UnknownText):
+                raise self.f.telling.undecided(value, node)
             if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
                 raise self.f.refused(node, f"a {type(value).__name__} of numpy", "np.float64, np.int64, float(...)")
             of = self.f.world.fields.type_of_value(value)
@@ -206,7 +206,7 @@ class LoweredValues(LoweredSubject):
         """A condition; a bool if it is known already."""
         if isinstance(term, Known):
             if isinstance(term.value, UnknownText):
-                raise self.f.refused(node, TELLS, "a state of an Enum")
+                raise self.f.telling.undecided(term.value, node)
             if refused_truth(term.value):
                 raise self.f.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
             return bool(term.value)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Turns
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Turns, UnknownText
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -78,14 +78,19 @@ class AskedOfTelling(Protocol):
     """What is left out of a function."""
 
     def check_told(self, nodes: Sequence[ast.AST]) -> None:
-        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail.
-        umo's own texts are known to be so."""
+        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail."""
 
-    def does_nothing(self, node: ast.AST) -> bool:
-        """Whether evaluating an expression only looks at what there is."""
+    def does_nothing(self, test: ast.expr) -> bool:
+        """Whether evaluating a condition only looks at what there is."""
 
-    def is_joined_text(self, node: ast.Call) -> bool:
-        """A method of a text, such as `", ".join(...)`: it gives a text."""
+    def undecided(self, text: UnknownText, node: ast.AST) -> Exception:
+        """The refusal to decide by a text."""
+
+    def is_text(self, node: ast.AST) -> bool:
+        """Whether an expression makes a text at run time."""
+
+    def text(self, node: ast.expr) -> Known:
+        """The text that an expression makes at run time."""
 
 
 class AskedOfExpressions(Protocol):

@@ -32,6 +32,13 @@ class ArrayMethod:
     name: str
 
 
+@dataclass(frozen=True)
+class Places:
+    """The places of the elements of an array that are true: how many there are is of run time."""
+
+    array: Code
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """Something that is known when the code is generated."""
@@ -51,10 +58,18 @@ class Known:
 class UnknownText(str):
     """A text that is made at run time: a controller has none. It may be the message of an error."""
 
-    __slots__ = ()
+    __slots__ = ("field",)
+    field: tuple[int, str] | None
+    """The attribute that it is read from, by the id of its object; None: from none."""
+
+    @classmethod
+    def of(cls, field: tuple[int, str] | None) -> UnknownText:
+        text = cls()
+        text.field = field
+        return text
 
 
-TEXT = UnknownText()
+TEXT = UnknownText.of(None)
 
 
 @dataclass(frozen=True)

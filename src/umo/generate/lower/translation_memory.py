@@ -11,7 +11,7 @@ import numpy as np
 
 from umo.generate.c_types import CType, TextType, joined
 from umo.generate.form import Value
-from umo.generate.lower.terms import Known
+from umo.generate.lower.terms import Known, UnknownText
 from umo.generate.names import identifier
 
 MOST_PASSES = 12
@@ -25,7 +25,9 @@ class TranslationMemory:
     texts: set[tuple[int, str]] = field(default_factory=set)
     """Fields to which a text is assigned: they do not exist on a controller, but for those that code asks."""
     asked: set[tuple[int, str]] = field(default_factory=set)
-    """Those of them that code reads: each is one of the texts of the machine."""
+    """Those of them by which code decides: each is one of the texts of the machine."""
+    told: dict[tuple[int, str], UnknownText] = field(default_factory=dict)
+    """The texts of those that code only tells so far."""
     made: set[tuple[int, str]] = field(default_factory=set)
     """Those of them whose text is made at run time."""
     words: list[str] = field(default_factory=list)
@@ -89,11 +91,23 @@ class TranslationMemory:
     def add_text(self, owner: object, name: str) -> None:
         self._note(self.texts, owner, name)
 
-    def ask_text(self, owner: object, name: str) -> None:
-        self._note(self.asked, owner, name)
+    def told_text(self, owner: object, name: str) -> UnknownText:
+        """The text of a field that is only told, as far as is known."""
+        key = id(owner), name
+        return self.told.setdefault(key, UnknownText.of(key))
 
-    def make_text(self, owner: object, name: str) -> None:
-        self._note(self.made, owner, name)
+    def ask_text(self, text: UnknownText) -> None:
+        """Code decides by this text."""
+        if text.field is not None and text.field not in self.asked:
+            self.asked.add(text.field)
+            self.changed = True
+
+    def take_text(self, owner: object, name: str, text: UnknownText) -> None:
+        """A field is assigned a text that is no state so far: it is none either, unless the text becomes one."""
+        if text.field is None or text.field in self.made:
+            self._note(self.made, owner, name)
+        elif (id(owner), name) in self.asked:
+            self.ask_text(text)
 
     def _note(self, where: set[tuple[int, str]], owner: object, name: str) -> None:
         if (id(owner), name) not in where:

@@ -135,7 +135,8 @@ class Furnace(
         invalid = (quality == Quality.BAD) | (quality == Quality.OUT_OF_RANGE)
         hot = (temperatures > self.limits + self.margin) & ~invalid  # no zone leaves the range without passing here
         if hot.any():
-            raise OverTemperature(f"{_named(hot)}: {temperatures[hot].max():.0f} degC, the heater does not switch off")
+            hottest = np.where(hot, temperatures, 0.0).max()
+            raise OverTemperature(f"{_named(hot)}: {hottest:.0f} degC, the heater does not switch off")
         self._equal = np.where(temperatures == self._last, self._equal + 1, 0)
         self._last = temperatures
         found = (invalid | (self._equal >= self.frozen_after)) & ~self.faulted

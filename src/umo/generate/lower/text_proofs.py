@@ -1,0 +1,767 @@
+"""Proofs that a text may be left out: to make it has no effect and cannot fail. They follow what it is made of, into
+the functions, properties and methods that it calls, whoever wrote them. What is not proved raises `Unproved`.
+
+Known are the live objects of the machine, and of everything else the classes that it may have."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import is_dataclass
+from enum import Enum
+from string import Formatter
+from types import FunctionType, MethodType, ModuleType, NoneType
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from umo.generate.c_types import (
+    CType,
+)
+from umo.generate.function_source import ABSENT, NoSource, SourcedFunction, sourced
+from umo.generate.known_values import Unwatchable
+from umo.generate.lower.terms import Term
+from umo.generate.lower.text_kinds import (
+    NUMBERS,
+    PLAIN,
+    TEXT,
+    Kind,
+    Live,
+    Row,
+    Several,
+    Some,
+    are_one_enum,
+    is_bare,
+    is_plain,
+    kind_of_term,
+    kind_of_type,
+    plain_kinds,
+    some,
+)
+from umo.generate.value_kinds import attribute_kind, is_container, is_plain_enum, own_methods
+from umo.objects import Compound, Node, Quality, Vector
+from umo.objects.atomic import Atomic, Binary
+from umo.objects.link import Cycle
+from umo.operation import PackML, PackMLState, Procedure, ProcedureState
+from umo.presentation.digits import number_text, setting_text
+from umo.presentation.durations import duration, lasting
+from umo.presentation.value_text import measure, span
+from umo.text import cut_repr
+
+SHOWING = ("__str__", "__repr__", "__format__")
+"""Methods that show an object in a text."""
+OF_UMO = (Atomic.__repr__, Compound.__repr__, Vector.__repr__)
+"""Those of umo's own objects."""
+MAKERS = (str, repr, cut_repr)
+"""Functions that make a text of whatever there is."""
+OF_NUMBERS = (number_text, setting_text, measure, span, duration, lasting)
+"""Functions of umo that make a text of numbers and units."""
+METHODS = ("upper", "lower", "strip", "rstrip", "lstrip", "title", "capitalize", "removeprefix", "removesuffix",
+           "replace")  # fmt: skip
+"""Methods of a text that give a text, and whose arguments are texts."""
+REDUCING = {"max": float, "min": float, "sum": float, "any": bool, "all": bool, "argmax": int, "argmin": int}
+"""Methods of an array that has an element, with the class of what they give."""
+PROPERTIES: Mapping[Any, tuple[type, ...]] = {
+    Node._path: (str,),
+    Cycle.fault: (str, NoneType),
+    Procedure.state: (ProcedureState,),
+    PackML.state: (PackMLState,),
+}
+"""Properties of umo that only look, with the classes of what they give."""
+OF_ATOMIC: Mapping[str, tuple[type, ...]] = {
+    "path": (str,),
+    "units": (str,),
+    "inhibited": (str, NoneType),
+    "quality": (Quality,),
+    "minimum": (float,),
+    "maximum": (float,),
+    "resolution": (float,),
+}
+FORMATS = {float: "fFeEgG%", int: "fFeEgG%dxob", bool: "d"}
+"""How a format of a number may end."""
+DEEPEST = 12
+"""Functions in one another."""
+
+
+class Unproved(Exception):
+    """Something in a text may have an effect, or fail."""
+
+    def __init__(self, node: ast.AST, source: SourcedFunction, why: str) -> None:
+        super().__init__(why)
+        self.node, self.source, self.why = node, source, why
+
+
+class Ways(NamedTuple):
+    """What a proof asks of the translation."""
+
+    field: Callable[[Any, str], CType | None]
+    """The type of an attribute that is a number or a state, whatever its value; None: it is none."""
+    take: Callable[[Any, str, tuple[str, int]], None]
+    """An attribute of a live object is taken as known."""
+    term: Callable[[str], Term | None]
+    """What a local name of the function around is; None: there is none."""
+
+
+class TextProof:
+    """The proof of expressions of one function, whose names are of these kinds."""
+
+    def __init__(self, source: SourcedFunction, names: Mapping[str, Kind], ways: Ways, depth: int = 0) -> None:
+        self._source, self._names, self._ways, self._depth = source, dict(names), ways, depth
+        self._present: frozenset[str] = frozenset()
+        """Expressions that are not None here."""
+
+    def unproved(self, node: ast.AST, why: str = "it may change something, or fail") -> Unproved:
+        return Unproved(node, self._source, why)
+
+    # Expressions ---------------------------------------------------------------------------------------
+
+    def of(self, node: ast.AST) -> Kind:
+        """What an expression gives."""
+        found = EXPRESSIONS.get(type(node))
+        if found is None:
+            raise self.unproved(node)
+        kind = found(self, node)
+        if isinstance(kind, Some) and ast.dump(node) in self._present:
+            return Some(kind.kinds - {NoneType})
+        return kind
+
+    def shown(self, node: ast.AST) -> Some:
+        """That a text shows this."""
+        self._show(self.of(node), node)
+        return TEXT
+
+    def text(self, node: ast.AST) -> Some:
+        """That this is a text."""
+        kind = self.of(node)
+        if kind != TEXT and not (isinstance(kind, Live) and type(kind.value) is str):
+            raise self.unproved(node, "it is not always a text")
+        return TEXT
+
+    def constant(self, node: ast.Constant) -> Kind:
+        return Live(node.value)
+
+    def joined(self, node: ast.JoinedStr) -> Kind:
+        for each in node.values:
+            if isinstance(each, ast.FormattedValue):
+                self._formatted(each)
+        return TEXT
+
+    def _formatted(self, node: ast.FormattedValue) -> None:
+        spec = node.format_spec.values if isinstance(node.format_spec, ast.JoinedStr) else []
+        if not spec:
+            self.shown(node.value)
+            return
+        text = "".join(str(each.value) if isinstance(each, ast.Constant) else "?" for each in spec)
+        if node.conversion == -1:
+            self._check_format(self.of(node.value), text, node.value)
+        else:
+            self.shown(node.value)
+            self._check_format(TEXT, text, node.value)
+
+    def _check_format(self, kind: Kind, spec: str, node: ast.AST) -> None:
+        """That a value takes this format whatever it is."""
+        kinds = self._classes(kind)
+        if kinds == {str}:
+            fits = re.fullmatch(r"(.?[<>^])?[0-9]*(\.[0-9]+)?s?", spec) is not None
+        else:
+            ends = [FORMATS.get(each, "") for each in kinds]
+            pattern = r"(.?[<>^=])?[-+ ]?#?0?[0-9]*[,_]?(\.[0-9]+)?({})"
+            fits = all(each and re.fullmatch(pattern.format(f"[{each}]"), spec) for each in ends)
+        if not fits or not kinds:
+            raise self.unproved(node, f"the format {spec!r} does not fit what it may be")
+
+    def _classes(self, kind: Kind) -> set[type]:
+        if isinstance(kind, Some):
+            return {float if issubclass(each, np.generic) else each for each in kind.kinds}
+        return {type(kind.value)} if isinstance(kind, Live) else {object}
+
+    def name(self, node: ast.Name) -> Kind:
+        if node.id in self._names:
+            return self._names[node.id]
+        term = self._ways.term(node.id) if not self._depth else None
+        if term is not None:
+            return kind_of_term(term)
+        if self._source.is_local(node.id) or (value := self._source.meaning(node.id)) is ABSENT:
+            raise self.unproved(node, "it is used before it has a value on every way")
+        return Live(value)
+
+    def attribute(self, node: ast.Attribute) -> Kind:
+        if isinstance(node.value, ast.Call) and _is_super(node.value):
+            return self._of_super(node)
+        return self.attribute_of(self.of(node.value), node.attr, node)
+
+    def attribute_of(self, base: Kind, name: str, node: ast.AST) -> Kind:
+        if isinstance(base, Live):
+            return self._of_live(base.value, name, node)
+        if isinstance(base, Row) and name == "size":
+            return some(int)
+        if isinstance(base, Several) and name in base.names:
+            return base.parts[base.names.index(name)]
+        kinds = base.kinds if isinstance(base, Some) else ()
+        if kinds and all(issubclass(each, Enum) and is_plain_enum(each) for each in kinds):
+            if name == "name":
+                return TEXT
+            if name == "value":
+                return Some(
+                    frozenset(type(member.value) for each in cast("frozenset[type[Enum]]", kinds) for member in each)
+                )
+            (kind, *others) = kinds
+            static = inspect.getattr_static(kind, name, None)
+            if not others and type(static) is property and static.fget is not None:
+                return self._called(static.fget, [base], {}, node)
+        raise self.unproved(node)
+
+    def _of_live(self, owner: Any, name: str, node: ast.AST) -> Kind:
+        if isinstance(owner, Atomic):
+            if name == "pending":
+                return some(owner.states) if isinstance(owner, Binary) else some(float)
+            if name in OF_ATOMIC:
+                return some(*OF_ATOMIC[name])
+            raise self.unproved(node)
+        if isinstance(owner, Compound) and name in ("dt", "now"):
+            return some(float)
+        if isinstance(owner, Compound) and name == "cycle":
+            return Live(owner.cycle)
+        static = inspect.getattr_static(type(owner), name, None)
+        if isinstance(static, property):
+            if static in PROPERTIES:
+                return some(*PROPERTIES[static])
+            if static.fget is None:
+                raise self.unproved(node)
+            self._take(type(owner), name, node)
+            return self._called(static.fget, [Live(owner)], {}, node)
+        if not isinstance(owner, ModuleType | type) and attribute_kind(owner, name) not in ("value", "function"):
+            raise self.unproved(node)
+        found = getattr(owner, name, ABSENT)
+        if found is ABSENT:
+            raise self.unproved(node, f"{type(owner).__name__} has no {name!r} now")
+        return self._value_of(owner, name, found, node)
+
+    def _value_of(self, owner: Any, name: str, found: Any, node: ast.AST) -> Kind:
+        """An attribute of a live object. A number, a text or a state may be another one when it is shown; what else it
+        is stays as it is."""
+        of = None if isinstance(owner, ModuleType | type) else self._ways.field(owner, name)
+        if of is not None:
+            return kind_of_type(of)
+        if isinstance(owner, ModuleType | type | Enum) or not is_plain(found):
+            self._take(owner, name, node)
+            return Live(found)
+        return some(type(found))
+
+    def _take(self, owner: Any, name: str, node: ast.AST) -> None:
+        try:
+            self._ways.take(owner, name, (self._source.file, getattr(node, "lineno", 0)))
+        except Unwatchable as error:
+            raise self.unproved(node, str(error)) from None
+
+    def _of_super(self, node: ast.Attribute) -> Kind:
+        me, kind = next(iter(self._names.values()), None), self._source.meaning("__class__")
+        if not isinstance(me, Live) or not isinstance(kind, type):
+            raise self.unproved(node)
+        mro = type(me.value).__mro__
+        static = next((vars(each)[node.attr] for each in mro[mro.index(kind) + 1 :] if node.attr in vars(each)), None)
+        if static in PROPERTIES:
+            return some(*PROPERTIES[static])
+        if not isinstance(static, property) or static.fget is None:
+            raise self.unproved(node)
+        return self._called(static.fget, [me], {}, node)
+
+    def tuple(self, node: ast.Tuple | ast.List) -> Kind:
+        parts: list[Kind] = []
+        for each in node.elts:
+            inner = self.of(each.value if isinstance(each, ast.Starred) else each)
+            parts += self._parts(inner, each) if isinstance(each, ast.Starred) else [inner]
+        return Several(tuple(parts))
+
+    def _parts(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
+        """The elements of what has as many as it has now."""
+        if isinstance(kind, Several):
+            return kind.parts
+        if isinstance(kind, Live) and is_container(kind.value) and not isinstance(kind.value, dict | set):
+            return [Live(each) for each in kind.value]
+        if isinstance(kind, Row) and kind.count is not None:
+            return [some(kind.of)] * kind.count
+        raise self.unproved(node)
+
+    def _each(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
+        """What is gone through; of numbers one for all."""
+        return [some(kind.of)] if isinstance(kind, Row) else self._parts(kind, node)
+
+    def subscript(self, node: ast.Subscript) -> Kind:
+        base = self.of(node.value)
+        if isinstance(node.slice, ast.Slice):
+            ends = [each for each in (node.slice.lower, node.slice.upper) if each is not None]
+            if node.slice.step is None and all(self._classes(self.of(each)) == {int} for each in ends):
+                if isinstance(base, Row):
+                    return Row(base.of, None)
+                if self._classes(base) == {str}:
+                    return TEXT
+            raise self.unproved(node)
+        place = self.of(node.slice)
+        if isinstance(place, Live) and isinstance(base, Live) and type(base.value) in (tuple, dict):
+            entries = base.value if isinstance(base.value, dict) else dict(enumerate(base.value))
+            if place.value in entries:
+                return Live(entries[place.value])
+        if isinstance(place, Live) and type(place.value) is int and not isinstance(base, Some):
+            parts = [] if isinstance(base, Row) and base.count is None else self._parts(base, node)
+            if -len(parts) <= place.value < len(parts):
+                return parts[place.value]
+        raise self.unproved(node, "it may have no such element")
+
+    # Conditions and operators ----------------------------------------------------------------------------
+
+    def if_exp(self, node: ast.IfExp) -> Kind:
+        self.asked(node.test)
+        before = self._present
+        self._present = before | _proved(node.test, True)
+        one = self.of(node.body)
+        self._present = before | _proved(node.test, False)
+        other = self.of(node.orelse)
+        self._present = before
+        return self._either(one, other, node)
+
+    def _either(self, one: Kind, other: Kind, node: ast.AST) -> Kind:
+        if one == other:
+            return one
+        kinds = [plain_kinds(each) for each in (one, other)]
+        if None in kinds:
+            raise self.unproved(node, "it is one of two objects")
+        return Some(frozenset().union(*cast("list[frozenset[type]]", kinds)))
+
+    def _one_of(self, found: Sequence[Kind], node: ast.AST) -> Kind:
+        kind = found[0]
+        for other in found[1:]:
+            kind = self._either(kind, other, node)
+        return kind
+
+    def asked(self, node: ast.AST) -> Some:
+        """That it can be asked whether this is true."""
+        kind = self.of(node)
+        if isinstance(kind, Several):
+            return some(bool)
+        kinds = self._classes(kind)
+        good = all(each in PLAIN or issubclass(each, tuple | list | dict) or is_bare(each) for each in kinds)
+        if isinstance(kind, Row) or not good:
+            raise self.unproved(node, "whether it is true is decided by code")
+        return some(bool)
+
+    def bool_op(self, node: ast.BoolOp) -> Kind:
+        before, found = self._present, []
+        for each in node.values:
+            self.asked(each)
+            found.append(self.of(each))
+            self._present |= _proved(each, isinstance(node.op, ast.And))
+        self._present = before
+        return self._one_of(found, node)
+
+    def unary_op(self, node: ast.UnaryOp) -> Kind:
+        if isinstance(node.op, ast.Not):
+            return self.asked(node.operand)
+        kind = self.of(node.operand)
+        if isinstance(node.op, ast.Invert) and isinstance(kind, Row) and kind.of is bool:
+            return kind
+        if isinstance(node.op, ast.USub) and self._classes(kind) <= NUMBERS:
+            return Some(frozenset({int if each is bool else each for each in self._classes(kind)}))
+        raise self.unproved(node)
+
+    def compare(self, node: ast.Compare) -> Kind:
+        operands = [self.of(each) for each in (node.left, *node.comparators)]
+        for sign, one, other in zip(node.ops, operands[:-1], operands[1:], strict=True):
+            if isinstance(sign, ast.Is | ast.IsNot):
+                continue
+            inner = self._parts(other, node) if isinstance(sign, ast.In | ast.NotIn) else [other]
+            if any(isinstance(each, Row) for each in (one, *inner)):
+                return self._compared_rows(one, other, node)
+            kinds = set[type]().union(*map(self._classes, (one, *inner)))
+            ordered = not isinstance(sign, ast.Eq | ast.NotEq | ast.In | ast.NotIn)
+            if not (kinds <= NUMBERS if ordered else kinds <= PLAIN or are_one_enum(kinds)):
+                raise self.unproved(node, "the comparison is decided by code")
+        return some(bool)
+
+    def _compared_rows(self, one: Kind, other: Kind, node: ast.Compare) -> Kind:
+        if len(node.ops) > 1 or isinstance(node.ops[0], ast.In | ast.NotIn):
+            raise self.unproved(node)
+        return Row(bool, self._common_count([one, other], node))
+
+    def _common_count(self, kinds: Sequence[Kind], node: ast.AST) -> int:
+        """The length of arrays of one length, beside numbers."""
+        counts = {each.count for each in kinds if isinstance(each, Row)}
+        rest = [each for each in kinds if not isinstance(each, Row)]
+        if len(counts) != 1 or None in counts or any(not self._classes(each) <= NUMBERS for each in rest):
+            raise self.unproved(node)
+        (count,) = counts
+        return cast(int, count)
+
+    def bin_op(self, node: ast.BinOp) -> Kind:
+        one, other = self.of(node.left), self.of(node.right)
+        kinds = [self._classes(each) for each in (one, other)]
+        if kinds == [{str}, {str}] and isinstance(node.op, ast.Add):
+            return TEXT
+        if {str} in kinds and isinstance(node.op, ast.Mult):
+            times = kinds[1] if kinds[0] == {str} else kinds[0]
+            if times <= {int, bool}:
+                return TEXT
+        if isinstance(one, Row) or isinstance(other, Row):
+            return self._of_rows(node, one, other)
+        if all(each <= NUMBERS for each in kinds):
+            whole = all(each <= {int, bool} for each in kinds)
+            if isinstance(node.op, ast.Add | ast.Sub | ast.Mult):
+                return some(int if whole else float)
+            divides = isinstance(node.op, ast.Div | ast.FloorDiv | ast.Mod)
+            if divides and isinstance(other, Live) and other.value:
+                return some(int if whole and not isinstance(node.op, ast.Div) else float)
+        raise self.unproved(node)
+
+    def _of_rows(self, node: ast.BinOp, one: Kind, other: Kind) -> Kind:
+        count = self._common_count([one, other], node)
+        kinds = {each.of for each in (one, other) if isinstance(each, Row)}
+        if kinds == {bool} and isinstance(node.op, ast.BitAnd | ast.BitOr):
+            return Row(bool, count)
+        if bool not in kinds and isinstance(node.op, ast.Add | ast.Sub | ast.Mult):
+            return Row(float, count)
+        raise self.unproved(node)
+
+    # Calls -----------------------------------------------------------------------------------------------
+
+    def call(self, node: ast.Call) -> Kind:
+        if isinstance(node.func, ast.Attribute) and not _is_super(node.func.value):
+            base = self.of(node.func.value)
+            if self._classes(base) == {str}:
+                return self._method_of_text(base, node.func.attr, node)
+            if isinstance(base, Row):
+                return self._method_of_row(base, node.func.attr, node)
+        func = self.of(node.func)
+        if not isinstance(func, Live):
+            raise self.unproved(node)
+        if func.value in FUNCTIONS and not isinstance(func.value, MethodType):
+            return FUNCTIONS[func.value](self, node)
+        if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):
+            raise self.unproved(node)
+        given = [self.of(each) for each in node.args]
+        named = {str(each.arg): self.of(each.value) for each in node.keywords}
+        return self._called(func.value, given, named, node)
+
+    def _called(self, target: Any, given: Sequence[Kind], named: Mapping[str, Kind], node: ast.AST) -> Kind:
+        """A function of Python, whose body is proved."""
+        if isinstance(target, MethodType):
+            target, given = target.__func__, [Live(target.__self__), *given]
+        if not isinstance(target, FunctionType) or self._depth > DEEPEST:
+            raise self.unproved(node, "it is not known what the function does")
+        try:
+            source = sourced(target)
+            bound = inspect.signature(target, follow_wrapped=False).bind(*given, **named)
+        except (NoSource, TypeError) as error:
+            raise self.unproved(node, str(error)) from None
+        if not isinstance(source.tree, ast.FunctionDef) or inspect.isgeneratorfunction(target):
+            raise self.unproved(node)
+        for each in bound.signature.parameters.values():
+            if each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD):
+                raise self.unproved(node)
+            if each.name not in bound.arguments:
+                bound.arguments[each.name] = Live(each.default)
+        return TextProof(source, bound.arguments, self._ways, self._depth + 1).function()
+
+    def _method_of_text(self, base: Kind, name: str, node: ast.Call) -> Kind:
+        if name == "join" and len(node.args) == 1 and not node.keywords:
+            self._elements(node.args[0])
+        elif name == "format" and isinstance(base, Live):
+            self._format(base.value, node)
+        elif name in METHODS and not node.keywords:
+            for argument in node.args:
+                self.text(argument)
+        else:
+            raise self.unproved(node)
+        return TEXT
+
+    def _elements(self, node: ast.expr) -> None:
+        """Texts that are joined."""
+        if isinstance(node, ast.GeneratorExp | ast.ListComp):
+            self._turns(node, self.text)
+        elif isinstance(node, ast.Tuple | ast.List):
+            for each in node.elts:
+                self.text(each)
+        elif isinstance(node, ast.Call) and self.of(node.func) == Live(map) and len(node.args) == 2:
+            maker, over = self.of(node.args[0]), self.of(node.args[1])
+            if not (isinstance(maker, Live) and maker.value in MAKERS):
+                raise self.unproved(node)
+            for part in self._each(over, node):
+                self._show(part, node)
+        elif any(self._classes(each) != {str} for each in self._parts(self.of(node), node)):
+            raise self.unproved(node)
+
+    def _turns(self, node: ast.GeneratorExp | ast.ListComp, each_turn: Callable[[ast.AST], Any]) -> None:
+        """The turns of a generator with one loop."""
+        (loop, *more) = node.generators
+        if more or loop.is_async:
+            raise self.unproved(node)
+        over, before = self.of(loop.iter), dict(self._names)
+        for part in self._each(over, node):
+            self._bind(loop.target, part)
+            for test in loop.ifs:
+                self.asked(test)
+            each_turn(node.elt)
+            self._names = dict(before)
+
+    def _bind(self, target: ast.AST, kind: Kind) -> None:
+        if isinstance(target, ast.Name):
+            self._names[target.id] = kind
+            return
+        parts = self._parts(kind, target) if isinstance(target, ast.Tuple) else ()
+        if not isinstance(target, ast.Tuple) or len(parts) != len(target.elts):
+            raise self.unproved(target)
+        for each, part in zip(target.elts, parts, strict=True):
+            self._bind(each, part)
+
+    def _format(self, text: str, node: ast.Call) -> None:
+        """`"...".format(...)`, whose arguments have their places."""
+        given = iter(node.args)
+        for _, name, spec, conversion in Formatter().parse(text):
+            if name is None:
+                continue
+            each = next(given, None)
+            if name or conversion or each is None:
+                raise self.unproved(node)
+            kind = self.of(each)
+            if spec:
+                self._check_format(kind, spec, each)
+            else:
+                self._show(kind, each)
+        if node.keywords:
+            raise self.unproved(node)
+
+    def _method_of_row(self, base: Row, name: str, node: ast.Call) -> Kind:
+        if name in REDUCING and base.count and not node.args and not node.keywords:
+            return some(base.of if REDUCING[name] is float and base.of is not bool else REDUCING[name])
+        raise self.unproved(node)
+
+    def shows(self, node: ast.Call) -> Kind:
+        """`str`, `repr`: of one thing."""
+        if len(node.args) > 1 or node.keywords:
+            raise self.unproved(node)
+        for each in node.args:
+            self.shown(each)
+        return TEXT
+
+    def of_numbers(self, node: ast.Call) -> Kind:
+        """A function of umo that makes a text of numbers and units."""
+        for each in (*node.args, *(one.value for one in node.keywords)):
+            if not self._classes(self.of(each)) <= NUMBERS | {str, NoneType}:
+                raise self.unproved(each)
+        return TEXT
+
+    def length(self, node: ast.Call) -> Kind:
+        kind = self.of(node.args[0])
+        if isinstance(kind, Row | Several) or self._classes(kind) == {str}:
+            return some(int)
+        if isinstance(kind, Live) and (is_container(kind.value) or isinstance(kind.value, Vector)):
+            return some(int)
+        raise self.unproved(node)
+
+    def absolute(self, node: ast.Call) -> Kind:
+        kinds = self._classes(self.of(node.args[0]))
+        if len(node.args) != 1 or not kinds <= NUMBERS:
+            raise self.unproved(node)
+        return Some(frozenset({int if each is bool else each for each in kinds}))
+
+    def rounded(self, node: ast.Call) -> Kind:
+        """`round(x, digits)`."""
+        if len(node.args) != 2 or not isinstance(node.args[1], ast.Constant) or node.keywords:
+            raise self.unproved(node)
+        return self.absolute(ast.copy_location(ast.Call(node.func, node.args[:1], []), node))
+
+    def extreme(self, node: ast.Call) -> Kind:
+        """`min` and `max` of several numbers."""
+        kinds = set[type]().union(*(self._classes(self.of(each)) for each in node.args))
+        if len(node.args) < 2 or node.keywords or not kinds <= NUMBERS:
+            raise self.unproved(node)
+        return Some(frozenset(kinds))
+
+    def truth(self, node: ast.Call) -> Kind:
+        if len(node.args) != 1:
+            raise self.unproved(node)
+        return self.asked(node.args[0])
+
+    def total(self, node: ast.Call) -> Kind:
+        """`sum` of a generator of numbers, or of a list of them."""
+        found: set[type] = {int}
+
+        def add(each: ast.AST) -> None:
+            found.update(self._classes(self.of(each)))
+
+        if len(node.args) != 1 or node.keywords:
+            raise self.unproved(node)
+        if isinstance(node.args[0], ast.GeneratorExp | ast.ListComp):
+            self._turns(node.args[0], add)
+        else:
+            kind = self.of(node.args[0])
+            for each in self._each(kind, node):
+                found |= self._classes(each)
+        if not found <= NUMBERS:
+            raise self.unproved(node)
+        return Some(frozenset(found - {bool}))
+
+    def places(self, node: ast.Call) -> Kind:
+        """`np.flatnonzero` of an array."""
+        if len(node.args) != 1 or not isinstance(self.of(node.args[0]), Row):
+            raise self.unproved(node)
+        return Row(int, None)
+
+    def chosen(self, node: ast.Call) -> Kind:
+        """`np.where` of three."""
+        if len(node.args) != 3:
+            raise self.unproved(node)
+        kinds = [self.of(each) for each in node.args]
+        count = self._common_count(kinds, node)
+        found = set[type]().union(*({each.of} if isinstance(each, Row) else self._classes(each) for each in kinds[1:]))
+        return Row(float if float in found else max(found, key=[bool, int].index), count)
+
+    def counted(self, node: ast.Call) -> Kind:
+        """`np.count_nonzero` of an array."""
+        self.places(node)
+        return some(int)
+
+    def converted(self, node: ast.Call) -> Kind:
+        """`cast` of typing: it does nothing."""
+        return self.of(node.args[1])
+
+    # What is shown ---------------------------------------------------------------------------------------
+
+    def _show(self, kind: Kind, node: ast.AST) -> None:
+        """That a text shows this without an effect, and without a failure."""
+        if isinstance(kind, Row):
+            return
+        if isinstance(kind, Several):
+            for each in kind.parts:
+                self._show(each, node)
+            return
+        if isinstance(kind, Live) and is_container(kind.value) and not isinstance(kind.value, str | np.ndarray):
+            values = kind.value.items() if isinstance(kind.value, dict) else kind.value
+            for value in values:
+                self._show(Live(value), node)
+            return
+        for of in [type(kind.value)] if isinstance(kind, Live) else kind.kinds:
+            self._show_object(of, kind, node)
+
+    def _show_object(self, kind: type, value: Kind, node: ast.AST) -> None:
+        if kind is object:
+            raise self.unproved(node)
+        for name in own_methods(kind, SHOWING):
+            method = getattr(kind, name)
+            if method in OF_UMO or issubclass(kind, np.generic | np.ndarray | BaseException):
+                continue
+            if name == "__repr__" and is_dataclass(kind) and method.__code__.co_filename == "<string>":
+                continue
+            if name == "__repr__" and is_dataclass(kind) and hasattr(method, "__wrapped__"):
+                self._show_fields(kind, value, node)
+                continue
+            more: list[Kind] = [TEXT] if name == "__format__" else []
+            one = value if isinstance(value, Live) else some(kind)
+            if self._classes(self._called(method, [one, *more], {}, node)) != {str}:
+                raise self.unproved(node)
+
+    def _show_fields(self, kind: Any, value: Kind, node: ast.AST) -> None:
+        """The fields of a dataclass, which its own method shows."""
+        for name, each in kind.__dataclass_fields__.items():
+            if each.repr:
+                self._show(self.attribute_of(value, name, node), node)
+
+    # Functions -------------------------------------------------------------------------------------------
+
+    def function(self) -> Kind:
+        """What the function gives: its statements only compute."""
+        assert isinstance(self._source.tree, ast.FunctionDef)
+        found: list[Kind] = []
+        if self._body(self._source.tree.body, found):
+            found.append(Live(None))
+        return self._one_of(found, self._source.tree)
+
+    def _body(self, statements: Sequence[ast.stmt], found: list[Kind]) -> bool:
+        """Whether what stands after the statements is reached."""
+        for each in statements:
+            if isinstance(each, ast.Return):
+                found.append(Live(None) if each.value is None else self.of(each.value))
+                return False
+            if isinstance(each, ast.If):
+                if not self._if(each, found):
+                    return False
+            elif isinstance(each, ast.Assign) and len(each.targets) == 1:
+                self._bind(each.targets[0], self.of(each.value))
+            elif isinstance(each, ast.AnnAssign) and each.value is not None:
+                self._bind(each.target, self.of(each.value))
+            elif isinstance(each, ast.AugAssign) and isinstance(each.target, ast.Name):
+                left = ast.copy_location(ast.Name(each.target.id, ast.Load()), each)
+                self._bind(each.target, self.of(ast.copy_location(ast.BinOp(left, each.op, each.value), each)))
+            elif not (isinstance(each, ast.Pass) or (isinstance(each, ast.Expr) and _is_constant(each.value))):
+                raise self.unproved(each)
+        return True
+
+    def _if(self, node: ast.If, found: list[Kind]) -> bool:
+        self.asked(node.test)
+        names, before = dict(self._names), self._present
+        self._present = before | _proved(node.test, True)
+        one = self._names if self._body(node.body, found) else None
+        self._names, self._present = names, before | _proved(node.test, False)
+        other = self._names if self._body(node.orelse, found) else None
+        self._present = before
+        if one is None:
+            self._present = before | _proved(node.test, False)
+        if one is not None and other is not None:
+            self._names = {name: self._either(one[name], other[name], node) for name in one.keys() & other.keys()}
+        else:
+            self._names = one or other or names
+        return one is not None or other is not None
+
+
+EXPRESSIONS: Mapping[type[ast.AST], Callable[[TextProof, Any], Kind]] = {
+    ast.Constant: TextProof.constant,
+    ast.JoinedStr: TextProof.joined,
+    ast.Name: TextProof.name,
+    ast.Attribute: TextProof.attribute,
+    ast.Tuple: TextProof.tuple,
+    ast.List: TextProof.tuple,
+    ast.Subscript: TextProof.subscript,
+    ast.IfExp: TextProof.if_exp,
+    ast.BoolOp: TextProof.bool_op,
+    ast.UnaryOp: TextProof.unary_op,
+    ast.Compare: TextProof.compare,
+    ast.BinOp: TextProof.bin_op,
+    ast.Call: TextProof.call,
+}
+FUNCTIONS: Mapping[Any, Callable[[TextProof, ast.Call], Kind]] = {
+    **dict.fromkeys(MAKERS, TextProof.shows),
+    **dict.fromkeys(OF_NUMBERS, TextProof.of_numbers),
+    len: TextProof.length,
+    abs: TextProof.absolute,
+    round: TextProof.rounded,
+    min: TextProof.extreme,
+    max: TextProof.extreme,
+    bool: TextProof.truth,
+    sum: TextProof.total,
+    cast: TextProof.converted,
+    np.flatnonzero: TextProof.places,
+    np.where: TextProof.chosen,
+    np.count_nonzero: TextProof.counted,
+}
+
+
+def _is_super(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "super" and not node.args
+
+
+def _is_constant(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant)
+
+
+def _proved(test: ast.AST, holds: bool) -> frozenset[str]:
+    """The expressions that are not None where a condition holds, or does not."""
+    if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+        return _proved(test.operand, not holds)
+    if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And if holds else ast.Or):
+        return frozenset().union(*(_proved(each, holds) for each in test.values))
+    if isinstance(test, ast.Compare) and len(test.ops) == 1:
+        sign = ast.IsNot if holds else ast.Is
+        none = isinstance(test.comparators[0], ast.Constant) and test.comparators[0].value is None
+        return frozenset({ast.dump(test.left)}) if none and isinstance(test.ops[0], sign) else frozenset()
+    return frozenset({ast.dump(test)}) if holds and isinstance(test, ast.Name | ast.Attribute) else frozenset()
