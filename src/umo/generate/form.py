@@ -388,8 +388,8 @@ BODIES = "body", "orelse", "last"
 
 
 @cache
-def _parts(kind: type[FormNode]) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(kind))  # type: ignore[arg-type]
+def _parts(kind: Any) -> tuple[str, ...]:
+    return tuple(each.name for each in fields(kind))
 
 
 def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:

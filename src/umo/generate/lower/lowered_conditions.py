@@ -301,6 +301,8 @@ class LoweredConditions(LoweredSubject):
         if (is_bool or only_truth) and not rest:
             either = Operator("&&" if both else "||", truth, second_truth)
             return Code(_bool_of(first, second), either) if is_bool else Present(either)
+        if not both and isinstance(first, Code) and isinstance(first.type, OptionalType):
+            first = Code(first.type.of, inside(first.value))  # what is true is not None
         of = _bool_of(first, second) if is_bool else BOOL if only_truth else self._one_type(first, second, whole)
         is_bool |= only_truth
         result = self.f.temporary(of, "c")
