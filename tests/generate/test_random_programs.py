@@ -1,6 +1,6 @@
-"""Programs at random: in generated C each is what it is in Python, or it is refused, with every input.
+"""Programs at random: in C each is what it is in Python, or it is refused, with every input and whatever the host sets.
 
-A failure names the command that plays its program again, and shows what is left of it when it is reduced.
+A failure names the command that plays its program again, and reduces it.
 """
 
 from __future__ import annotations
@@ -11,78 +11,87 @@ from collections import Counter
 import pytest
 
 from helpers.generating import needs_a_compiler
-from helpers.hazards import HAZARDS
-from helpers.programs import program
-from helpers.reduced_programs import WRONG, play, play_texts, reduced, told
-from helpers.side_by_side import Played
 from helpers.tiers import first
+from tools.fuzz.batches import QUICK, Batch, batches, play
+from tools.fuzz.hazards import HAZARDS
+from tools.fuzz.program import Program, program
+from tools.fuzz.shrink import shrunk
 
-BATCH = 50
-SHARE = 0.4
-"""Of the programs at least so many translate: what is refused is not compared."""
+SIZE = 12
+"""Programs of each kind: with hazards, and without."""
 
 
 @needs_a_compiler
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize("batch", first(1, range(60)))
-def test_programs_are_what_python_does_or_refused(batch: int) -> None:
-    seeds = range(batch * BATCH, (batch + 1) * BATCH)
-    found = dict(zip(seeds, play(seeds), strict=True))
-    wrong = [seed for seed, each in found.items() if each.outcome in WRONG]
-    assert not wrong, "\n".join(map(told, wrong[:3]))
-    outcomes = Counter(each.outcome for each in found.values())
-    assert outcomes["equal"] >= SHARE * BATCH, outcomes
-    unforeseen = [reason for each in found.values() for reason in each.reasons if "cannot be translated" in reason]
-    assert not unforeseen
-    assert all(reason.startswith("program_") for each in found.values() for reason in each.reasons)
+@pytest.mark.parametrize("batch", first(1, range(80)))
+@pytest.mark.parametrize("target", ["host", "compiled"])
+def test_programs_are_what_python_does_or_refused(target: str, batch: int) -> None:
+    outcomes: Counter[str] = Counter()
+    for some in batches(target, range(batch * 2 * SIZE, (batch + 1) * 2 * SIZE), QUICK, SIZE):
+        verdicts = play(some)
+        wrong = [(each, one) for each, one in zip(some.programs, verdicts, strict=True) if one.is_wrong]
+        assert not wrong, "\n".join(f"{some.line(each.seed)}: {one.outcome}: {one.told}" for each, one in wrong)
+        outcomes.update(each.outcome for each in verdicts)
+    assert outcomes["equal"] >= SIZE, outcomes
 
 
 def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:
-    texts = [program(seed) for seed in range(2 * len(HAZARDS))]
-    assert texts == [program(seed) for seed in range(2 * len(HAZARDS))]
-    assert len({*texts}) == len(texts)
-    for text in texts:
-        ast.parse(text)
+    programs = [program(seed) for seed in range(2 * len(HAZARDS))]
+    assert programs == [program(seed) for seed in range(2 * len(HAZARDS))]
+    assert len({each.text for each in programs}) == len(programs)
+    assert {each.hazard for each in programs} == {"", *(each.__name__ for each in HAZARDS)}
+    for each in programs:
+        ast.parse(each.text)
 
 
 @needs_a_compiler
 @pytest.mark.slow
 @pytest.mark.full
-def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("target", ["host", "compiled"])
+def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.MonkeyPatch, target: str) -> None:
     """As one would be where the translator took `<` for `<=`."""
     from umo.generate.lower import lowered_expressions
 
     monkeypatch.setitem(lowered_expressions.SIGNS, ast.Lt, "<=")
-    body = "self.c = 1\nself.yes = self.n < 2"
-    monkeypatch.setattr("helpers.reduced_programs.program", lambda seed: _with_body(program(seed), body))
-    text, found = reduced(0)
-    assert found.outcome == "different"
-    assert text.splitlines() == ["self.yes = self.n < 2"]
+    one = _with_body(program(0), "self.c = 1\nif self.on:\n    self.d = 5\nself.yes = self.n < 2")
+    least, verdict = shrunk(Batch(target, QUICK, [one]))
+    assert verdict.outcome == "different"
+    assert _body(least) == "self.yes = self.n < 2"
 
 
-@pytest.mark.full
 @needs_a_compiler
-def test_what_the_compiler_does_not_take_is_told_alone() -> None:
+@pytest.mark.full
+def test_what_the_compiler_does_not_take_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """One program of a batch that does not compile does not hide the others."""
-    good, bad = (_with_body(program(0), body) for body in ("self.s = self.u", "self.s = self.v"))
-    outcomes = [each.outcome for each in _with_broken(good, bad)]
-    assert outcomes == ["equal", "not compiled"]
-
-
-def _with_broken(good: str, bad: str) -> list[Played]:
     from umo.generate.emit.function_text import FunctionText
 
     kept = FunctionText.put
-
-    def put(self: FunctionText, text: str) -> None:
-        kept(self, text.replace(".v;", ".v @;"))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FunctionText, "put", put)
-        return play_texts([good, bad], [0, 1], trials=2)
+    monkeypatch.setattr(FunctionText, "put", lambda self, text: kept(self, text.replace(".v;", ".v @;")))
+    some = [_with_body(program(seed), f"self.s = self.{name}") for seed, name in ((0, "u"), (2, "v"))]
+    assert [each.outcome for each in play(Batch("host", QUICK, some))] == ["equal", "not compiled"]
 
 
-def _with_body(text: str, body: str) -> str:
-    head = text.partition("    def control(self)")[0]
-    return f"{head}    def control(self) -> None:\n" + "".join(f"        {each}\n" for each in body.splitlines())
+@needs_a_compiler
+@pytest.mark.full
+def test_what_crashes_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    from umo.generate.emit.function_text import FunctionText
+
+    kept = FunctionText.put
+    crash = "*(volatile int *)0 = 0; "
+    monkeypatch.setattr(FunctionText, "put", lambda self, text: kept(self, crash * text.endswith(".v;") + text))
+    some = [_with_body(program(seed), f"self.s = self.{name}") for seed, name in ((0, "u"), (2, "v"))]
+    assert [each.outcome for each in play(Batch("host", QUICK, some))] == ["equal", "crashed"]
+
+
+def _with_body(one: Program, body: str) -> Program:
+    """Its control code is this."""
+    head, _, rest = one.text.partition("    def control(self) -> None:\n")
+    lines = "".join(f"        {line}\n" for line in body.splitlines())
+    return one.changed(
+        f"{head}    def control(self) -> None:\n{lines}{rest[rest.index(chr(10) * 2 + 'def part') :]}", 0
+    )
+
+
+def _body(one: Program) -> str:
+    functions = (each for each in ast.walk(ast.parse(one.text)) if isinstance(each, ast.FunctionDef))
+    return "\n".join(map(ast.unparse, next(each for each in functions if each.name == "control").body))

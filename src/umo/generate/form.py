@@ -388,7 +388,7 @@ BODIES = "body", "orelse", "last"
 
 
 @cache
-def _parts(kind: type[Any]) -> tuple[str, ...]:
+def _parts(kind: Any) -> tuple[str, ...]:
     return tuple(each.name for each in fields(kind))
 
 

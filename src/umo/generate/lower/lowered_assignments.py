@@ -55,13 +55,18 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(node.target, ast.Subscript):
             self._aug_element(node, node.target)
             return
-        at = len(self.f.statements)
-        load = ast.copy_location(loaded(node.target), node.target)
-        left = self.f.term(load)
-        if self.f.changed_since(at) and isinstance(node.target, ast.Attribute):
-            raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
+        if isinstance(node.target, ast.Attribute):
+            self._check_found_once(node, node.target)
+        left = self.f.term(ast.copy_location(loaded(node.target), node.target))
         left, right = self._after(left, node.value)
         self._change(node, left, right)
+
+    def _check_found_once(self, node: ast.AugAssign, target: ast.Attribute) -> None:
+        """The object is found where it is read, and where it is set."""
+        at = len(self.f.statements)
+        self.f.term(target.value)
+        if self.f.changed_since(at):
+            raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
 
     def lower_named_expr(self, node: ast.NamedExpr) -> Term:
         term = self.f.term(node.value)

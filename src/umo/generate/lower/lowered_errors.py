@@ -16,8 +16,6 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import TEXT, Known, Many
 from umo.generate.value_kinds import made_by_code
 
-LEAVING = (ast.Return, ast.Break, ast.Continue)
-
 
 class LoweredErrors(LoweredSubject):
     """The errors of a function: raise, try, assert, with."""
@@ -60,7 +58,7 @@ class LoweredErrors(LoweredSubject):
         self.f.flow.known |= self.f.flow.proved(node.test) if shown else set()
 
     def lower_try(self, node: ast.Try) -> bool | None:
-        if any(isinstance(each, LEAVING) for part in node.finalbody for each in ast.walk(part)):
+        if any(map(_leaves, node.finalbody)):
             raise self.f.refused(node, "`finally` is left, which forgets the error", "except")
         return self._with_finally(node) if node.finalbody else self._with_except(node)
 
@@ -174,3 +172,14 @@ def _said(error: ast.AST, text: str) -> str:
             else ast.unparse(error.args[0])
         )
     return text
+
+
+def _leaves(node: ast.AST, in_loop: bool = False) -> bool:
+    """Whether a statement leaves what it stands in. A loop in it may be left."""
+    if isinstance(node, ast.FunctionDef):
+        return False
+    if isinstance(node, ast.Break | ast.Continue):
+        return not in_loop
+    inside = node.body if isinstance(node, ast.For | ast.While) else []
+    parts = ((each, in_loop or each in inside) for each in ast.iter_child_nodes(node))
+    return isinstance(node, ast.Return) or any(_leaves(each, within) for each, within in parts)

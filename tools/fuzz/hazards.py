@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-if TYPE_CHECKING:
-    from helpers.programs import Writer
-
-Write = Callable[["Writer"], list[str]]
+from tools.fuzz.writer import WriteLines, Writer
 
 
 def real_in_whole_list(w: Writer) -> list[str]:
@@ -30,20 +26,17 @@ def mixed_name(w: Writer) -> list[str]:
 
 
 def alias_of_a_list(w: Writer) -> list[str]:
-    if "self.same = self.row" not in w.begin:
-        w.begin.append("self.same = self.row")
+    w.once("self.same = self.row")
     return [f"self.row[0] = {w.real(1)} * 1.0", "self.s += self.same[0]"]
 
 
 def view_of_an_array(w: Writer) -> list[str]:
-    if "self.head = self.other[:2]" not in w.begin:
-        w.begin.append("self.head = self.other[:2]")
+    w.once("self.head = self.other[:2]")
     return [f"self.other[1] = {w.real(1)}", "self.s += float(self.head[1])"]
 
 
 def alias_of_an_object(w: Writer) -> list[str]:
-    if "self.twin = self.part" not in w.begin:
-        w.begin.append("self.twin = self.part")
+    w.once("self.twin = self.part")
     return [f"self.twin.gain = {w.real(1)} * 1.0", "self.s = self.part.gain * 1.0"]
 
 
@@ -142,14 +135,12 @@ def returned_in_try(w: Writer) -> list[str]:
 
 
 def array_in_a_list(w: Writer) -> list[str]:
-    if "self.both = [self.array, self.other]" not in w.begin:
-        w.begin.append("self.both = [self.array, self.other]")
+    w.once("self.both = [self.array, self.other]")
     return [f"self.array[0] = {w.real(1)}", "for each in self.both:", "    self.s += float(each[0])"]
 
 
 def list_of_the_module(w: Writer) -> list[str]:
-    if "self.mine = ROW" not in w.begin:
-        w.begin.append("self.mine = ROW")
+    w.once("self.mine = ROW")
     return [f"self.mine[0] = {w.real(1)} * 1.0", "self.s = ROW[0] * 1.0"]
 
 
@@ -191,8 +182,7 @@ def range_of_reals(w: Writer) -> list[str]:
 
 
 def small_numbers(w: Writer) -> list[str]:
-    if "self.small = np.zeros(2, np.int8)" not in w.begin:
-        w.begin.append("self.small = np.zeros(2, np.int8)")
+    w.once("self.small = np.zeros(2, np.int8)")
     return ["self.small = self.small + 100", "self.c = int(self.small[0])"]
 
 
@@ -248,8 +238,7 @@ def returned_array(w: Writer) -> list[str]:
 
 
 def constant_array(w: Writer) -> list[str]:
-    if "self.GAINS = np.ones(3)" not in w.begin:
-        w.begin.append("self.GAINS = np.ones(3)")
+    w.once("self.GAINS = np.ones(3)")
     return [f"self.GAINS {w.pick('+=', '*=')} {w.real(1)}", "self.s = float(self.GAINS[0])"]
 
 
@@ -269,8 +258,7 @@ def class_of_an_error(w: Writer) -> list[str]:
 
 
 def late_text(w: Writer) -> list[str]:
-    if "self.note = ''" not in w.begin:
-        w.begin.append("self.note = ''")
+    w.once("self.note = ''")
     told = w.pick("self.note == ''", "self.note", "isinstance(self.note, int)")
     return [f"self.a.write(1.0 if {told} else 2.0)", "self.note = 'seen'"]
 
@@ -281,12 +269,11 @@ def bool_as_a_number(w: Writer) -> list[str]:
 
 
 def list_in_a_tuple(w: Writer) -> list[str]:
-    if "self.inner = ([1, 2], 3.0)" not in w.begin:
-        w.begin.append("self.inner = ([1, 2], 3.0)")
+    w.once("self.inner = ([1, 2], 3.0)")
     return ["self.c = self.inner[0][0]"]
 
 
-HAZARDS: Sequence[Write] = [
+HAZARDS: Sequence[WriteLines] = [
     real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
     alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
     place_found_once, place_found_first, order_of_arguments, tuple_then_call, late_name, late_name_of_try,

@@ -1,0 +1,125 @@
+"""Compiled laws (`compile = true`), which work on the memory of Python; the host sets whatever it likes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tools.fuzz.machine import Side, restored
+from tools.fuzz.program import Program
+from tools.fuzz.stimuli import Stimulus
+from tools.fuzz.target import Beside, Refused, Target
+from tools.fuzz.verdict import same
+from umo.generate import law_library
+from umo.generate.compiled_laws import CompiledLaws, NotCompiled, PreparedLaws
+
+COLUMNS = "values", "quality", "pending", "raws", "restrictions"
+
+
+class CompiledTarget(Target):
+    name = "compiled"
+
+    def beside(self, python: Side, programs: Sequence[Program], stack: ExitStack) -> CompiledBeside:
+        patch = stack.enter_context(pytest.MonkeyPatch.context())
+        patch.setattr(law_library, "FLAGS", (*law_library.FLAGS, *self._flags))
+        patch.setattr(law_library, "_cache", self.new_folder)
+        side = stack.enter_context(Side([each.loaded() for each in programs], self._periods))
+        try:
+            return CompiledBeside(python, side)
+        except NotCompiled as error:
+            raise Refused(programs, error.reasons) from None
+
+    def new_folder(self) -> Path:
+        folder = super().new_folder()
+        folder.mkdir()
+        return folder
+
+
+class CompiledBeside(Beside):
+    def __init__(self, python: Side, side: Side) -> None:
+        self._python, self._side = python, side
+        machine = side.connection.machine
+        self._laws = machine.attach(CompiledLaws(PreparedLaws(side.wired, "", Path())))
+        self._laws._bind()  # what the comparison of the first periods would find is found here
+        self._state = self._laws.state
+        side.observe()
+        slots: dict[int, list[int]] = {number: [] for number in range(len(side.parts))}
+        for slot, item in enumerate(side.connection.image.items):
+            words = item.path.split(".")
+            if words[0] == "parts":
+                slots[int(words[1])].append(slot)
+        self._slots = slots
+        self._fields: dict[int, list[tuple[Any, Any, str, str]]] = {number: [] for number in slots}
+        """By part: the object in Python, the one whose fields are in C, the name and the path of each field."""
+        self._names: dict[int, set[str]] = {number: set() for number in slots}
+        """Of fields, as a part has them."""
+        for struct in self._laws._translation.structs:
+            words = struct.path.split(".")
+            owner = python.at(struct.path)
+            if words[0] == "parts" and owner is not None:
+                self._fields[int(words[1])] += [(owner, struct.owner, name, struct.path) for name in struct.fields]
+                self._names[int(words[1])] |= {".".join([*words[2:], name]) for name in struct.fields}
+
+    def set(self, number: int, name: str, value: Any) -> bool:
+        if name not in self._names[number]:
+            return False
+        self._side.set(number, name, _of(self._side.modules[number], value))
+        return True
+
+    def set_anything(self, number: int, way: Callable[[Any, Any], object]) -> bool:
+        way(self._side.parts[number], self._side.modules[number])
+        return True
+
+    def clear(self, number: int) -> bool:
+        return self._side.clear(number)
+
+    def acknowledge(self) -> None:
+        self._side.m.acknowledge()
+
+    def step(self, ticks: int, given: Sequence[Stimulus]) -> str | None:
+        self._side.give(given)
+        return self._side.step()
+
+    def errors(self) -> dict[int, str]:
+        return self._side.errors
+
+    def restore(self, number: int) -> None:
+        for owner, other, name, _ in self._fields[number]:
+            restored(owner, name, _of(self._python.modules[number], _plain(getattr(other, name))))
+
+    def difference(self, number: int) -> str:
+        python, c = self._python, self._side
+        if python.in_fault(number) != c.in_fault(number):
+            return f"in fault: Python {python.in_fault(number)}, C {c.in_fault(number)}"
+        for slot in self._slots[number]:
+            one, other = ([column[slot] for column in _columns(each)] for each in (python, c))
+            if not same(one, other):
+                return f"{c.connection.image.items[slot].path}: Python {one}, C {other}"
+        for owner, other, name, path in self._fields[number]:
+            one, two = getattr(owner, name), _plain(getattr(other, name))
+            if not same(one, two):
+                return f"{path}.{name}: Python {one!r}, C {two!r}"
+        return ""
+
+    def gave_up(self) -> str:
+        if self._laws.state == "compiled":
+            return ""
+        return "; ".join(each.text for each in self._side.connection.machine.events if "not compiled" in each.text)
+
+
+def _columns(side: Side) -> list[Any]:
+    return [getattr(side.connection.image.columns, name) for name in COLUMNS]
+
+
+def _of(module: Any, value: Any) -> Any:
+    """A state as the member of this module's Enum."""
+    kind = getattr(module, type(value).__name__, None)
+    return kind[value.name] if hasattr(value, "name") and kind is not None else value
+
+
+def _plain(value: Any) -> Any:
+    return [*value] if type(value).__name__ == "BoundList" else value

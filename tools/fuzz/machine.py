@@ -1,0 +1,177 @@
+"""A machine whose parts are programs, connected to a circuit whose channels fail at will."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from types import MethodType, ModuleType
+from typing import Any
+
+from tools.fuzz.stimuli import ACTUATORS, SENSORS, Stimulus, ticks
+from umo import Compound, DigitalSensor
+from umo.cycle.connect import connect
+from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.errors import ChannelsFailed, UmoError
+from umo.generate.translation import ControllerLimit
+from umo.objects import atoms
+from umo.testing import VirtualTimer
+from umo.wiring import resolve
+
+PERIOD = "1 ms"
+
+
+class Machine(Compound):
+    """Each part fails alone."""
+
+    timer: DigitalSensor
+    parts: list[Compound]
+
+
+class Circuit(Driver):
+    """Channels by the paths of objects: what they read, which cannot be read, which accept nothing."""
+
+    def __init__(self) -> None:
+        self.raws: dict[str, int] = {}
+        self.cut: set[str] = set()
+        self.deaf: set[str] = set()
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.BOTH, 64, signed=True)
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        if default is not None:
+            self.raws[channel.text] = default
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        self.initialize(channel, default)
+
+    def read(self, channel: Channel) -> int:
+        if channel.text in self.cut:
+            raise ChannelsFailed({channel.text: "cut"})
+        return self.raws.get(channel.text, 0)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self.raws[channel.text] = raw
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        out[:] = [self.raws.get(each.text, 0) for each in channels]
+        if failed := self.cut.intersection(each.text for each in channels):
+            raise ChannelsFailed(dict.fromkeys(failed, "cut"))
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        taken = zip(channels, raws.tolist(), strict=True)
+        self.raws |= {each.text: raw for each, raw in taken if each.text not in self.deaf}
+        if failed := self.deaf.intersection(each.text for each in channels):
+            raise ChannelsFailed(dict.fromkeys(failed, "deaf"))
+
+
+class Side:
+    """A machine of the programs in these modules that is connected, in Python. Its laws can be told to fail."""
+
+    def __init__(self, modules: Sequence[ModuleType], periods: int) -> None:
+        self.modules, self.circuit = modules, Circuit()
+        self.parts: list[Any] = [module.part() for module in modules]
+        timer = DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
+        self.m: Any = Machine(timer=timer, parts=self.parts)
+        wire: dict[str, Any] = {each.path: {"driver": "box"} for each in atoms(self.m) if each.path != "timer"}
+        wire["timer"] = {"driver": "clock", "period": PERIOD}
+        drivers = {"box": self.circuit, "clock": VirtualTimer(ticks(periods))}
+        self.wired = resolve(self.m, {"drivers": drivers, "wire": wire})
+        self.connection = connect(self.m, self.wired)
+        self.limited: set[int] = set()
+        """Parts whose laws are to end at a limit of the controller."""
+        self.errors: dict[int, str] = {}
+        """The class of the error of each law that failed in this period."""
+
+    def __enter__(self) -> Side:
+        self.connection.__enter__()
+        self.numbers = {id(part): number for number, part in enumerate(self.parts)}
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.connection.__exit__(None, None, None)
+
+    def observe(self) -> None:
+        """From now on the errors of laws are kept, also of those that take their places."""
+        laws = self.connection.machine.acting_laws
+        replace = laws.replace
+
+        def observing(new: Sequence[MethodType]) -> None:
+            replace([MethodType(self._observed(law), law.__self__) for law in new])
+
+        laws.replace = observing  # type: ignore[method-assign]
+        observing(laws.of(self.m))
+
+    def _observed(self, law: MethodType) -> Callable[[Any], None]:
+        number = self.numbers[id(law.__self__)]
+
+        def act(_: Any) -> None:
+            try:
+                law()
+            except Exception as error:
+                self.errors[number] = type(error).__name__
+                if number not in self.limited:
+                    raise
+            if number in self.limited:
+                raise ControllerLimit("a limit of the controller")
+
+        return act
+
+    def give(self, given: Sequence[Stimulus]) -> None:
+        """What the sensors read and which channels fail, by part."""
+        circuit = self.circuit
+        circuit.cut.clear()
+        circuit.deaf.clear()
+        for number, each in enumerate(given):
+            for name, raw, failed in zip(SENSORS, each.raws, each.failed, strict=True):
+                circuit.raws[f"parts.{number}.{name}"] = raw
+                if failed:
+                    circuit.cut.add(f"parts.{number}.{name}")
+            circuit.deaf |= {f"parts.{number}.{name}" for name, deaf in zip(ACTUATORS, each.deaf, strict=True) if deaf}
+
+    def step(self) -> str | None:
+        """One period; the class of an error that no part has contained."""
+        self.errors.clear()
+        self.m.timer.read()
+        try:
+            self.m.sample()
+            self.m.control()
+            self.m.update()
+        except UmoError as error:
+            return type(error).__name__
+        return None
+
+    def clear(self, number: int) -> bool:
+        """Whether the fault of a part could be ended."""
+        try:
+            self.connection.machine.equipment.clear(self.parts[number])
+        except UmoError:
+            return False
+        return True
+
+    def in_fault(self, number: int) -> bool:
+        return self.parts[number].cycle.fault is not None
+
+    def at(self, path: str) -> Any:
+        """The object at a path; None: there is none."""
+        found = self.m
+        for part in filter(None, path.split(".")):
+            found = found[int(part)] if part.isdigit() and isinstance(found, list) else getattr(found, part, None)
+        return found
+
+    def inhibited(self, slot: int) -> bool:
+        return self.connection.machine.claims.inhibited(slot) is not None
+
+    def set(self, number: int, name: str, value: Any) -> None:
+        """An attribute of a part, or, as in `part.gain`, of an object in it."""
+        *path, last = name.split(".")
+        setattr(reduce(getattr, path, self.parts[number]), last, value)
+
+
+def restored(owner: Any, name: str, value: Any) -> None:
+    """A list or an array stays the one that it is."""
+    kept = getattr(owner, name)
+    if isinstance(kept, list) or hasattr(kept, "tolist"):
+        kept[:] = value
+    else:
+        setattr(owner, name, value)

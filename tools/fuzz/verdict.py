@@ -1,0 +1,54 @@
+"""How a program has been, and how values are compared."""
+
+from __future__ import annotations
+
+import math
+import struct
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+WRONG = "different", "not compiled", "crashed", "gave up", "refused without a hazard"
+
+
+class Verdict(NamedTuple):
+    """`outcome`: "equal", "refused", or one of those that are wrong."""
+
+    outcome: str
+    told: str = ""
+    """What is different, why it is refused, what the compiler says."""
+    periods: int = 0
+    """Those that were compared, of which so many had an error in Python:"""
+    faults: int = 0
+    limits: int = 0
+    """Periods that ended at a limit of the controller: a whole number left 32 bits."""
+
+    @property
+    def is_wrong(self) -> bool:
+        return self.outcome in WRONG
+
+
+def bits(value: Any) -> Any:
+    """A number as what is compared: all NaN are one, numbers of several classes are the same."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, int) and abs(value) < 2**53:
+        value = float(value)
+    if isinstance(value, float):
+        return "nan" if math.isnan(value) else struct.pack("d", value)
+    return value
+
+
+def same(python: Any, c: Any) -> bool:
+    """Whether two values are the same."""
+    if isinstance(python, np.ndarray | list | tuple) or isinstance(c, np.ndarray | list | tuple):
+        if not hasattr(python, "__len__") or not hasattr(c, "__len__"):
+            return False
+        one, other = [*python], [*c]
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(c, bool) and not isinstance(python, bool | np.bool_):
+        return False
+    return bool(bits(python) == bits(c))
