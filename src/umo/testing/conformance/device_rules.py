@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import pairwise
+from time import sleep
 from typing import Any
 
 from umo.cycle.connect import connect
 from umo.errors import DriverError, WiringError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
+from umo.presentation.durations import duration
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
@@ -27,6 +29,8 @@ MANY_FAILURES = 100
 """Calls that fail while the device is away."""
 STILL = 40
 """Readings of a level that stays, after which a driver might take it for one that always does."""
+PAUSE = 0.06
+"""Time in s in which nothing is read: what a device sends by itself meanwhile may lie in a buffer."""
 OWN_PERIOD = 0.1
 """Period in s of a driver that umo takes off the cycle only."""
 MAX_LEVEL = 1 << 40
@@ -333,24 +337,26 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
             text = f"{context.watch.doing} gave an earlier reading of {view}, {old} times of {number}"
             raise RuleBroken(text, f"earlier reading of {view}")
     ends = output.least, output.greatest
-    for levels, still, when in (
-        (ends, 1, "after a step over the whole range"),
-        (None, STILL, f"once it had been the same {STILL} times"),
+    for levels, still, pause, when in (
+        (ends, 1, 0.0, "after a step over the whole range"),
+        (None, 1, PAUSE, f"{duration(PAUSE)} after the reading before, though the level had come later still"),
+        (None, STILL, 0.0, f"once it had been the same {STILL} times"),
     ):
         if not context.budget.more:
             return
         turns = [(n, still + 3 * n * (still > 1)) for n in range(2 * MAX_OLD)]  # it may ask now and then
-        if sum(_is_old(context, probe, other, output, readings[-1], *turn, levels) for turn in turns) >= MAX_OLD:
+        found = (_is_old(context, probe, other, output, readings[-1], *turn, levels, pause) for turn in turns)
+        if sum(found) >= MAX_OLD:
             text = f"{context.watch.doing} gave an earlier reading of {view}, {when}"
             raise RuleBroken(text, f"earlier reading of {view}")
 
 
 def _is_old(
     context: RuleContext, probe: Probe, other: Probe | None, output: Output, reading: Callable[[], int], number: int,
-    still: int = 1, levels: tuple[int, int] | None = None,
+    still: int = 1, levels: tuple[int, int] | None = None, pause: float = 0.0,
 ) -> bool:  # fmt: skip
     """Whether a level is read that was there before, and was read so `still` times, though another has come since for
-    sure. `levels`: these two in turns; default: the default and another one."""
+    sure, after a pause. `levels`: these two in turns; default: the default and another one."""
     levels = levels or (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
@@ -359,6 +365,7 @@ def _is_old(
     for _ in range(still):
         reading()
     earlier = reading()
+    sleep(pause)
     mover.write(output.channel, raw)
     context.arrive(other, output, raw)
     found = reading()

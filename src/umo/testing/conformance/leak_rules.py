@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 import threading
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -42,8 +43,8 @@ CACHE_FILLING_CALLS = 5000
 """Calls after which a cache is full, if there is time for so many."""
 CYCLES = 1000
 """Cycles of one measurement at most."""
-FREE_GROWTH = 4096
-"""Bytes by which the memory may grow at any rate."""
+FREE_GROWTH, FREE_PIECES = 4096, 6
+"""Bytes, and pieces, by which the memory may grow at any rate."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,12 @@ class LeakLimit:
     """Bytes: less than one entry of a list."""
     circular: float = 0.5
     """Objects that only the garbage collector frees."""
+    pieces: float = 1.5
+    """Pieces of memory of any size, such as an object that is kept."""
 
 
-PER_LONGER_CYCLE = LeakLimit(fewest=14)
-PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0)
+PER_LONGER_CYCLE = LeakLimit(fewest=14, pieces=2.5)  # a record of levels in this process may still fill
+PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0, pieces=20.0)
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
@@ -324,27 +327,31 @@ def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: 
         repeat()  # warm, and how many fit so often again
         took = context.budget.clock() - began
         count += 1
-    allowed = FREE_GROWTH + each.size * count
+    allowed, allowed_pieces = FREE_GROWTH + each.size * count, FREE_PIECES + each.pieces * count
     growths: list[int] = []
+    pieces: list[int] = []
     circular = 1 << 60
     with _traced():
         while (rounds := len(growths)) < ROUNDS or (
-            min(growths) > allowed
+            (min(growths) > allowed or min(pieces) > allowed_pieces)
             and (rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and context.budget.more))
         ):
             context.share = rounds / max(ROUNDS, rounds + 1)
             gc.collect()
             gc.disable()
-            before = tracemalloc.get_traced_memory()[0]
+            before, there = tracemalloc.get_traced_memory()[0], sys.getallocatedblocks()
             for _ in range(count):
                 repeat()
             circular = min(circular, gc.collect())
             growths.append(tracemalloc.get_traced_memory()[0] - before)
+            pieces.append(sys.getallocatedblocks() - there)
     if circular >= each.circular * count:
         left = f"{number_text(circular / count)} objects are left in a circle of references by each of {count} {what}"
         raise RuleBroken(f"{left}: only the garbage collector frees them, and it is off in the control process")
     if (growth := min(growths)) > allowed:
         raise RuleBroken(f"the memory grew by {growth} bytes in each {count} {what}, {growth / count:.0f} each time")
+    if (more := min(pieces)) > allowed_pieces:
+        raise RuleBroken(f"the memory grew by {more} objects in each {count} {what}, and {growth} bytes at least")
     return f"{len(growths)} rounds of {count} {what}"
 
 

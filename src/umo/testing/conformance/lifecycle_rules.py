@@ -130,6 +130,7 @@ def _check_others(context: RuleContext, probe: Probe) -> None:
     for order in (context.required_outputs, context.required_outputs[::-1]):
         for output in order:
             probe.write(output.channel, output.other())
+            context.confirm(probe, output, output.other())
         for number, gone in enumerate(order):
             goals = {each: each.other() for each in order[number + 1 :]} | {gone: gone.default}
             with context.straight(goals, f"a reset of {gone.channel}"):

@@ -42,8 +42,9 @@ UNFED = 1.5
 """Times of the watchdog after which it has run out."""
 NO_TIMES = (1e9, -1.0)
 """Times in s that no watchdog has: 31 years, and one that is over."""
-SILENCE = 0.1
-"""Time in s for which nothing comes from the device: what is read then is no younger."""
+SILENCES = (0.04, 0.1)
+"""Times in s for which nothing comes from the device: what is read then is no younger. A driver may give what it has
+only for a short one."""
 REPORTS = 3
 """Times that a report is asked for twice in a row."""
 FEEDS = 6
@@ -155,17 +156,18 @@ def ages(context: RuleContext) -> str | None:
 
 def _grow_in_silence(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
     """What a driver gives while nothing comes from its device has come before."""
-    probe.read_many(texts)
-    with context.line.silent(), context.in_haste(probe):
-        began = monotonic()
-        sleep(SILENCE)
-        if context.failure(probe.read_many, texts) is None:
-            least = monotonic() - began - AGE_TOLERANCE
-            for text, age in zip(texts, _ages(probe, texts) or (), strict=True):
-                if age < least:
-                    silence = f"nothing has come from the device for {_time(least + AGE_TOLERANCE)}"
-                    raise RuleBroken(f"{text} was read with an age of {_time(age)}; {silence}")
-    context.insist(probe.read_many, texts)
+    for silence in SILENCES:
+        probe.read_many(texts)
+        with context.line.silent(), context.in_haste(probe):
+            began = monotonic()
+            sleep(silence)
+            if context.failure(probe.read_many, texts) is None:
+                least = monotonic() - began - AGE_TOLERANCE
+                for text, age in zip(texts, _ages(probe, texts) or (), strict=True):
+                    if age < least:
+                        why = f"nothing has come from the device for {_time(least + AGE_TOLERANCE)}"
+                        raise RuleBroken(f"{text} was read with an age of {_time(age)}; {why}")
+        context.insist(probe.read_many, texts)
 
 
 def _clock_is_set_back(probe: Probe, texts: tuple[str, ...]) -> None:
@@ -264,6 +266,7 @@ def report(context: RuleContext) -> str | None:
         for output, raw in goals.items():
             context.expect(probe, output, raw, "report")
         _reports_again(context, probe)
+        _reports_of_now(context, probe)
         _inspects_aside(context, probe)
         _reports_while_away(context, probe)
     return context.remark() if context.subject.outputs else None
@@ -282,6 +285,33 @@ def _reports_again(context: RuleContext, probe: Probe) -> None:
     if gone:
         lost = some(sorted(map(repr, gone)))
         raise RuleBroken(f"report has lost {lost} when it is asked again right after, {REPORTS} times of {REPORTS}")
+
+
+def _reports_of_now(context: RuleContext, probe: Probe) -> None:
+    """What a report says of the outputs is not what it said before they were moved."""
+    driver, late = probe.driver, None
+    if not isinstance(driver, Reports):
+        return
+    for turn in range(REPORTS):
+        before = probe.call("report", driver.report)
+        for number, output in enumerate(context.subject.outputs):
+            probe.write(output.channel, output.other(number + 1) if turn % 2 else output.default)
+        for number, output in enumerate(context.viewed):
+            context.is_read(probe, output, output.other(number + 1) if turn % 2 else output.default)
+        first, second = (dict(probe.call("report", driver.report)) for _ in range(2))
+        now = {
+            name for name, value in before.items() if _is(first.get(name), value) and not _is(second.get(name), value)
+        }
+        late = now if late is None else late & now
+    if late:
+        names = some(sorted(map(repr, late)))
+        raise RuleBroken(
+            f"report gives {names} as it was before the outputs were moved; asked again right after, it does not"
+        )
+
+
+def _is(one: Any, other: Any) -> bool:
+    return bool(np.array_equal(np.asarray(one, object), np.asarray(other, object)))
 
 
 def _holds(value: Any) -> bool:

@@ -36,6 +36,8 @@ class Watch:
         """The time (`monotonic`) after which the next call is not to be made, as it is up."""
         self.over = False
         """No more calls are to be made: one did not return in time."""
+        self.failed = ""
+        """The last call, if it has failed."""
         self.interrupted = False
         """A KeyboardInterrupt came out of a call."""
         self.after: Callable[[str], object] | None = None
@@ -64,16 +66,19 @@ class Watch:
             found = function(*arguments)
             if self.line is not None and self.line.passes:
                 self.line.disturbed = ""
+            self.failed = ""
             return found
         except OSError as error:
-            error.umo_call, error.umo_after = what, self._disturbed()  # type: ignore[attr-defined]
+            error.umo_call, error.umo_after = what, self._before(what)  # type: ignore[attr-defined]
+            self.failed = what
             raise
         except KeyboardInterrupt:
             self.interrupted = True
             raise WrongKind("KeyboardInterrupt", what) from None
         except BaseException as error:
             self.wrong_kind = self.wrong_kind or f"{what} raised {text_of(error)}"
-            raise WrongKind(text_of(error), what, self._disturbed()) from None
+            before, self.failed = self._before(what), what
+            raise WrongKind(text_of(error), what, before) from None
         finally:
             self.took = monotonic() - began
             self.began = None
@@ -91,9 +96,10 @@ class Watch:
             self.after = None
             held.release()
 
-    def _disturbed(self) -> str:
-        """What the kit has disturbed before this call, and lets pass now."""
-        return self.line.disturbed if self.line is not None and self.line.passes else ""
+    def _before(self, what: str) -> str:
+        """What the kit has disturbed before this call, and lets pass now; or else another call that has just failed."""
+        disturbed = self.line.disturbed if self.line is not None and self.line.passes else ""
+        return disturbed or (f"a {self.failed} that failed" if self.failed not in ("", what) else "")
 
 
 class Stopped(BaseException):
@@ -118,12 +124,13 @@ def call_of(error: OSError) -> str:
 
 
 def disturbed_before(error: OSError) -> str:
-    """What the kit had disturbed just before the call; empty if nothing."""
+    """What the kit had disturbed just before the call, or the call before it that failed; empty if nothing."""
     return getattr(error, "umo_after", "")
 
 
 def failed(error: OSError) -> str:
-    """A call that had to succeed, and its error; what the kit had disturbed just before it, if anything."""
+    """A call that had to succeed, and its error; what came just before it, if anything: what the kit had disturbed, or
+    a call that failed."""
     after = disturbed_before(error)
     return f"{call_of(error)} failed{f', right after {after}' if after else ''}: {text_of(error)}"
 

@@ -18,7 +18,7 @@ from umo.drivers.optional import EndsWait
 from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.process_snapshot import alarm_time, change, state, threads
+from umo.testing.conformance.process_snapshot import alarm_time, change, state, state_of_thread, threads
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 
@@ -32,6 +32,8 @@ ALARM_TOLERANCE = 0.2
 """Time in s by which the end of a running timer may seem to move."""
 TRIES = 2
 """Tries of which the best counts."""
+MOST_WAITS = 4
+"""Places in one call at which it is interrupted."""
 WAITING_FUNCTIONS = {
     "recv", "recv_into", "recvfrom", "recvfrom_into", "recvmsg", "select", "poll", "read", "readinto", "readline",
     "ioctl", "sleep", "connect",
@@ -108,7 +110,7 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=6, calls=35, connects=5))
+@rule(Cost(opens=6, calls=35, connects=5, more=10))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else. The driver can still
     be used after that, as outputs are reset then; so it can once it was asked to end a wait (`stop_waiting`)."""
@@ -116,6 +118,8 @@ def interrupt(context: RuleContext) -> str | None:
     kinds = len(context.transfers(context.new()))
     _asked_to_stop(context)
     waited = [number for number in range(kinds) if _interrupted(context, number)]
+    for number in context.as_time_allows(waited[::2], 0, "kinds of calls that are interrupted later"):
+        _interrupted_later(context, number)
     if not waited:
         raise NotTried("no call waits in a function that can be interrupted")
     return f"{kinds - len(waited)} of {kinds} calls did not wait" if len(waited) < kinds else None
@@ -137,19 +141,11 @@ def _asked_to_stop(context: RuleContext) -> None:
 
 def _interrupted(context: RuleContext, number: int) -> bool:
     """Whether a call of this kind waited, and so was interrupted. A few calls may fail by what it has left behind."""
-    probe, before, waits = context.new(), sys.getprofile(), _Interrupt()
+    probe = context.new()
     try:
         context.bring_up(probe)
-        call = context.transfers(probe)[number]
-        context.watch.interrupted = False
-        sys.setprofile(waits)
-        try:
-            context.failure(call)
-        finally:
-            sys.setprofile(before)
-        if waits.raised and not context.watch.interrupted:
-            raise RuleBroken(f"{context.watch.doing} swallowed Ctrl-C while it waited in {waits.raised}")
-        if waits.raised:
+        raised = _raised_in(context, context.transfers(probe)[number])
+        if raised:
             interrupted = context.watch.doing
             with context.in_haste(probe):
                 for _ in range(TRIES):
@@ -157,28 +153,58 @@ def _interrupted(context: RuleContext, number: int) -> bool:
             context.must_work(probe, f"Ctrl-C ended a {interrupted}")
     finally:
         context.failure(context.leave, probe)
-    return bool(waits.raised)
+    return bool(raised)
+
+
+def _interrupted_later(context: RuleContext, number: int) -> None:
+    """The same call, interrupted where it waits for the second time, and so on, one time after the other."""
+    with context.opened() as probe:
+        for waits in range(1, MOST_WAITS):
+            call = context.transfers(probe)[number]
+            if not _raised_in(context, call, waits):
+                return
+            for _ in range(TRIES):
+                context.failure(call)
+
+
+def _raised_in(context: RuleContext, call: Callable[[], object], waits: int = 0) -> str:
+    """The function in which a call was interrupted, when it would have waited for so many times before."""
+    before, interrupt = sys.getprofile(), _Interrupt(waits)
+    context.watch.interrupted = False
+    sys.setprofile(interrupt)
+    try:
+        context.failure(call)
+    finally:
+        sys.setprofile(before)
+    if interrupt.raised and not context.watch.interrupted:
+        raise RuleBroken(f"{context.watch.doing} swallowed Ctrl-C while it waited in {interrupt.raised}")
+    return interrupt.raised
 
 
 class _Interrupt:
-    """A profile function that raises KeyboardInterrupt once, in the first function that waits."""
+    """A profile function that raises KeyboardInterrupt once, in a function that waits, behind so many others."""
 
-    def __init__(self) -> None:
-        self.raised = ""
+    def __init__(self, waits: int) -> None:
+        self.raised, self._waits = "", waits
 
     def __call__(self, frame: FrameType, event: str, function: Any) -> None:
-        if event == "c_call" and not self.raised and getattr(function, "__name__", "") in WAITING_FUNCTIONS:
+        if event != "c_call" or self.raised or getattr(function, "__name__", "") not in WAITING_FUNCTIONS:
+            return
+        if self._waits:
+            self._waits -= 1
+        else:
             self.raised = function.__name__
             raise KeyboardInterrupt
 
 
 @rule(Cost(calls=46, connects=5, waits=8))
 def process(context: RuleContext) -> str | None:
-    """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale,
-    processors, priority, limits, garbage collector, child processes, logging, blocked signals, timers, warnings, hooks
-    for exceptions, errors of numpy, the mask of new files, functions of the standard library; nothing is printed, also
-    if a call fails, or when the driver is no longer used."""
-    on, alarm = gc.isenabled(), alarm_time()
+    """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale, time
+    zone, processors, priority, limits, garbage collector, child processes, logging, blocked signals, timers, warnings,
+    hooks for exceptions, errors of numpy, decimal numbers, where modules are looked for, the mask of new files,
+    functions of the standard library; nothing is printed, also if a call fails, or when the driver is no longer
+    used."""
+    on, alarm, own = gc.isenabled(), alarm_time(), state_of_thread()
     gc.disable()  # as in the control process
     gc.collect()  # what prints in its destructor is the driver's from here on
     try:
@@ -191,7 +217,7 @@ def process(context: RuleContext) -> str | None:
         (gc.enable if on else gc.disable)()
     if text := "".join(printed).strip():
         raise RuleBroken(f"it prints: {text.splitlines()[0]!r}")
-    if changed := change(context.before, state()):
+    if changed := change(context.before, state()) or change(own, state_of_thread()):
         raise RuleBroken(f"it changed {changed}")
     if alarm is not None and (now := alarm_time()) is not None and abs(now - alarm) > ALARM_TOLERANCE:
         raise RuleBroken(f"it changed the timer of the process that was running, by {duration(round(now - alarm, 1))}")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import builtins
+import decimal
 import gc
 import locale
 import logging
+import multiprocessing
 import os
 import re
 import select
@@ -88,9 +90,27 @@ def state() -> State:
         },
         "automatic garbage collection": gc.isenabled(),
         "thresholds of the garbage collector": gc.get_threshold(),
-        "errors of numpy": np.geterr(),
+        "places where modules are looked for": {"sys.path": tuple(sys.path)},  # not told: they are of the computer
+        "digits that a text of an integer may have": sys.get_int_max_str_digits(),
+        "time zone": [*time.tzname, time.timezone, time.altzone],
+        "stack size of new threads": threading.stack_size(),
+        "way in which processes are started": multiprocessing.get_start_method(allow_none=True),
+        "form in which numpy prints": {name: str(value) for name, value in np.get_printoptions().items()},
         "functions of the standard library": _functions(),
     } | {f"handler of {number.name}": signal.getsignal(number) for number in signal.Signals}
+
+
+def state_of_thread() -> State:
+    """What each thread has of its own."""
+    decimals = decimal.getcontext()
+    return {
+        "context of decimal numbers": {
+            name: str(getattr(decimals, name))
+            for name in ("prec", "rounding", "Emin", "Emax", "capitals", "clamp", "traps")
+        },
+        "errors of numpy": np.geterr(),
+        "trace and profile functions": [sys.gettrace(), sys.getprofile()],
+    }
 
 
 def alarm_time() -> float | None:

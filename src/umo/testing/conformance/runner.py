@@ -35,6 +35,9 @@ MINUTES = 2.0
 TIME_UP = "left out, as the time was up (--minutes)"
 HANG = 2.0
 """Time in s, beside four times its timeout, after which a call counts as hanging."""
+PATIENT = 1.2
+"""Factor on the longest timeout: a call that keeps to this one, in place of a shorter one that was set since, does not
+hang."""
 on_certificate: list[Callable[[Certificate], object]] = []
 """Functions that are called with each certificate."""
 
@@ -60,7 +63,7 @@ def conform(
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
     or a signal. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
-    does not return within four times its timeout and 2 s) or the device does not answer any more.
+    does not return within four times its timeout and 2 s, nor within 3.6 s) or the device does not answer any more.
     """
     with raising_signals():
         return _conform(subject, chosen_rules(only), minutes, cycles, progress, plan, before)
@@ -251,7 +254,7 @@ def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], o
 def _check_hang(context: RuleContext) -> None:
     watch = context.watch
     began, limit = watch.began, watch.limit
-    if began is not None and (took := monotonic() - began) > 4 * limit + HANG:
+    if began is not None and (took := monotonic() - began) > max(4 * limit + HANG, PATIENT * context.patience):
         watch.over = True
         raise Hangs(f"{watch.doing} did not end within {duration(round(took, 1))}; its timeout is {duration(limit)}")
 

@@ -35,8 +35,8 @@ LEAST_DELAY, MAX_DELAY = 0.15, 2.0
 """Delay in s of an answer that a timeout of twice this time waits for; in between it is twice the short timeout."""
 AT_ONCE = 0.1
 """Time in s within which a call has not connected that is to be slow."""
-SLOW_SHARE = 0.9
-"""Share of the timeout that each answer takes."""
+SLOW_SHARE, SLOW_FACTOR = 0.85, 5.0
+"""Share of the timeout that the answers to one channel take; timeout, in times that a transfer takes by itself."""
 SLOWLY_CONNECTED = 1.25
 """Timeout in s of a call for which connecting takes about 1 s."""
 CONNECTING_DELAY = 0.1
@@ -208,7 +208,7 @@ def one_deadline(context: RuleContext) -> str | None:
     channel or request of a block, or once the driver has connected again, nor does it depend on the clock of the
     day."""
     line, tried = context.line, False
-    steady = max(context.haste, TRICKLE_TIMEOUT)
+    steady = max(context.haste, TRICKLE_TIMEOUT, SLOW_FACTOR * context.pace.transfer)
 
     def half(answer: bytes) -> bytes:
         sleep(0.8 * steady)
@@ -239,10 +239,10 @@ def _each_answer_is_slow(context: RuleContext, probe: Probe, steady: float) -> N
     calls = context.transfers(probe)
     for single, call in zip(calls[::2], calls[1::2], strict=False):
         probe.timeout = context.patience
-        share = SLOW_SHARE / max(1, _answers(context, single))
+        delay = (SLOW_SHARE * steady - context.pace.transfer) / max(1, _answers(context, single))
 
         def slow(answer: bytes) -> bytes:
-            sleep(share * steady)  # noqa: B023
+            sleep(delay)  # noqa: B023
             return answer
 
         probe.timeout = steady
