@@ -141,7 +141,7 @@ class Typed(Pump):
         turned = atan2(-self.real, -1.0) + atan2(-self.pair[0], -1.0) + atan2(-self.reals[0], -1.0)
         turned += atan2(-self.pairs[0][0], -1.0) + atan2(-float(self.array[0]), -1.0)
         count = self.whole + self.wholes[0] + self.pair[1] + float(self.counts[0])
-        self.motor.write(10.0 - abs(turned + count) / 10.0 if self.flag else 0.0)
+        self.motor.write((turned + count) % 10.0 if self.flag else 0.0)
 
 
 ANYTHING = [0, 0.0, -0.0, 3, 1.5, True, 2**31, 2**53, 2**53 + 1, np.float64(2.0), np.int64(0), np.True_, None]
@@ -383,19 +383,24 @@ def test_without_a_compiler_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_library_is_compiled_once_and_again_where_it_is_damaged(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def prepared() -> Any:
-        machine = pump()
+        machine = pump(Once)
         return prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
+
+    class Once(Pump):
+        """No other test has loaded its library."""
+
+        def control(self) -> None:
+            self.motor.write(1.25)
 
     compiled: list[Any] = []
     work = law_library._compile
     monkeypatch.setattr(law_library, "_compile", lambda *given: (compiled.append(given), work(*given)))
     library = prepared().library
-    before = len(compiled)
-    assert prepared().library == library and len(compiled) == before
     assert cache.stat().st_mode & 0o777 == 0o700
-    damaged = library.with_name("x.so")
-    damaged.write_bytes(library.read_bytes()[:100])
-    assert law_library._is_sound(library) and not law_library._is_sound(damaged) and not damaged.exists()
+    library.write_bytes(library.read_bytes()[:100])
+    for _ in range(2):
+        assert prepared().library == library
+        assert len(compiled) == 2
 
 
 def test_a_compilation_that_fails_by_itself_leaves_the_laws_in_python(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,15 +54,21 @@ class Trial:
 
     def step(self, ticks: int, raws: Sequence[int], failed: Sequence[bool]) -> tuple[int, list[int]]:
         """The fault, and the raw integers of the outputs."""
+        words, _, cycles = self._said(ticks, raws, failed).partition("; ")
+        fault, *outputs = map(int, words.split())
+        self.cycles.append(int(cycles))
+        return fault, outputs
+
+    def acknowledge(self, raws: Sequence[int], failed: Sequence[bool]) -> None:
+        """What is latched is acknowledged, between two periods."""
+        self._said(0, raws, failed)
+
+    def _said(self, ticks: int, raws: Sequence[int], failed: Sequence[bool]) -> str:
         each = ["x" if no else str(raw) for raw, no in zip(raws, failed, strict=True)]
         assert self.process.stdin is not None and self.process.stdout is not None
         self.process.stdin.write(f"{ticks} {' '.join(each)}\n".encode())
         self.process.stdin.flush()
-        line = self.process.stdout.readline().decode()
-        words, _, cycles = line.partition("; ")
-        fault, *outputs = map(int, words.split())
-        self.cycles.append(int(cycles))
-        return fault, outputs
+        return self.process.stdout.readline().decode()
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from helpers.generating import needs_a_compiler
 from helpers.machines import timer
 from helpers.paced_controller import PacedController, Period, enable, paced, paced_theta
 from helpers.slide import stepper
-from helpers.split_parts import HOST_GONE, THETA, TIMEOUT_PERIODS
+from helpers.split_parts import BRAKING_PERIODS, HOST_GONE, THETA, TIMEOUT_PERIODS
 from umo import Compound, DigitalSensor
 from umo.control import StepperAxis
 from umo.split.link_bodies import ControllerMode, FrameItem, FrameKind, item
@@ -107,8 +107,8 @@ def test_periods_that_are_missed_while_it_brakes_are_counted(theta: Theta) -> No
     cruising(theta)
     for _ in range(QUIET + 5):
         theta.controller.step()
-    assert theta.controller.step(ticks=100).setpoint.velocity < 1.0  # a stepper stands by then
-    assert theta.controller.step(ticks=401).mode == HOST_GONE
+    late = theta.controller.step(ticks=BRAKING_PERIODS)
+    assert (late.mode, late.outputs) == (HOST_GONE, THETA.defaults)
 
 
 def test_a_host_that_comes_back_starts_the_axis_once_it_stands(theta: Theta) -> None:

@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 
 from helpers.split_parts import THETA
+from umo.cycle.laid_out import wired_numbers
+from umo.drivers.wrapping import bare
 from umo.errors import DeclarationError
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
 from umo.split.part_generator import part_files
-from umo.wiring import check
+from umo.wiring import check, resolve
 
 
 def mistakes(change: Any) -> str:
@@ -61,8 +63,17 @@ def test_a_controller_that_the_wiring_does_not_have_is_told() -> None:
 
 
 def test_both_ends_agree_on_the_hash_and_a_gain_does_not_change_it() -> None:
-    def header(**changes: Any) -> str:
-        wiring = THETA.wiring(1) | {"parameters": changes}
-        return part_files(THETA.machine(), wiring, "drive", target_of("host"))["machine_link.h"]
+    def of_controller(wiring: Any) -> str:
+        header = part_files(THETA.machine(), wiring, "drive", target_of("cortex-m"))["machine_link.h"]
+        return header.partition("#define LINK_HASH ")[2].partition("u\n")[0]
 
-    assert header() == header() == header(**{"theta.following_error": 2.5})
+    def of_host(wiring: Any) -> str:
+        machine = THETA.machine()
+        wired = resolve(machine, wiring)
+        with wired_numbers(machine, wired):
+            return str(bare(wired.drivers["drive"]).take_part(machine.theta, wired).hash)  # type: ignore[attr-defined]
+
+    tuned = THETA.wiring(1) | {"parameters": {"theta.following_error": 2.5}}
+    found = of_controller(THETA.wiring(1))
+    assert found == of_host(THETA.wiring(1)) == of_controller(tuned) == of_host(tuned)
+    assert found != of_controller(THETA.wiring(1, host_timeout="50 ms"))

@@ -127,11 +127,11 @@ def test_of_a_damaged_line_both_read_the_same_and_only_what_was_sent(
 
 
 @needs_a_compiler
-@given(st.binary(max_size=400))
+@given(st.one_of(st.binary(max_size=400), st.binary(max_size=400).map(without_zeros)))
 def test_noise_is_no_frame_and_the_next_frame_is_read(in_c: InC, noise: bytes) -> None:
     body = b"\7after"
-    assert FrameReader(LONGEST).take(noise + framed(body))[-1:] == [body]
-    assert list(in_c.reader()(noise + framed(body)))[-1:] == [body]
+    assert FrameReader(LONGEST).take(noise + framed(body)) == [body]
+    assert list(in_c.reader()(noise + framed(body))) == [body]
 
 
 @needs_a_compiler
