@@ -13,9 +13,12 @@ from helpers.controllers import MACHINES, Tried
 from helpers.conversions import BUILT
 from helpers.generating import needs_a_compiler, random_inputs, set_inputs, told_by
 from helpers.in_c import FragileInC, TimerInC
+from helpers.publishing import without_times
 from helpers.tiers import first
+from umo import published
 from umo.cycle.connect import connect
 from umo.drivers import DeviceTimeout
+from umo.frames import Reader
 from umo.generate.compiled_laws import CompiledLaws, prepare
 from umo.generate.controller_model import laid_out
 from umo.generate.period_in_c import PeriodInC
@@ -29,7 +32,7 @@ pytestmark = [needs_a_compiler, BUILT]
 class Side:
     """One of the two machines, with compiled laws."""
 
-    def __init__(self, tried: Tried, missed: list[int], in_c: bool, stack: ExitStack) -> None:
+    def __init__(self, tried: Tried, missed: list[int], in_c: bool, stack: ExitStack, shown: bool = False) -> None:
         self.m: Any = tried.make()
         self.box, self.timer = FragileInC(), TimerInC(missed, on_period=self._begin)
         if in_c:
@@ -46,7 +49,10 @@ class Side:
         stack.enter_context(self.connection)
         self.machine = self.connection.machine
         self.laws = self.machine.attach(CompiledLaws(prepared))
-        self.period = self.machine.attach(PeriodInC()) if in_c else None
+        self.period: Any = self.machine.attach(PeriodInC()) if in_c else None
+        if shown:
+            ring = stack.enter_context(published(self.connection, "tried"))
+            self.reader = stack.enter_context(Reader(ring.path))
 
     def _begin(self, number: int) -> None:
         raws, failed = self.plan[number - 1]
@@ -121,3 +127,29 @@ def test_random_periods_are_the_same_in_c_and_in_python(name: str) -> None:
 def _differences(python: Side, c: Side) -> dict[str, Any]:
     one, other = python.facts(), c.facts()
     return {name: (one[name], other[name]) for name in one if one[name] != other[name]}
+
+
+def test_the_frames_of_periods_in_c_are_those_of_python() -> None:
+    """And their journals: which transfers were made, and in which order; transfers that fail and are repeated too."""
+    random, steps = Random(5), 400
+    missed = [random.choice((0, 0, 0, 3)) for _ in range(steps)]
+    with ExitStack() as stack:
+        python, c = (Side(MACHINES["converter"], missed, in_c, stack, shown=True) for in_c in (False, True))
+        following = random_inputs(python.model, random)
+        python.plan = c.plan = [following() for _ in range(steps)]
+        for _ in range(steps):
+            assert told_by(python.one) == told_by(partial(c.period.run, 1, None))
+            assert _shown(python) == _shown(c)
+        assert c.laws.state == "compiled"
+        assert c.box.moved_in_c > steps
+
+
+SHOWN = ("number", "time", "missed", "sampled", "updated", "entries", "values", "raws", "quality", "restrictions")
+
+
+def _shown(side: Side) -> list[object]:
+    """The last frame with its journal, without the times of this computer."""
+    side.machine.phases.finish()  # of a period that has failed
+    frame = side.reader.latest()
+    assert frame["phases"][0] > 0  # the timer
+    return [*(frame[name].tobytes() for name in SHOWN), without_times(side.reader.journal(frame))]
