@@ -85,7 +85,10 @@ def _looks(name: str, doing: Doing) -> Target:
 
 
 def _fast(name: str, period: float, slices: int, program: object, doing: Doing) -> Iterator[Target]:
-    python, compiled = FastLoop(name, period, False), FastLoop(name, period, True)
+    compiled, python = (
+        FastLoop(name, period, True),
+        FastLoop(name, period, False),
+    )  # the timer of neither stands still for long
     loops = {"Python": Samples(), "compiled": Samples(), "C": Samples()}
     count, busy_wait = int(SLICE / period), busy_wait_for(period)
     compiled.run(int(1.0 / period), busy_wait)  # the laws are compared in these

@@ -31,7 +31,7 @@ from umo.cycle.writes import PlainTurn
 from umo.objects.scaling import to_raws, to_value
 
 TREE = Path(__file__).parents[1]
-SOURCES = sorted((TREE / "src" / "umo" / "cycle").glob("*.c"))
+SOURCES = sorted(file for room in ("cycle", "drivers") for file in (TREE / "src" / "umo" / room).glob("*.c"))
 COMPILER = (sysconfig.get_config_var("CC") or "").split()
 HEADERS = Path(sysconfig.get_paths()["include"])
 

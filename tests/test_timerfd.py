@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable
+from ctypes import CFUNCTYPE, POINTER, byref, c_int, c_int32, c_int64, c_longlong, c_void_p, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +18,10 @@ from umo import connect
 from umo.drivers import Channel, Direction, DriverError
 from umo.drivers.optional import WaitEnded
 from umo.drivers.timerfd import Ticker, TimerFd, WhileWaiting
+from umo.drivers.transfers_in_c import native
 from umo.testing import Scripted
 
+IN_C = pytest.mark.skipif(native is None, reason="the extension of the drivers was not built")
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="timerfd is Linux")
 
 
@@ -194,6 +198,58 @@ def test_a_thread_that_stood_still_owes_no_sleep() -> None:
         kernel.work(300)
         assert ticker.wait() == 0
     assert kernel.napped == []
+
+
+def in_c(kernel: Kernel) -> tuple[Ticker, Callable[[], int]]:
+    """A ticker, and its wait by the function in C on this clock."""
+    ticker: Any = kernel.ticker()
+    functions = [
+        CFUNCTYPE(c_longlong)(kernel.clock),
+        CFUNCTYPE(c_int)(lambda: kernel.sleep() or 0),
+        CFUNCTYPE(c_int, c_longlong)(lambda ns: kernel.nap(ns * 1e-9) or 0),
+        CFUNCTYPE(c_longlong)(lambda: kernel.now - kernel.asleep),
+    ]
+    ticker.c_clock, ticker.c_sleep, ticker.c_nap, ticker.c_processor_time = (
+        cast(each, c_void_p).value for each in functions
+    )
+    tick = CFUNCTYPE(c_int32, c_void_p, POINTER(c_int64), c_int32)(native.TICK)
+    missed = c_int64(-1)
+
+    def wait(keep: object = functions) -> int:
+        assert tick(ticker.address(), byref(missed), 1) == 0
+        return missed.value
+
+    return ticker, wait
+
+
+@linux
+@IN_C
+@given(st.lists(st.tuples(st.integers(0, 4000), st.integers(0, 3000)), max_size=60), st.sampled_from([0, 70, 500, 990]))
+def test_the_wait_in_c_is_that_of_python(plan: list[tuple[int, int]], busy_wait: int) -> None:
+    """At each wait: what it returns, the tick, the waking up, what it sleeps, and what sleep the thread owes."""
+    late = [each for _, each in plan]
+    kernels = Kernel(iter(late), busy_wait * US), Kernel(iter(late), busy_wait * US)
+    python = kernels[0].ticker()
+    c, wait = in_c(kernels[1])
+    for work, _ in plan:
+        for kernel in kernels:
+            kernel.work(work)
+        assert python.wait() == wait()
+        for name in ("due", "woke", "_next", "_owed", "_napped", "_looked", "_used_then"):
+            assert getattr(python, name) == getattr(c, name), name
+        assert (kernels[0].slept, kernels[0].napped) == (kernels[1].slept, kernels[1].napped)
+
+
+@linux
+@IN_C
+def test_a_wait_in_c_that_is_ended_is_left_to_python() -> None:
+    c, wait = in_c(Kernel())
+    c.stop_waiting()
+    with pytest.raises(AssertionError):
+        wait()
+    with pytest.raises(WaitEnded):
+        c.wait()
+    assert wait() == 0
 
 
 def test_what_is_done_meanwhile_is_done_once_before_each_tick() -> None:

@@ -13,7 +13,7 @@ from types import MethodType
 from umo.cycle.equipment import Containment, Equipment
 from umo.cycle.image import Image
 from umo.cycle.not_awaited import expects_errors
-from umo.cycle.rate_groups import RateGroup, RateGroups
+from umo.cycle.rate_groups import RateGroups
 from umo.cycle.writes import Turn
 from umo.errors import forget_frames, text_later
 from umo.objects import Node, walk
@@ -94,9 +94,9 @@ class ActingLaws:
     # Calling them ---------------------------------------------------------------------------------------
 
     @expects_errors
-    def act(self, group: RateGroup) -> None:
+    def act(self, acting: Sequence[MethodType]) -> None:
         """Call those of a group. What equipment contains of their errors keeps no other from acting."""
-        turn, laws = self._turn, iter(group.laws)
+        turn, laws = self._turn, iter(acting)
         before = turn.law
         try:
             for law in laws:

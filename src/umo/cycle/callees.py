@@ -47,9 +47,11 @@ class Callees:
     def _bind(self, block: Block) -> None:
         callee = self.of[block.start]
         if block not in self._outputs:
-            block.transfer = self.watched(block, callee.read_many)
+            block.unwatched = callee.read_many
         else:
-            block.transfer = self.watched(block, callee.write_many if self.written else refuse_write)
+            block.unwatched = callee.write_many if self.written else refuse_write
+        block.was_moved = None
+        block.transfer = self.watched(block, block.unwatched)
 
     def exchange(self, driver: Driver[Any], callee: Any) -> None:
         """Let calls of this driver go to `callee` from now on."""
@@ -63,7 +65,7 @@ class Callees:
         """Let no write reach a driver any longer, but resets."""
         self.written = False
         for block in self._outputs:
-            block.transfer = refuse_write
+            block.transfer = block.unwatched = refuse_write
 
     def end_absences(self) -> None:
         """Every call is made again, and waits: the machine stops."""
@@ -75,4 +77,4 @@ class Callees:
         self.slots = {}
         self.away.refuse(instead)
         for block in self._blocks:
-            block.transfer = instead
+            block.transfer = block.unwatched = instead

@@ -22,14 +22,14 @@ typedef double umo_real;
 enum { MOVED, RESOLUTION, ZERO_OFFSET, LOW, HIGH, RAWS, VALUES, TIMES, INPUT_VIEWS };
 enum { LEAST = LOW, GREATEST, RATE = INPUT_VIEWS, PENDING, SENT, STEPPED, OUTPUT_VIEWS };
 
-typedef struct {
+struct Block {
     PyObject_HEAD
     Py_buffer views[OUTPUT_VIEWS];
     Py_ssize_t start, count;
     double *found; /* of an input block: room for a number of each object */
     Py_buffer written; /* of an output block: a byte of each object (writes.c) */
     int limited; /* whether an output of the block has a rate */
-} Block;
+};
 
 static void let_go(PyObject *self, Py_buffer *views, int count)
 {
@@ -156,21 +156,33 @@ static int find_values(Block *self)
     return within;
 }
 
+/* Of values that were found, all within their bounds. */
+static void keep_found(Block *self, double now)
+{
+    size_t size = (size_t)self->views[MOVED].len;
+    memcpy(self->views[RAWS].buf, self->views[MOVED].buf, size);
+    memcpy(self->views[VALUES].buf, self->found, size);
+    stamp(self, now);
+}
+
+int inputs_convert(Block *self, double now)
+{
+    if (!find_values(self))
+        return 0;
+    keep_found(self, now);
+    return 1;
+}
+
 static PyObject *Inputs_convert(Block *self, PyObject *time)
 {
     double now = PyFloat_AsDouble(time);
     if (now == -1.0 && PyErr_Occurred())
         return NULL;
+    if (inputs_convert(self, now))
+        return PyTuple_New(0); /* the one that there is: quicker than a list */
     const double *low = column(self, LOW), *high = column(self, HIGH), *found = self->found;
     double *values = column(self, VALUES);
-    size_t size = (size_t)self->views[MOVED].len;
-    int inside = find_values(self);
-    memcpy(self->views[RAWS].buf, self->views[MOVED].buf, size);
-    if (inside) {
-        memcpy(values, found, size);
-        stamp(self, now);
-        return PyTuple_New(0); /* the one that there is: quicker than a list */
-    }
+    memcpy(self->views[RAWS].buf, self->views[MOVED].buf, (size_t)self->views[MOVED].len);
     PyObject *outside = PyList_New(0);
     for (Py_ssize_t i = 0; outside != NULL && i < self->count; i++)
         if (low[i] <= found[i] && found[i] <= high[i])
@@ -214,21 +226,13 @@ static double step(Block *self, Py_ssize_t i, double now, double dt)
     return fabs(left) <= way * (1 + 1e-9) ? pending : value + copysign(way, left);
 }
 
-static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t count)
+void outputs_give(Block *self, double now, double dt)
 {
-    if (count != 2) {
-        PyErr_SetString(PyExc_TypeError, "two times are expected");
-        return NULL;
-    }
-    double now = PyFloat_AsDouble(args[0]);
-    double dt = now == -1.0 && PyErr_Occurred() ? now : PyFloat_AsDouble(args[1]);
-    if (dt == -1.0 && PyErr_Occurred())
-        return NULL;
     end_period(self->written.buf, self->count);
     const double *pending = column(self, PENDING);
     double *sent = column(self, SENT);
     if (!self->limited && memcmp(sent, pending, (size_t)self->views[SENT].len) == 0)
-        Py_RETURN_NONE; /* what was given last is still to be sent */
+        return; /* what was given last is still to be sent */
     const double *resolution = column(self, RESOLUTION), *zero_offset = column(self, ZERO_OFFSET);
     const double *least = column(self, LEAST), *greatest = column(self, GREATEST);
     int64_t *moved = self->views[MOVED].buf;
@@ -241,14 +245,24 @@ static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t cou
         raw = raw > least[i] ? raw : least[i];
         moved[i] = (int64_t)(raw < greatest[i] ? raw : greatest[i]);
     }
+}
+
+static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t count)
+{
+    if (count != 2) {
+        PyErr_SetString(PyExc_TypeError, "two times are expected");
+        return NULL;
+    }
+    double now = PyFloat_AsDouble(args[0]);
+    double dt = now == -1.0 && PyErr_Occurred() ? now : PyFloat_AsDouble(args[1]);
+    if (dt == -1.0 && PyErr_Occurred())
+        return NULL;
+    outputs_give(self, now, dt);
     Py_RETURN_NONE;
 }
 
-static PyObject *Outputs_commit(Block *self, PyObject *time)
+void outputs_commit(Block *self, double now)
 {
-    double now = PyFloat_AsDouble(time);
-    if (now == -1.0 && PyErr_Occurred())
-        return NULL;
     size_t size = (size_t)self->views[MOVED].len;
     memcpy(self->views[RAWS].buf, self->views[MOVED].buf, size);
     memcpy(self->views[VALUES].buf, self->views[SENT].buf, size);
@@ -257,7 +271,36 @@ static PyObject *Outputs_commit(Block *self, PyObject *time)
     for (Py_ssize_t i = 0; self->limited && i < self->count; i++)
         if (stepped[i] == INFINITY)
             stepped[i] = now;
+}
+
+static PyObject *Outputs_commit(Block *self, PyObject *time)
+{
+    double now = PyFloat_AsDouble(time);
+    if (now == -1.0 && PyErr_Occurred())
+        return NULL;
+    outputs_commit(self, now);
     Py_RETURN_NONE;
+}
+
+static int is_of(PyObject *object, newfunc made_by)
+{
+    return (newfunc)PyType_GetSlot(Py_TYPE(object), Py_tp_new) == made_by;
+}
+
+int is_inputs(PyObject *block)
+{
+    return is_of(block, Inputs_new);
+}
+
+int is_outputs(PyObject *block)
+{
+    return is_of(block, Outputs_new);
+}
+
+int64_t *moved_of(Block *self, Py_ssize_t *count)
+{
+    *count = self->count;
+    return self->views[MOVED].buf;
 }
 
 /* A frame's body: all that follows `sequence` and `checksum`. */
@@ -399,7 +442,8 @@ int add_types(PyObject *module, PyType_Spec *from, size_t count)
 static int fill(PyObject *module)
 {
     int failed = add_types(module, specs, sizeof specs / sizeof *specs) || add_law_types(module);
-    return failed || add_watch_type(module) || add_writes_types(module) ? -1 : 0;
+    failed = failed || add_watch_type(module) || add_writes_types(module);
+    return failed || add_period_type(module) ? -1 : 0;
 }
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, fill}, {0, NULL}};

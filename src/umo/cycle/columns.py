@@ -131,6 +131,10 @@ class Block:
         """Inputs: contents of the buffer before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
+        self.unwatched: Callable[[Any, IntArray], None]
+        """The same without a watch around it."""
+        self.was_moved: Callable[[int], object] | None = None
+        """What a watch is told of a transfer that has not gone by `transfer`: how long it took, in ns."""
         self.convert: Callable[[float], Sequence[tuple[int, float]]]
         """Inputs: takes the buffer to raws, values and, with the time given in s, times of the image. If any values are
         out of bounds, their (slot, value) pairs are returned and not kept, and the times are left to the caller."""

@@ -174,18 +174,33 @@ class Image(ImageDefaults):
         else:
             if slot != self.timer:
                 self.accept(slot, raw, failures)
-            elif self._least_ticks <= raw <= self._most_ticks:
-                self.clock.advance(raw)
-                self.values[slot], self.times[slot] = raw, self.clock.now
-                if self.quality[slot]:
-                    self.set_quality(slot, Quality.GOOD)
-            else:  # the clock must not jump: every law and every timeout counts on it
-                self.fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
+            else:
+                self._take_tick(raw, failures)
+        self._end_read(failures)
+        value: float = self.values[slot]
+        return value
+
+    def ticked(self, raw: int) -> None:
+        """The timer was read elsewhere: this is what it gave."""
+        failures: list[Failure] = []
+        self.raws[self.timer] = raw
+        self._take_tick(raw, failures)
+        self._end_read(failures)
+
+    def _take_tick(self, raw: int, failures: list[Failure]) -> None:
+        slot = self.timer
+        if self._least_ticks <= raw <= self._most_ticks:
+            self.clock.advance(raw)
+            self.values[slot], self.times[slot] = raw, self.clock.now
+            if self.quality[slot]:
+                self.set_quality(slot, Quality.GOOD)
+        else:  # the clock must not jump: every law and every timeout counts on it
+            self.fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
+
+    def _end_read(self, failures: list[Failure]) -> None:
         self._log_marked()
         if failures:
             self.fail("could not be read", failures)
-        value: float = self.values[slot]
-        return value
 
     def sample_some(self, slots: Sequence[int]) -> bool:
         failures: list[Failure] = []

@@ -6,16 +6,17 @@
 
 /* A law: it is called with the time of a clock. */
 enum { NOW, DT, TICKS, TIMES_OF_CLOCK };
-enum { TRUE = -1 }; /* as in umo.generate.law_library */
 static const char *const times_of_clock[] = {"now", "dt", "ticks"};
 
-typedef struct {
+struct Law {
     PyObject_HEAD
     int16_t (*call)(void *machine, int32_t law, double now, double dt, int32_t ticks);
     void *machine;
     int32_t number;
+    int was_called; /* whether it has acted in this period, with `fault` */
+    int16_t fault;
     PyObject *clock, *failed, *instead, *look, *names[TIMES_OF_CLOCK];
-} Law;
+};
 
 static int Law_traverse(Law *self, visitproc visit, void *arg)
 {
@@ -98,14 +99,37 @@ static int called(Law *self, int16_t *fault)
 /* act(node): one period. Where it has a fault, the result, or the error, is that of failed(number of the fault). */
 static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
 {
-    int16_t fault;
-    if (self->instead != NULL)
+    int16_t fault = self->fault;
+    int was_called = self->was_called;
+    self->was_called = 0;
+    if (!was_called && self->instead != NULL)
         return PyObject_CallNoArgs(self->instead);
-    if (called(self, &fault))
+    if (!was_called && called(self, &fault))
         return NULL;
     if (fault == 0)
         Py_RETURN_NONE;
     return PyObject_CallFunction(self->failed, "i", (int)fault);
+}
+
+int is_law(PyObject *law)
+{
+    return (newfunc)PyType_GetSlot(Py_TYPE(law), Py_tp_new) == Law_new;
+}
+
+int law_has_ended(const Law *self)
+{
+    return self->instead != NULL;
+}
+
+int16_t law_fault(const Law *self, double now, double dt, int32_t ticks)
+{
+    return self->call(self->machine, self->number, now, dt, ticks);
+}
+
+void law_was_called(Law *self, int16_t fault)
+{
+    self->was_called = 1;
+    self->fault = fault;
 }
 
 /* guard(look): `holds` calls look() first; where that is not True, the result is that of failed(0). None: nothing. */
@@ -129,7 +153,13 @@ static int is_known(Law *self)
     return known;
 }
 
-/* holds(): whether a condition, whose fault is TRUE or 0, is true. Any other fault as of `act`. */
+int law_is_false(Law *self, double now, double dt, int32_t ticks)
+{
+    int known = is_known(self);
+    return known <= 0 ? known : self->call(self->machine, self->number, now, dt, ticks) == 0;
+}
+
+/* holds(): whether a condition, whose fault is LAW_IS_TRUE or 0, is true. Any other fault as of `act`. */
 static PyObject *Law_holds(Law *self, PyObject *Py_UNUSED(none))
 {
     int16_t fault;
@@ -138,8 +168,8 @@ static PyObject *Law_holds(Law *self, PyObject *Py_UNUSED(none))
         return known < 0 ? NULL : PyObject_CallFunction(self->failed, "i", 0);
     if (called(self, &fault))
         return NULL;
-    if (fault == 0 || fault == TRUE)
-        return PyBool_FromLong(fault == TRUE);
+    if (fault == 0 || fault == LAW_IS_TRUE)
+        return PyBool_FromLong(fault == LAW_IS_TRUE);
     return PyObject_CallFunction(self->failed, "i", (int)fault);
 }
 

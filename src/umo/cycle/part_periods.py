@@ -104,7 +104,7 @@ class PartPeriods(Capability):
         try:
             if in_turn:
                 self._sequences.advance(part.clock, part.clock)
-            self._laws.act(part)
+            self._laws.act(part.laws)
         finally:
             part.took(monotonic_ns() - began)
 

@@ -119,7 +119,10 @@ class Period:
         """SEND."""
         self.carry_out: Callable[[], bool] | None = None
         """GROUPS and OWED, where parts have rates of their own (`umo.cycle.part_periods`)."""
-        self._clock.on_tick = self._tick
+        self.several: Callable[[], int] | None = None
+        """Carries out the next period, or several of which nothing needs Python; how many, 0: a stop has ended the wait
+        for a tick. It takes the place of the calls of the standard loop."""
+        self._clock.on_tick = self.on_tick
         self._send: Callable[[], bool]
         """SEND to OWED."""
         self.sample_all: Callable[[], bool]
@@ -140,7 +143,8 @@ class Period:
 
     # timer.read() --------------------------------------------------------------------------------------
 
-    def _tick(self) -> None:
+    def on_tick(self) -> None:
+        """The timer has been read."""
         self.open = True
         self.began = monotonic_ns()
 
@@ -182,9 +186,14 @@ class Period:
         if self.before_laws:
             for call in self.before_laws:
                 call()
+        self.act()
+
+    @expects_errors
+    def act(self) -> None:
+        """LAWS and SETTLE of the whole machine."""
         if self._laws.stale:
             self._laws.choose()
-        self._laws.act(self._laws.whole)
+        self._laws.act(self._laws.whole.laws)
         if self.settling and self.carry_out is None:
             self.settle()
 

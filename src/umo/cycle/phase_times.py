@@ -62,6 +62,7 @@ class PhaseTimes:
         image.transfer.callees.away.tried = self._tried
         if image.timer >= 0:
             image.transfer.tick = self._timed(image.transfer.tick)
+            image.transfer.has_ticked = partial(self.ns.__setitem__, 0)
 
     def remove(self) -> None:
         """The drivers are called without being watched again."""
@@ -97,16 +98,24 @@ class PhaseTimes:
         number, kind = self._places[block.start]
         reads = kind is Kind.READ
 
+        def begins(journal: Journal) -> None:
+            moved.add(number)
+            if reads:
+                if journal.sampled == NEVER:
+                    journal.sampled = journal.count
+            elif journal.updated == NEVER:
+                journal.updated = journal.count
+
+        def was_moved(took: int) -> None:
+            if whole.journal is not None:
+                begins(whole.journal)
+            ns[number] = took
+
         def watched(channels: Any, raws: Any) -> None:
             journal = whole.journal
             again = number in moved
             if journal is not None and not again:
-                moved.add(number)
-                if reads:
-                    if journal.sampled == NEVER:
-                        journal.sampled = journal.count
-                elif journal.updated == NEVER:
-                    journal.updated = journal.count
+                begins(journal)
             elif journal is not None:
                 whole.note(block.start, Kind.AGAIN)
             failed: Collection[str] = ()
@@ -125,6 +134,7 @@ class PhaseTimes:
                 if again and journal is not None:
                     _note_block(journal, block, kind, whole.raws, failed)
 
+        block.was_moved = was_moved
         return watched
 
     def _timed(self, tick: Callable[[Channel], int]) -> Callable[[Channel], int]:

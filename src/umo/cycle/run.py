@@ -89,7 +89,13 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     shares = distribute_options(options, application=application, wiring={})
     timer, cycle = _timer_of(m), m.cycle
     task = None if application is None else m.cycle.start(_sequence_of(application, m, shares.application))
+    view: Any = m._machine
+    phases = view.whole.phases
     while cycle.running and not (task is not None and task.done):
+        if phases.several is not None:
+            if not phases.several():
+                break
+            continue
         if timer.read() < 0:
             break
         m.sample()

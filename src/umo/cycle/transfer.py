@@ -66,6 +66,8 @@ class Transfer:
         """The clock in s by which a call has taken too long."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
+        self.has_ticked: Callable[[int], object] | None = None
+        """What a watch is told of a read that has not gone by `tick`: how long it took, in ns."""
         self.defaults = [wire.default for wire in wires]
         """The raw integer of each actuator's default, None for a sensor: worked out once, as a reset must not depend on
         a linearization of the user's."""
@@ -80,11 +82,11 @@ class Transfer:
         """The blocks' `transfer` and the timer's `tick` are the drivers' own."""
         self.callees.bind(inputs, outputs)
         if self.timer >= 0:
-            self.tick = self.wires[self.timer].driver.read
+            self.tick, self.has_ticked = self.wires[self.timer].driver.read, None
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
-        self.tick = instead
+        self.tick, self.has_ticked = instead, None
         self.wires = self._callees = self.callees.of = _Refused(instead)
         self.callees.refuse(instead)
 

@@ -45,6 +45,17 @@ static PyObject *Turn_new(PyTypeObject *type, PyObject *Py_UNUSED(args), PyObjec
     return (PyObject *)self;
 }
 
+int turn_to(PyObject *turn, PyObject *law)
+{
+    if ((newfunc)PyType_GetSlot(Py_TYPE(turn), Py_tp_new) != Turn_new)
+        return -1;
+    Turn *self = (Turn *)turn;
+    PyObject *before = self->law;
+    self->law = Py_NewRef(law);
+    Py_XDECREF(before);
+    return 0;
+}
+
 /* address(): of the reference to the law, for compiled laws. */
 static PyObject *Turn_address(Turn *self, PyObject *Py_UNUSED(none))
 {

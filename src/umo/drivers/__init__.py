@@ -10,8 +10,10 @@ from umo.drivers.optional import (
     KnowsAges,
     KnowsScale,
     Looks,
+    MovesInC,
     PhysicalScale,
     Reports,
+    TransferInC,
     WaitEnded,
 )
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError, WiringError
@@ -33,8 +35,10 @@ __all__ = [
     "KnowsAges",
     "KnowsScale",
     "Looks",
+    "MovesInC",
     "PhysicalScale",
     "Reports",
+    "TransferInC",
     "WaitEnded",
     "WiringError",
 ]

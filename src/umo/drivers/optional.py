@@ -164,6 +164,42 @@ class EndsWait(ABC):
         Called in a signal handler or in another thread; raises nothing."""
 
 
+class TransferInC(NamedTuple):
+    """A function in C that moves the raw integers of some channels (`umo_transfer` of umo_driver.h)."""
+
+    function: int
+    """Its address."""
+    context: int
+    """The address that it is called with."""
+    keep: Any
+    """What keeps both alive."""
+
+
+class MovesInC(ABC):
+    """Its transfers can be made in C, beside its functions in Python: compiled machines then do not call those, but
+    where the function in C says so (umo_driver.h)."""
+
+    @abstractmethod
+    def in_c(self, channels: Sequence[Any], write: bool) -> TransferInC | str:
+        """The transfer of these channels, as `read_many` or `write_many` has them; of a timer, as `read` has it. A
+        text: why there is none. Called when the channels are initialised, and again if they were so anew."""
+
+
+def transfer_in_c(driver: object, channels: Sequence[Any], write: bool) -> TransferInC | str:
+    """The driver's transfer in C; a text: why there is none. One that a subclass has not changed with its functions in
+    Python is not theirs."""
+    if not isinstance(driver, MovesInC):
+        return "it has no transfers in C"
+    for place in (vars(driver), *map(vars, type(driver).__mro__)):
+        if "in_c" in place:
+            return driver.in_c(channels, write)
+        if not place.keys().isdisjoint(IN_PYTHON):
+            return f"{type(driver).__name__} has functions of its own in Python"
+    return "it has no transfers in C"
+
+
+IN_PYTHON = frozenset({"read", "write", "read_many", "write_many"})
+"""The functions of a driver in Python that its transfers in C stand for."""
 OPTIONAL: tuple[type, ...] = (
     Looks,
     KnowsAges,
@@ -173,6 +209,7 @@ OPTIONAL: tuple[type, ...] = (
     Reports,
     Inspects,
     EndsWait,
+    MovesInC,
 )
 
 

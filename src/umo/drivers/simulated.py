@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from ctypes import addressof, c_int64, c_void_p
 from typing import NamedTuple
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.optional import MovesInC, TransferInC
+from umo.drivers.transfers_in_c import NOT_BUILT, native
 
 
 class Written(NamedTuple):
@@ -20,15 +23,17 @@ class Written(NamedTuple):
     raw: int
 
 
-class Simulated(Driver):
+class Simulated(Driver, MovesInC):
     """Channels of any name, input and output alike, 63 bits and a sign.
 
     Options:
-        history: how many of the last writes are kept.
+        history: how many of the last writes are kept; 0: none, and its transfers can be made in C.
     """
 
     def __init__(self, *, history: int = 10_000) -> None:
         self._raws: dict[str, int] = {}
+        self._cells: dict[str, c_int64] = {}
+        """In the place of `_raws` once transfers are made in C: a cell for each channel."""
         self._history: deque[tuple[str, int]] = deque(maxlen=history)
 
     @property
@@ -41,24 +46,48 @@ class Simulated(Driver):
 
     def set(self, channel: str, raw: int) -> None:
         """Set the raw value that the channel reads."""
-        self._raws[channel] = int(raw)
+        self._put(channel, int(raw))
 
     def get(self, channel: str) -> int:
         """The raw value last written or set; default: 0."""
-        return self._raws.get(channel, 0)
+        return self._cells[channel].value if channel in self._cells else self._raws.get(channel, 0)
 
     def read(self, channel: Channel) -> int:
-        return self._raws.get(channel.text, 0)
+        return self.get(channel.text)
 
     def write(self, channel: Channel, raw: int) -> None:
-        self._raws[channel.text] = raw
+        self._put(channel.text, raw)
         self._history.append((channel.text, raw))
 
     def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
         written = [*zip([channel.text for channel in channels], raws.tolist(), strict=True)]
-        self._raws.update(written)
         self._history.extend(written)
+        if self._cells:
+            for text, raw in written:
+                self._put(text, raw)
+        else:
+            self._raws.update(written)
 
     def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
-        get = self._raws.get
-        out[:] = [get(channel.text, 0) for channel in channels]
+        get = self.get if self._cells else self._raws.get
+        out[:] = [get(channel.text) or 0 for channel in channels]
+
+    def in_c(self, channels: Sequence[Channel], write: bool) -> TransferInC | str:
+        if native is None:
+            return NOT_BUILT
+        if self._history.maxlen:
+            return "it keeps a history of writes: set `history = 0`"
+        cells = [self._cell(channel.text) for channel in channels]
+        places = (c_void_p * len(cells))(*map(addressof, cells))
+        return TransferInC(native.SCATTER if write else native.GATHER, addressof(places), (cells, places))
+
+    def _put(self, channel: str, raw: int) -> None:
+        if channel in self._cells:
+            self._cells[channel].value = raw
+        else:
+            self._raws[channel] = raw
+
+    def _cell(self, channel: str) -> c_int64:
+        if channel not in self._cells:
+            self._cells[channel] = c_int64(self._raws.pop(channel, 0))
+        return self._cells[channel]

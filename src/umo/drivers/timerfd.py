@@ -7,11 +7,12 @@ import os
 import struct
 import sys
 import time
-from collections.abc import Callable
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from umo.drivers.contract import Channel, Direction, Driver
-from umo.drivers.optional import EndsWait, WaitEnded
+from umo.drivers.optional import EndsWait, MovesInC, TransferInC, WaitEnded
+from umo.drivers.transfers_in_c import NOT_BUILT, native
 from umo.errors import DriverError
 from umo.presentation.durations import duration
 
@@ -69,7 +70,11 @@ class WhileWaiting:
         return after
 
 
-class Ticker:
+Grid: Any = object if native is None else native.Grid
+"""Where the numbers of a `Ticker` are: of the extension, whose `TICK` waits as `Ticker.wait` does."""
+
+
+class Ticker(Grid):  # type: ignore[misc]
     """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` are injected by tests.
 
     `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call;
@@ -94,8 +99,9 @@ class Ticker:
         self._next = clock() + self._nanoseconds
         self._look_after = min(LOOK_INTERVAL[0] * self._nanoseconds, LOOK_INTERVAL[1])
         self._bearable = min(MAX_OWED_SLEEP[0] * self._nanoseconds, MAX_OWED_SLEEP[1])
-        self._looked = 0, 0
+        self._looked = self._used_then = 0
         """The time and the processor time used when `_is_tired` looked last, in ns."""
+        self._awake_share = MAX_AWAKE_SHARE
         self._owed = 0.0
         """Sleep in ns that the thread should have had by then and had not."""
         self._napped = 0
@@ -174,11 +180,11 @@ class Ticker:
 
     def _is_tired(self, now: int) -> bool:
         """Whether the thread should have slept for longer than it has, by more than can be borne."""
-        then, before = self._looked
+        then = self._looked
         if now - then >= self._look_after:
             used = self._used()
-            self._owed = max(self._owed + (used - before) - MAX_AWAKE_SHARE * (now - then), 0.0)
-            self._looked, self._napped = (now, used), 0
+            self._owed = max(self._owed + (used - self._used_then) - MAX_AWAKE_SHARE * (now - then), 0.0)
+            self._looked, self._used_then, self._napped = now, used, 0
         return self._owed - self._napped > self._bearable
 
     def _arm(self, first: int) -> int:
@@ -194,7 +200,7 @@ class Ticker:
         raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {duration(self.period)})")
 
 
-class TimerFd(Driver, EndsWait):
+class TimerFd(Driver, EndsWait, MovesInC):
     """One channel, the tick; `read` blocks until the next sampling period and returns the ticks missed."""
 
     realtime = True
@@ -220,6 +226,11 @@ class TimerFd(Driver, EndsWait):
         if self.ticker is None:
             raise DriverError("the timer is not running")
         return self.ticker.wait()
+
+    def in_c(self, channels: Sequence[Channel], write: bool) -> TransferInC | str:
+        if native is None or self.ticker is None:
+            return NOT_BUILT if native is None else "it does not run"
+        return TransferInC(native.TICK, self.ticker.address(), self.ticker)
 
     def stop_waiting(self) -> None:
         if self.ticker is not None:

@@ -7,7 +7,7 @@ from operator import attrgetter
 from typing import Any, ClassVar, Self
 
 from umo.drivers.contract import Driver
-from umo.drivers.optional import OPTIONAL, names_of
+from umo.drivers.optional import OPTIONAL, MovesInC, names_of
 
 
 def of_driver(name: str) -> Any:
@@ -19,8 +19,8 @@ class Wrapper(Driver[Any]):
     """A driver in front of another one. An object of it is of the classes of `optional.py` that the driver behind it is
     of, and of no others but those that it names itself. What it does not do itself is that driver's own."""
 
-    withheld: ClassVar[tuple[type, ...]] = ()
-    """Those of the classes that it is not of in any case."""
+    withheld: ClassVar[tuple[type, ...]] = (MovesInC,)
+    """Those of the classes that it is not of in any case: the driver's transfers in C would pass it by."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """It has functions for what a driver behind it may have, without a name for each."""

@@ -33,9 +33,11 @@ def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say
     if prepared is None:
         return
     from umo.generate.compiled_laws import COMPARED, CompiledLaws
+    from umo.generate.period_in_c import PeriodInC
 
     try:
         machine.attach(CompiledLaws(prepared))
+        machine.attach(PeriodInC())
         say(f"the laws are compiled: C drives when each was the same as in Python for {COMPARED} of its periods")
     except Exception as error:  # such as a class that has none below it, or a library that was removed
         say(f"the laws run in Python, not compiled: {text_of(error)}")

@@ -52,7 +52,7 @@ class OffCycle(Wrapper):
     `defaults`: the raw integer of each channel that the machine uses, None for an input, by the channel's text.
     """
 
-    withheld = (KnowsAges,)  # each value has its stamp
+    withheld = (*Wrapper.withheld, KnowsAges)  # each value has its stamp
     shared = True
     """Whether a worker process has the same exchange."""
 

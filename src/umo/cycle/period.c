@@ -1,0 +1,581 @@
+/* The period of a machine in C, phase by phase in the order of `PHASES` (period.py): umo.generate.period_in_c makes it.
+ *
+ * Each phase has looks at what it rests on. Where one of them says that something is not as usual, or the phase itself
+ * finds that, Python carries the phase out: the function of period.py that would have done so anyway. The loop then
+ * ends with the period, and Python sees what has become of it.
+ */
+#include "extension.h"
+
+#include "../drivers/umo_driver.h"
+
+#include <string.h>
+#include <structmember.h>
+#include <time.h>
+
+/* A look: whether the attribute of an object is a certain one, is not, or is empty (or 0 or False). */
+enum { IS, IS_NOT, EMPTY };
+
+typedef struct {
+    PyObject *owner, *name, *value;
+    int kind;
+} Look;
+
+enum { TICK, SAMPLE, GUARD, SEQUENCES, LAWS, SETTLE, SEND, SHOW, PHASES };
+enum { READ_TIMER, TICKED, SAMPLE_AND_GUARD, EVALUATE, ADVANCE, ACT, GO_ON, SETTLE_NOW, UPDATE, FINISH, CALLS };
+enum { NOW, DT, TICKS, NUMBER, MISSED, MISSED_IN_ALL, OPEN, BEGAN, COMMANDING, BEFORE_LAWS, LAWS_OF_GROUP, NAMES };
+static const char *const names[NAMES] = {"now",           "dt",   "ticks", "number",     "missed",
+                                         "missed_in_all", "open", "began", "commanding", "before_laws", "laws"};
+
+enum { IN_PYTHON = -1 }; /* in the place of the number of looks: a phase that C does not have */
+
+typedef struct {
+    Block *block;
+    umo_transfer *move;
+    void *context;
+    PyObject *watch; /* None, or watch(ns): is told of each transfer, once its phase is done */
+    int64_t took;
+} Moved;
+
+typedef struct {
+    PyObject_HEAD
+    PyObject *held; /* the arguments: what is pointed to */
+    PyObject *clock, *period, *turn, *group, *laws; /* `laws`: a tuple of those that the list of the group has */
+    PyObject *calls[CALLS], *names[NAMES];
+    Look *looks[PHASES];
+    Py_ssize_t look_counts[PHASES];
+    Moved *inputs, *outputs;
+    Py_ssize_t input_count, output_count, law_count, condition_count;
+    Law **acting, **conditions;
+    umo_transfer *tick;
+    void *tick_context;
+    PyObject *watch; /* None, or watch(ns): is told of each wait for a tick */
+    int64_t least, most; /* ticks that may be missed */
+    double length;       /* of a period in s */
+    int64_t *raw; /* of the timer, as the next three */
+    double *value, *time;
+    uint8_t *quality;
+    Py_buffer written; /* bits of what was written, of all actuators */
+    uint8_t *written_before;
+    double now, dt;
+    int32_t ticks;
+    int by_python; /* whether Python has carried out a phase of this period */
+    char stale;    /* whether something that was bound is another one now */
+} Period;
+
+static int Period_traverse(Period *self, visitproc visit, void *arg)
+{
+    Py_VISIT(Py_TYPE((PyObject *)self));
+    Py_VISIT(self->held);
+    return 0;
+}
+
+static int Period_clear(Period *self)
+{
+    Py_CLEAR(self->held);
+    return 0;
+}
+
+static void Period_dealloc(Period *self)
+{
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
+    PyObject_GC_UnTrack(self);
+    (void)Period_clear(self);
+    for (int i = 0; i < NAMES; i++)
+        Py_XDECREF(self->names[i]);
+    for (int i = 0; i < PHASES; i++)
+        PyMem_Free(self->looks[i]);
+    PyMem_Free(self->inputs);
+    PyMem_Free(self->outputs);
+    PyMem_Free(self->acting);
+    PyMem_Free(self->conditions);
+    PyMem_Free(self->written_before);
+    PyBuffer_Release(&self->written);
+    ((freefunc)PyType_GetSlot(type, Py_tp_free))((PyObject *)self);
+    Py_DECREF(type);
+}
+
+/* Making it ------------------------------------------------------------------------------------------ */
+
+static int refused(const char *what)
+{
+    PyErr_Format(PyExc_TypeError, "no period in C: %s", what);
+    return -1;
+}
+
+static int take_looks(Period *self, int phase, PyObject *given)
+{
+    if (given == Py_None) {
+        self->look_counts[phase] = IN_PYTHON;
+        return 0;
+    }
+    Py_ssize_t count = PyTuple_Size(given);
+    Look *looks = self->looks[phase] = PyMem_Calloc((size_t)count + 1, sizeof(Look));
+    if (count < 0 || looks == NULL)
+        return -1;
+    for (Py_ssize_t i = 0; i < count; i++)
+        if (!PyArg_ParseTuple(PyTuple_GetItem(given, i), "OUiO", &looks[i].owner, &looks[i].name, &looks[i].kind,
+                              &looks[i].value))
+            return -1;
+    self->look_counts[phase] = count;
+    return 0;
+}
+
+static Moved *take_moved(PyObject *given, int (*is_sound)(PyObject *), Py_ssize_t *count)
+{
+    *count = PyTuple_Size(given);
+    Moved *all = PyMem_Calloc((size_t)*count + 1, sizeof(Moved));
+    for (Py_ssize_t i = 0; all != NULL && i < *count; i++) {
+        PyObject *block, *watch;
+        unsigned long long move, context;
+        if (!PyArg_ParseTuple(PyTuple_GetItem(given, i), "OKKO", &block, &move, &context, &watch) || !is_sound(block)) {
+            PyMem_Free(all);
+            refused("a block");
+            return NULL;
+        }
+        all[i] = (Moved){(Block *)block, (umo_transfer *)(uintptr_t)move, (void *)(uintptr_t)context, watch, 0};
+    }
+    return all;
+}
+
+static Law **take_laws(PyObject *given, Py_ssize_t *count)
+{
+    *count = PyTuple_Size(given);
+    Law **all = PyMem_Calloc((size_t)*count + 1, sizeof(Law *));
+    for (Py_ssize_t i = 0; all != NULL && i < *count; i++) {
+        all[i] = (Law *)PyTuple_GetItem(given, i);
+        if (!is_law((PyObject *)all[i])) {
+            PyMem_Free(all);
+            refused("a law");
+            return NULL;
+        }
+    }
+    return all;
+}
+
+static int take(Period *self, PyObject *args)
+{
+    PyObject *looks, *calls, *inputs, *outputs, *conditions, *acting, *written;
+    unsigned long long tick, context, raw, value, time, quality;
+    long long least, most;
+    if (!PyArg_ParseTuple(args, "OOOO(KKLLKKKKO)dO!O!O!O!O!O!O!O", &self->clock, &self->period, &self->turn, &self->group,
+                          &tick, &context, &least, &most, &raw, &value, &time, &quality, &self->watch, &self->length, &PyTuple_Type, &looks,
+                          &PyTuple_Type, &calls, &PyTuple_Type, &inputs, &PyTuple_Type, &outputs, &PyTuple_Type,
+                          &conditions, &PyTuple_Type, &self->laws, &PyTuple_Type, &acting, &written))
+        return -1;
+    if (PyTuple_Size(looks) != PHASES || PyTuple_Size(calls) != CALLS || PyTuple_Size(self->laws) != PyTuple_Size(acting))
+        return refused("its phases");
+    self->tick = (umo_transfer *)(uintptr_t)tick;
+    self->tick_context = (void *)(uintptr_t)context;
+    self->least = least;
+    self->most = most;
+    self->raw = (int64_t *)(uintptr_t)raw;
+    self->value = (double *)(uintptr_t)value;
+    self->time = (double *)(uintptr_t)time;
+    self->quality = (uint8_t *)(uintptr_t)quality;
+    for (int i = 0; i < CALLS; i++)
+        self->calls[i] = PyTuple_GetItem(calls, i);
+    for (int i = 0; i < PHASES; i++)
+        if (take_looks(self, i, PyTuple_GetItem(looks, i)) < 0)
+            return -1;
+    for (int i = 0; i < NAMES; i++)
+        if ((self->names[i] = PyUnicode_InternFromString(names[i])) == NULL)
+            return -1;
+    if ((self->inputs = take_moved(inputs, is_inputs, &self->input_count)) == NULL ||
+        (self->outputs = take_moved(outputs, is_outputs, &self->output_count)) == NULL ||
+        (self->conditions = take_laws(conditions, &self->condition_count)) == NULL ||
+        (self->acting = take_laws(acting, &self->law_count)) == NULL ||
+        PyObject_GetBuffer(written, &self->written, PyBUF_WRITABLE) < 0)
+        return -1;
+    self->written_before = PyMem_Malloc((size_t)self->written.len + 1);
+    return self->written_before == NULL ? -1 : turn_to(self->turn, Py_None) < 0 ? refused("its turn") : 0;
+}
+
+static PyObject *Period_new(PyTypeObject *type, PyObject *args, PyObject *Py_UNUSED(named))
+{
+    Period *self = (Period *)PyType_GenericAlloc(type, 0);
+    if (self == NULL)
+        return NULL;
+    self->held = Py_NewRef(args);
+    if (take(self, args) < 0) {
+        if (!PyErr_Occurred())
+            PyErr_NoMemory();
+        Py_DECREF(self);
+        return NULL;
+    }
+    return (PyObject *)self;
+}
+
+/* What all phases use: 1: done or as usual, 0: Python is to do it, -1: an error ----------------------- */
+
+static int is_usual(Period *self, const Look *look)
+{
+    PyObject *found = PyObject_GetAttr(look->owner, look->name);
+    if (found == NULL)
+        return -1;
+    int usual;
+    if (look->kind == EMPTY) {
+        int full = PyObject_IsTrue(found);
+        usual = full < 0 ? -1 : !full;
+    } else {
+        usual = (found == look->value) == (look->kind == IS);
+        self->stale |= !usual && look->kind == IS;
+    }
+    Py_DECREF(found);
+    return usual;
+}
+
+static int all_usual(Period *self, int phase)
+{
+    int usual = self->look_counts[phase] != IN_PYTHON;
+    for (Py_ssize_t i = 0; usual > 0 && i < self->look_counts[phase]; i++)
+        usual = is_usual(self, &self->looks[phase][i]);
+    return usual;
+}
+
+/* Python carries out a phase. */
+static int by_python(Period *self, int call, PyObject *argument)
+{
+    self->by_python = 1;
+    PyObject *done = argument == NULL ? PyObject_CallNoArgs(self->calls[call])
+                                      : PyObject_CallFunctionObjArgs(self->calls[call], argument, NULL);
+    Py_XDECREF(done);
+    return done == NULL ? -1 : 1;
+}
+
+static int set(PyObject *owner, PyObject *name, PyObject *value)
+{
+    int failed = value == NULL ? -1 : PyObject_SetAttr(owner, name, value);
+    Py_XDECREF(value);
+    return failed;
+}
+
+static int whole(PyObject *owner, PyObject *name, int64_t *number)
+{
+    PyObject *found = PyObject_GetAttr(owner, name);
+    *number = found == NULL ? -1 : PyLong_AsLongLong(found);
+    Py_XDECREF(found);
+    return *number == -1 && PyErr_Occurred() ? -1 : 0;
+}
+
+static int real(PyObject *owner, PyObject *name, double *number)
+{
+    PyObject *found = PyObject_GetAttr(owner, name);
+    *number = found == NULL ? -1.0 : PyFloat_AsDouble(found);
+    Py_XDECREF(found);
+    return *number == -1.0 && PyErr_Occurred() ? -1 : 0;
+}
+
+static int64_t monotonic_ns(void)
+{
+#ifdef _WIN32
+    return 0; /* no period is made there */
+#else
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * 1000000000LL + now.tv_nsec;
+#endif
+}
+
+static int tell(PyObject *watch, int64_t took)
+{
+    PyObject *done = watch == Py_None ? Py_NewRef(Py_None) : PyObject_CallFunction(watch, "L", (long long)took);
+    Py_XDECREF(done);
+    return done == NULL ? -1 : 1;
+}
+
+/* TICK ------------------------------------------------------------------------------------------------ */
+
+/* As Clock.advance and Period.on_tick. */
+static int advance(Period *self, int64_t missed)
+{
+    PyObject **name = self->names;
+    int64_t number, before;
+    if (set(self->period, name[OPEN], Py_NewRef(Py_True)) ||
+        set(self->period, name[BEGAN], PyLong_FromLongLong(monotonic_ns())) ||
+        whole(self->clock, name[NUMBER], &number))
+        return -1;
+    if (missed && (whole(self->clock, name[MISSED_IN_ALL], &before) ||
+                   set(self->clock, name[MISSED_IN_ALL], PyLong_FromLongLong(before + missed))))
+        return -1;
+    self->ticks = missed > 1 ? (int32_t)missed : 1;
+    number += self->ticks;
+    self->now = (double)number * self->length;
+    self->dt = self->ticks * self->length;
+    if (set(self->clock, name[MISSED], PyLong_FromLongLong(missed)) ||
+        set(self->clock, name[TICKS], PyLong_FromLong(self->ticks)) ||
+        set(self->clock, name[NUMBER], PyLong_FromLongLong(number)) ||
+        set(self->clock, name[NOW], PyFloat_FromDouble(self->now)) ||
+        set(self->clock, name[DT], PyFloat_FromDouble(self->dt)))
+        return -1;
+    *self->raw = missed;
+    *self->value = (double)missed;
+    *self->time = self->now;
+    return 1;
+}
+
+/* The clock, where Python has advanced it. */
+static int times_of_clock(Period *self)
+{
+    int64_t ticks;
+    if (real(self->clock, self->names[NOW], &self->now) || real(self->clock, self->names[DT], &self->dt) ||
+        whole(self->clock, self->names[TICKS], &ticks))
+        return -1;
+    self->ticks = (int32_t)ticks;
+    return 1;
+}
+
+/* UMO_INTERRUPTED: an error. */
+static int32_t wait_for_tick(Period *self, int64_t *missed)
+{
+    int32_t status;
+    int64_t began = monotonic_ns();
+    do {
+        if (PyErr_CheckSignals() < 0)
+            return UMO_INTERRUPTED;
+        Py_BEGIN_ALLOW_THREADS
+        status = self->tick(self->tick_context, missed, 1);
+        Py_END_ALLOW_THREADS
+    } while (status == UMO_INTERRUPTED);
+    return status == UMO_MOVED && tell(self->watch, monotonic_ns() - began) < 0 ? UMO_INTERRUPTED : status;
+}
+
+static int tick(Period *self)
+{
+    int usual = all_usual(self, TICK);
+    if (usual <= 0)
+        return usual;
+    int64_t missed = 0;
+    int32_t status = wait_for_tick(self, &missed);
+    if (status == UMO_INTERRUPTED)
+        return -1;
+    if (status != UMO_MOVED)
+        return 0;
+    if (missed >= self->least && missed <= self->most && *self->quality == 0)
+        return advance(self, missed);
+    PyObject *found = PyLong_FromLongLong(missed); /* the tick has come: it is to be judged */
+    int done = found == NULL ? -1 : by_python(self, TICKED, found);
+    Py_XDECREF(found);
+    return done < 0 ? done : times_of_clock(self);
+}
+
+/* By Python. 0: a stop has ended the wait. */
+static int tick_by_python(Period *self)
+{
+    self->by_python = 1;
+    PyObject *found = PyObject_CallNoArgs(self->calls[READ_TIMER]);
+    double missed = found == NULL ? -1.0 : PyFloat_AsDouble(found);
+    Py_XDECREF(found);
+    if (missed == -1.0 && PyErr_Occurred())
+        return -1;
+    return missed < 0.0 ? 0 : times_of_clock(self);
+}
+
+/* SAMPLE and GUARD ------------------------------------------------------------------------------------ */
+
+static int move(Moved *moved)
+{
+    Py_ssize_t count;
+    int64_t *raws = moved_of(moved->block, &count), began = moved->watch == Py_None ? 0 : monotonic_ns();
+    int done = moved->move(moved->context, raws, (int32_t)count) == UMO_MOVED;
+    moved->took = moved->watch == Py_None ? 0 : monotonic_ns() - began;
+    return done;
+}
+
+/* A phase is done: none of these is moved by Python once more. */
+static int were_moved(const Moved *all, Py_ssize_t count)
+{
+    int done = 1;
+    for (Py_ssize_t i = 0; done > 0 && i < count; i++)
+        done = tell(all[i].watch, all[i].took);
+    return done;
+}
+
+static int sample(Period *self)
+{
+    int usual = all_usual(self, SAMPLE);
+    for (Py_ssize_t i = 0; usual > 0 && i < self->input_count; i++) {
+        Py_ssize_t count;
+        int64_t *raws = moved_of(self->inputs[i].block, &count);
+        for (Py_ssize_t n = 0; n < count; n++)
+            raws[n] = UMO_UNREAD;
+        usual = move(&self->inputs[i]);
+    }
+    for (Py_ssize_t i = 0; usual > 0 && i < self->input_count; i++)
+        usual = inputs_convert(self->inputs[i].block, self->now);
+    return usual > 0 ? were_moved(self->inputs, self->input_count) : usual;
+}
+
+/* That no interlock begins or ends. */
+static int guard(Period *self)
+{
+    int usual = all_usual(self, GUARD);
+    for (Py_ssize_t i = 0; usual > 0 && i < self->condition_count; i++)
+        usual = law_is_false(self->conditions[i], self->now, self->dt, self->ticks);
+    return usual;
+}
+
+static int sample_and_guard(Period *self)
+{
+    int done = sample(self);
+    if (done == 0)
+        return by_python(self, SAMPLE_AND_GUARD, NULL);
+    done = done < 0 ? done : guard(self);
+    return done == 0 ? by_python(self, EVALUATE, NULL) : done;
+}
+
+/* COMMANDS to SETTLE ---------------------------------------------------------------------------------- */
+
+/* What a list of the period has; how many. */
+static Py_ssize_t call_each(Period *self, int name)
+{
+    PyObject *calls = PyObject_GetAttr(self->period, self->names[name]);
+    Py_ssize_t count = calls == NULL ? -1 : PyList_Size(calls);
+    for (Py_ssize_t i = 0; count > 0 && i < PyList_Size(calls); i++) {
+        PyObject *call = Py_NewRef(PyList_GetItem(calls, i)), *done = PyObject_CallNoArgs(call);
+        Py_DECREF(call);
+        Py_XDECREF(done);
+        if (done == NULL)
+            count = -1;
+    }
+    Py_XDECREF(calls);
+    return count;
+}
+
+/* Whether the next law is the one that was bound, and still in C. */
+static int is_in_c(Period *self, PyObject *list, Py_ssize_t at)
+{
+    int same = PyList_Size(list) == self->law_count && PyList_GetItem(list, at) == PyTuple_GetItem(self->laws, at) &&
+               !law_has_ended(self->acting[at]);
+    self->stale |= !same;
+    return same;
+}
+
+/* The laws of this list; those from the first one on that is not in C, or has a fault, by Python. */
+static int act_each(Period *self, PyObject *list)
+{
+    Py_ssize_t at = 0;
+    int16_t fault = 0;
+    for (; fault == 0 && at < self->law_count && is_in_c(self, list, at); at += fault == 0) {
+        (void)turn_to(self->turn, PyTuple_GetItem(self->laws, at));
+        fault = law_fault(self->acting[at], self->now, self->dt, self->ticks);
+    }
+    (void)turn_to(self->turn, Py_None);
+    if (at == self->law_count && PyList_Size(list) == at)
+        return 1;
+    for (Py_ssize_t i = 0; i < at; i++)
+        law_was_called(self->acting[i], 0);
+    if (fault != 0)
+        law_was_called(self->acting[at], fault);
+    return by_python(self, GO_ON, list);
+}
+
+static int act(Period *self)
+{
+    int usual = all_usual(self, LAWS);
+    if (usual <= 0)
+        return usual < 0 ? usual : by_python(self, ACT, NULL);
+    PyObject *list = PyObject_GetAttr(self->group, self->names[LAWS_OF_GROUP]);
+    int done = list == NULL || !PyList_Check(list) ? -1 : act_each(self, list);
+    Py_XDECREF(list);
+    usual = done < 0 ? done : all_usual(self, SETTLE);
+    return usual == 0 ? by_python(self, SETTLE_NOW, NULL) : usual;
+}
+
+static int control(Period *self)
+{
+    Py_ssize_t commanding = call_each(self, COMMANDING);
+    self->by_python |= commanding > 0;
+    int done = commanding < 0 ? -1 : all_usual(self, SEQUENCES);
+    if (done == 0)
+        done = by_python(self, ADVANCE, self->clock);
+    return done < 0 || call_each(self, BEFORE_LAWS) < 0 ? -1 : act(self);
+}
+
+/* SEND and SHOW --------------------------------------------------------------------------------------- */
+
+static int send_blocks(Period *self)
+{
+    memcpy(self->written_before, self->written.buf, (size_t)self->written.len);
+    for (Py_ssize_t i = 0; i < self->output_count; i++) {
+        Block *block = self->outputs[i].block;
+        outputs_give(block, self->now, self->dt);
+        if (!move(&self->outputs[i])) { /* Python gives all of them once more */
+            memcpy(self->written.buf, self->written_before, (size_t)self->written.len);
+            return 0;
+        }
+        outputs_commit(block, self->now);
+    }
+    return were_moved(self->outputs, self->output_count);
+}
+
+static int update(Period *self)
+{
+    int usual = all_usual(self, SEND);
+    if (usual > 0)
+        usual = send_blocks(self);
+    if (usual <= 0)
+        return usual < 0 ? usual : by_python(self, UPDATE, NULL);
+    usual = all_usual(self, SHOW);
+    if (usual <= 0)
+        return usual < 0 ? usual : by_python(self, FINISH, NULL);
+    return set(self->period, self->names[OPEN], Py_NewRef(Py_False)) ? -1 : 1;
+}
+
+/* Periods --------------------------------------------------------------------------------------------- */
+
+/* One period. 0: a stop has ended the wait for its tick; or, where others came before, its tick is Python's. */
+static int one_period(Period *self, int is_first)
+{
+    int done = tick(self);
+    if (done == 0 && is_first)
+        done = tick_by_python(self);
+    return done <= 0 || (done = sample_and_guard(self)) <= 0 || (done = control(self)) <= 0 ? done : update(self);
+}
+
+static int note(Period *self, int64_t *row)
+{
+    if (whole(self->clock, self->names[MISSED], &row[0]) || whole(self->period, self->names[BEGAN], &row[1]))
+        return -1;
+    row[2] = monotonic_ns();
+    return 0;
+}
+
+/* run(most, rows): periods until Python has carried out a phase of one, at most so many; how many. 0: a stop has ended
+ * the wait. `rows`: None, or memory for the ticks that each one has missed, and the times in ns at which it
+ * began and ended. */
+static PyObject *Period_run(Period *self, PyObject *args)
+{
+    Py_ssize_t most, count = 0;
+    PyObject *given;
+    Py_buffer rows = {0};
+    if (!PyArg_ParseTuple(args, "nO", &most, &given))
+        return NULL;
+    if (given != Py_None && PyObject_GetBuffer(given, &rows, PyBUF_WRITABLE) < 0)
+        return NULL;
+    int64_t *row = rows.buf;
+    int done = row != NULL && rows.len < most * (Py_ssize_t)(3 * sizeof *row) ? refused("too few rows") : 1;
+    self->by_python = 0;
+    while (done > 0 && count < most && !self->by_python) {
+        done = one_period(self, count == 0);
+        if (done > 0 && row != NULL && note(self, &row[3 * count]) < 0)
+            done = -1;
+        count += done > 0;
+    }
+    PyBuffer_Release(&rows);
+    return done < 0 ? NULL : PyLong_FromSsize_t(count);
+}
+
+static PyMemberDef period_members[] = {{"stale", T_BOOL, offsetof(Period, stale), READONLY, NULL}, {NULL, 0, 0, 0, NULL}};
+static PyMethodDef period_methods[] = {{"run", (PyCFunction)Period_run, METH_VARARGS, NULL}, {NULL, NULL, 0, NULL}};
+static PyType_Slot period_slots[] = {
+    {Py_tp_new, Period_new}, {Py_tp_dealloc, Period_dealloc}, {Py_tp_traverse, Period_traverse},
+    {Py_tp_clear, Period_clear}, {Py_tp_members, period_members}, {Py_tp_methods, period_methods}, {0, NULL},
+};
+static PyType_Spec specs[] = {
+    {"umo.cycle._columns.Period", sizeof(Period), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC, period_slots},
+};
+
+int add_period_type(PyObject *module)
+{
+    return add_types(module, specs, sizeof specs / sizeof *specs);
+}

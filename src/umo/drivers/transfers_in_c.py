@@ -1,0 +1,13 @@
+"""The transfers in C of the drivers of this folder (`native.c`), where they could be built."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+NOT_BUILT = "the extension of the drivers in C was not built"
+native: Any = None
+"""The extension; None: it was not built."""
+with suppress(ImportError):
+    native = import_module("umo.drivers._native")
