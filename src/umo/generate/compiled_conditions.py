@@ -13,8 +13,7 @@ from typing import Any
 from umo.cycle.clock import Clock
 from umo.cycle.conversion import extension
 from umo.cycle.inhibition import Inhibition
-from umo.generate.controller_folder import TARGETS
-from umo.generate.law_library import NOT_ON_COLUMNS, TRUE, LawLibrary
+from umo.generate.law_library import BESIDE_PYTHON, NOT_ON_COLUMNS, TRUE, LawLibrary
 from umo.generate.translation import Translation
 from umo.generate.translator import translate
 from umo.objects import Compound
@@ -39,19 +38,24 @@ def translated_conditions(
     laws alone."""
     if not conditions:
         return None, ""
-    found = translate(root, conditions, laws, TARGETS["host"])
+    found = translate(root, conditions, laws, BESIDE_PYTHON)
     if found.problems:
         return None, str(found.problems[0])
     for call, what in ONLY_PYTHON.items():
         if found.calls.get(call, 0) > without.calls.get(call, 0):
             return None, f"one {what}"
-    if _states(found) != _states(without):
+    if _states(found) != _states(without) or _texts(found) != _texts(without):
         return None, "one changes an attribute"
     return found, ""
 
 
 def _states(translation: Translation) -> set[tuple[str, str]]:
     return {(each.path, each.name) for each in translation.layout if each.owner == "STATE"}
+
+
+def _texts(translation: Translation) -> set[tuple[int, str]]:
+    """The attributes that texts are assigned to."""
+    return {(id(each.field[0]), each.field[1]) for each in translation.tellers if each.field is not None}
 
 
 class CompiledConditions:

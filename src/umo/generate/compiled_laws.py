@@ -9,7 +9,6 @@ gives the laws back to Python, which is said: so does whoever sets what translat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from ctypes import c_void_p
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -29,15 +28,16 @@ from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, Ran
 from umo.generate.bound_fields import WRONG, BoundFields
 from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
-from umo.generate.controller_folder import TARGETS
 from umo.generate.controller_model import ControllerModel, laid_out, model_of, too_many
 from umo.generate.known_values import KnownName, is_installed
 from umo.generate.known_watch import KnownWatch
 from umo.generate.law_library import (
+    BESIDE_PYTHON,
     CHANGED,
     HOST_CALL,
     NOT_ON_COLUMNS,
     READ,
+    TELL,
     WRITE,
     WRITE_MANY,
     ColumnPointers,
@@ -45,6 +45,7 @@ from umo.generate.law_library import (
     library_of,
     source_of_laws,
 )
+from umo.generate.lower.text_makers import error_as_written
 from umo.generate.translation import Translation
 from umo.generate.translator import translate
 from umo.objects import Compound, Quality, Vector
@@ -122,7 +123,7 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
         raise NotCompiled(["it has no laws"])
     if problems := list(too_many(model)):
         raise NotCompiled([str(each) for each in problems])
-    translation = translate(root, [], laws, TARGETS["host"])
+    translation = translate(root, [], laws, BESIDE_PYTHON)
     if translation.problems:
         raise NotCompiled([str(each) for each in translation.problems])
     if wrong := list(_not_on_columns(translation)):
@@ -396,18 +397,18 @@ class CompiledLaws(Capability):
         """Raise what Python would have raised, where it would have."""
         stored, self._error = self._error, None
         if stored is not None and stored[0] == fault:
-            raise stored[1]
+            _raise(stored[1], *self._place(fault))
         slot = self._library.fault_object
         if fault in (BAD_INPUT, NEVER_READ) and slot >= 0:
             path, quality = self._image.items[slot].path, Quality(int(self._image.quality[slot]))
             raise BadInput(path, quality, why="it was never read") if fault == NEVER_READ else BadInput(path, quality)
-        _raise(self._kind(fault), *self._place(fault))
+        kind, text = self._kind(fault), f"fault {fault} of a compiled law"
+        text = next((each.text for each in self._translation.faults if each.number == fault), text)
+        _raise(error_as_written(kind, OWN_TEXTS.get(kind, text)), *self._place(fault))
 
-    def _place(self, fault: int) -> tuple[str, str, int]:
-        for each in self._translation.faults:
-            if each.number == fault:
-                return each.text, each.file, each.line
-        return f"fault {fault} of a compiled law", "", 0
+    def _place(self, fault: int) -> tuple[str, int]:
+        """The file and the line that raise a fault; none of those of the runtime."""
+        return next(((each.file, each.line) for each in self._translation.faults if each.number == fault), ("", 0))
 
     # What only Python does -----------------------------------------------------------------------------
 
@@ -430,6 +431,7 @@ class CompiledLaws(Capability):
             READ(lambda slot, out: here._velocity(slot, out)),
             READ(lambda slot, out: here._read_now(slot, out)),
             HOST_CALL(lambda *given: here._host_call(*given)),
+            TELL(lambda number, given: here._tell_text(number, given)),
         )
 
     def _done(self, work: Callable[[], Any]) -> int:
@@ -506,6 +508,21 @@ class CompiledLaws(Capability):
         out[0] = self._image.velocity(slot)
         return 0
 
+    def _tell_text(self, number: int, given: Any) -> int:
+        """An error or a text is made, of these variables. While Python drives it makes its own."""
+        if self.state != "compiled":
+            return 0
+        teller = self._translation.tellers[number]
+
+        def work() -> None:
+            made = teller.make(*(self._library.variable(given[n], of) for n, (_, of) in enumerate(teller.given)))
+            if teller.field is not None:
+                setattr(*teller.field, made)
+            elif teller.fault:
+                self._error = teller.fault, made
+
+        return self._done(work)
+
     def _host_call(self, call: int, numbers: Any, count: int) -> int:
         owner, name = self._translation.hosts[call]
         return self._done(lambda: getattr(owner, name)(*numbers[:count]))
@@ -517,10 +534,8 @@ def _told(error: Any) -> str:
     return f"raises {error.__name__ if isinstance(error, type) else type(error).__name__}"
 
 
-def _raise(kind: type[BaseException], text: str, file: str, line: int) -> None:
-    """Raise an error that comes from this line of a file."""
-    error: BaseException = RuntimeError(f"{kind.__name__}: {text}")
-    with suppress(TypeError):
-        error = kind(OWN_TEXTS.get(kind, text))
-    names = {"error": error}
-    exec(compile("\n" * max(0, line - 1) + "raise error", file or __file__, "exec"), names)
+def _raise(error: BaseException, file: str, line: int) -> None:
+    """Raise an error that comes from this line of a file; without one it comes from where it does."""
+    if not file:
+        raise error
+    exec(compile("\n" * max(0, line - 1) + "raise error", file, "exec"), {"error": error})

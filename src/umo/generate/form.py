@@ -252,6 +252,14 @@ class CallStatement(Statement):
 
 
 @dataclass(frozen=True)
+class Tell(Statement):
+    """Python makes the text of this number, of these variables: nothing of the form reads it. It may fail."""
+
+    number: int
+    given: tuple[Value, ...]
+
+
+@dataclass(frozen=True)
 class Checked(Statement):
     """Arithmetic of whole numbers: "add", "sub", "mul" or "shift_left"; the fault where it leaves 32 bits."""
 

@@ -21,10 +21,12 @@ from ctypes import (
     c_void_p,
     create_string_buffer,
 )
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from umo.errors import DeclarationError
+from umo.generate.c_types import CType
 from umo.generate.compiled_machine import COMPILE_TIMEOUT, FLAGS, compiler
 from umo.generate.compiler_errors import told
 from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
@@ -45,6 +47,9 @@ WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)
 WRITE_MANY = CFUNCTYPE(c_int16, POINTER(c_int16), c_int16, POINTER(c_double), POINTER(c_bool), TAKEN)
 READ = CFUNCTYPE(c_int16, c_int32, POINTER(c_double))
 HOST_CALL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_double), c_uint16)
+TELL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_void_p))
+BESIDE_PYTHON = replace(TARGETS["host"], tells=True)
+"""The target of laws that Python calls, and that Python makes texts for."""
 SOURCE = """\
 #include "umo_columns.h"
 
@@ -126,6 +131,7 @@ class ColumnPointers(Structure):
         ("velocity", READ),
         ("read_now", READ),
         ("host_call", HOST_CALL),
+        ("tell", TELL),
     ]
 
 
@@ -141,7 +147,7 @@ def source_of_laws(model: ControllerModel, translation: Translation, conditions:
         members=translation.members,
         fault_names=translation.fault_names,
         source=translation.source,
-        tables=tables_of(model, TARGETS["host"]),
+        tables=tables_of(model, BESIDE_PYTHON),
         access=translation.access,
         period=repr(model.period),
         true=TRUE,
@@ -234,12 +240,17 @@ class LawLibrary:
         self._columns = columns
         self._memory = create_string_buffer(library.law_size())
         library.law_begin(self._memory, c_void_p(_address(columns)))
+        self._variables = StructMemory(LiveStruct(None, "", "variables"), _address(self._memory))
 
     def structs(self, structs: Sequence[LiveStruct]) -> list[StructMemory]:
         """The fields of the live objects."""
         found = (int(self._library.machine_struct(self._memory, c_int16(n))) for n in range(len(structs)))
         keep = self._memory
         return [StructMemory(struct, address, keep=keep) for struct, address in zip(structs, found, strict=True)]
+
+    def variable(self, address: int, of: CType) -> Any:
+        """A variable of a law that calls Python, as Python has it."""
+        return self._variables.at(address, of)
 
     def call(self, law: int, clock: Any) -> int:
         """One period of a law; its fault."""

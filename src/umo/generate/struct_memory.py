@@ -10,7 +10,19 @@ from typing import Any
 import numpy as np
 
 from umo.cycle.conversion import extension
-from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    REAL,
+    ArrayType,
+    CType,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    plain_number,
+)
 from umo.generate.lower.live_fields import LiveStruct, mask_of
 
 PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
@@ -18,6 +30,13 @@ PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
 
 CHANGEABLE = set, np.ndarray
 """Types whose values are changed in place, besides lists."""
+
+
+def _of_numpy(of: CType, value: Any) -> Any:
+    """A number or an array as one of numpy, where it is one."""
+    if isinstance(of, NumpyNumber):
+        return np.asarray(value)[()]
+    return np.array(value) if isinstance(of, ArrayType) and not of.listed else value
 
 
 def _listed(values: Any) -> list[Any] | None:
@@ -105,6 +124,11 @@ class StructMemory:
     def write(self, name: str, value: Any) -> None:
         of = self._struct.fields[name]
         self._set(of, self._memory, _member(name), value)
+
+    def at(self, address: int, of: CType) -> Any:
+        """A value of this type elsewhere in the memory of the library, as Python has it."""
+        place = type("Place", (Structure,), {"_fields_": [("value", self._type(plain_number(of)))]})
+        return _of_numpy(of, self._value(plain_number(of), place.from_address(address).value))  # type: ignore[attr-defined]
 
     def push(self) -> None:
         """The fields have the values of the live object. What is there already is not written again."""

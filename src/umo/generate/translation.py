@@ -6,10 +6,11 @@ does not translate is a `Untranslatable`, with its place and the nearest thing t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from umo.generate.c_types import CType
 from umo.generate.known_values import KnownValues
 
 FIRST_FAULT = 32
@@ -48,6 +49,8 @@ class ControllerTarget:
     """The width of whole numbers."""
     table_bytes: int | None = None
     """The size of the table of a linearization at most."""
+    tells: bool = False
+    """Whether Python is there, and makes the texts that code tells."""
 
 
 class CodeFault(NamedTuple):
@@ -62,6 +65,19 @@ class CodeFault(NamedTuple):
     line: int
     name: str = ""
     """In C."""
+
+
+class Teller(NamedTuple):
+    """A text that Python makes while compiled laws drive."""
+
+    make: Callable[..., Any]
+    """The error, or the text, of these variables."""
+    given: Sequence[tuple[str, CType]]
+    """Their names and types."""
+    fault: int = 0
+    """The fault whose error it is; 0: of none."""
+    field: tuple[Any, str] | None = None
+    """The object and its attribute that the text is assigned to."""
 
 
 class StructField(NamedTuple):
@@ -127,6 +143,8 @@ class Translation:
     """The structs of live objects (`umo.generate.lower.live_fields.LiveStruct`), by the numbers of machine_struct."""
     host_calls: list[str] = field(default_factory=list)
     """What the host is asked for, by number."""
+    tellers: list[Teller] = field(default_factory=list)
+    """The texts that Python makes, by number."""
     kinds: Mapping[int, type[BaseException]] = field(default_factory=dict)
     """The class of each fault."""
     hosts: list[tuple[Any, str]] = field(default_factory=list)

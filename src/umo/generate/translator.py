@@ -35,6 +35,7 @@ def translate(
         layout=world.fields.layout(),
         structs=world.fields.filled,
         host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
+        tellers=world.tellers,
         kinds=world.kinds,
         hosts=world.hosts,
         known=world.known,

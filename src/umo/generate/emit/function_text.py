@@ -40,6 +40,7 @@ from umo.generate.form import (
     Return,
     Statement,
     Statements,
+    Tell,
     Temporary,
     Try,
     TupleOf,
@@ -246,8 +247,15 @@ class FunctionText:
         return f"{each.function}({', '.join(arguments)})"
 
     def called(self, each: CallStatement) -> None:
+        self._tried(self.call(each))
+
+    def tells(self, each: Tell) -> None:
+        given = ", ".join(f"&{self.values.text(one)}" for one in each.given) or "NULL"
+        self._tried(f"umo_tell(m, {each.number}, (const void *const[]){{{given}}})")
+
+    def _tried(self, call: str) -> None:
         self.has_fault = True
-        self.put(f"fault = {self.call(each)};")
+        self.put(f"fault = {call};")
         with self.block("if (fault != UMO_OK)"):
             self.fail("fault")
 
@@ -328,6 +336,7 @@ PRINTED: dict[type[Statement], Callable[[FunctionText, Any], None]] = {
     Begin: FunctionText.begin,
     Do: FunctionText.do,
     CallStatement: FunctionText.called,
+    Tell: FunctionText.tells,
     Checked: FunctionText.checked,
     Choose: FunctionText.choose,
     If: FunctionText.if_,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -33,6 +33,7 @@ from umo.generate.form import (
     Return,
     Statement,
     Struct,
+    Tell,
     Temporary,
     Value,
     WholeMachine,
@@ -57,6 +58,7 @@ from umo.generate.translation import (
     CodeFault,
     ControllerLimit,
     ControllerTarget,
+    Teller,
     Untranslatable,
 )
 from umo.objects import Compound
@@ -98,6 +100,7 @@ class CodeWorld:
         self.notes: list[str] = []
         self.on_host: list[Untranslatable] = []
         self.hosts: list[tuple[Any, str]] = []
+        self.tellers: list[Teller] = []
         self._under_way: list[Any] = []
         self._names: set[str] = set()
         self._kept: list[Any] = []
@@ -130,6 +133,20 @@ class CodeWorld:
             self.hosts.append((owner, name))
             found = len(self.hosts) - 1
         return found
+
+    def teller(self, teller: Teller) -> int:
+        self.tellers.append(teller)
+        return len(self.tellers) - 1
+
+    def only_tells(self, statements: Iterable[Statement]) -> bool:
+        """Whether statements do nothing but tell."""
+        return all(map(self._tells, statements))
+
+    def _tells(self, statement: Statement) -> bool:
+        if isinstance(statement, CallStatement):
+            called = next((each.form for each in self.functions.values() if each.name == statement.function), None)
+            return called is not None and statement.out is None and self.only_tells(called.body)
+        return isinstance(statement, Tell) or statement == Return()
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
         """A result; None: there is none."""

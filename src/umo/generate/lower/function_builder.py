@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -47,7 +47,7 @@ from umo.generate.lower.subjects import (
 from umo.generate.lower.terms import Code, Term
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier
-from umo.generate.translation import Untranslatable
+from umo.generate.translation import ControllerTarget, Teller, Untranslatable
 
 UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 """What the lowering of a statement may raise that nobody has thought of."""
@@ -271,6 +271,7 @@ class CodeContext(Protocol):
     fields: LiveFields
     known: KnownValues
     """What is taken as known."""
+    target: ControllerTarget
     on_host: list[Untranslatable]
     """What works on this computer only."""
 
@@ -288,6 +289,12 @@ class CodeContext(Protocol):
 
     def host_call(self, owner: Any, name: str) -> int:
         """The number of what the host is asked for."""
+
+    def teller(self, teller: Teller) -> int:
+        """The number of a text that Python makes."""
+
+    def only_tells(self, statements: Iterable[Statement]) -> bool:
+        """Whether statements do nothing but tell."""
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
         """A result; None: there is none."""

@@ -200,6 +200,8 @@ class LoweredAssignments(LoweredSubject):
             if text is None:
                 self.f.world.memory.take_text(owner, name, term.value)  # type: ignore[union-attr,arg-type]
             if text is None or not self.f.world.memory.is_text_state(owner, name):
+                if self.f.telling.tell_field(term, node, target, owner):
+                    return
                 self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
                 return
             term = text

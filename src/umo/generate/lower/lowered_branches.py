@@ -107,7 +107,7 @@ class LoweredBranches(LoweredSubject):
         """Whether more is left of statements than a text: a statement, or a way out."""
         with self.f.gathered() as found:
             goes_on = self.f.body(statements)
-        return not goes_on or bool(found)
+        return not goes_on or not self.f.world.only_tells(found)
 
     def lower_return(self, node: ast.Return) -> bool:
         term = Known(None) if node.value is None else self.f.term(node.value)

@@ -43,7 +43,11 @@ class LoweredErrors(LoweredSubject):
                 raise self.f.refused(
                     node, f"{kind.value.__name__} runs code when it is made", "a class without __init__"
                 )
-            self.f.raises(kind.value, node, text=_said(node.exc, self.f.source.segment(node.exc)))
+            said = _said(node.exc, self.f.source.segment(node.exc))
+            fault = self.f.fault(kind.value, node, said)
+            if not all(isinstance(each, ast.Constant) for each in error_arguments(node.exc)):
+                self.f.telling.tell_error(node.exc, kind.value, said, fault)
+            self.f.add(Fail(fault))
             return False
         raise self.f.refused(node, "the class of the error is not known when the code is generated", "raise Error(...)")
 

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 from umo.generate.c_types import NOTHING, CType
+from umo.generate.form import Local, Tell, Value
 from umo.generate.lower.function_builder import NoTranslation
+from umo.generate.lower.local_functions import LocalFunction
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import TEXT, Known, Term, UnknownText
+from umo.generate.lower.state_members import StateMethod
+from umo.generate.lower.terms import TEXT, ArrayMethod, Known, Places, Term, UnknownText
+from umo.generate.lower.text_makers import error_as_written, evaluated, is_certain
 from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
+from umo.generate.translation import Teller
 
 TELLS = "a text that is made at run time"
 """Why a condition does not translate that a text decides."""
+NOT_OF_PYTHON = ArrayMethod | LocalFunction | Places | StateMethod
+"""What a local name may stand for while code is translated, and that Python does not have."""
+Made: TypeAlias = tuple[Callable[..., Any], Sequence[tuple[str, CType, Value]]]
 REASON = "it is not proved that the text has no effect and cannot fail"
 
 
@@ -85,6 +94,54 @@ class LoweredTelling(LoweredSubject):
         if not isinstance(func, ast.Name) or func.id in self.f.flow.names or self.f.source.is_local(func.id):
             return None
         return self.f.source.meaning(func.id)
+
+    # Texts that Python makes ---------------------------------------------------------------------------
+
+    def tell_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
+        """Python makes the error of a fault, where it is there. One that needs a text which is made at run time, or a
+        number whose class is not certain, says what stands in the code."""
+        if not self.f.world.target.tells:
+            return
+        made = self._made(node)
+        make, given = (partial(error_as_written, kind, said), ()) if made is None else made
+        self._tell(Teller(make, tuple((name, of) for name, of, _ in given), fault), given)
+
+    def tell_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
+        """Whether Python assigns a text that is made at run time; else it is left out."""
+        if not self.f.world.target.tells or not isinstance(term, Known):
+            return False
+        is_value = isinstance(node, ast.AnnAssign) or (isinstance(node, ast.Assign) and target in node.targets)
+        if not isinstance(term.value, UnknownText):
+            made: Made | None = partial(str, term.value), ()
+        else:
+            made = self._made(node.value) if is_value else None  # type: ignore[attr-defined]
+        if made is None:
+            return False
+        make, given = made
+        self._tell(Teller(make, tuple((name, of) for name, of, _ in given), field=(owner, target.attr)), given)
+        return True
+
+    def _tell(self, teller: Teller, given: Sequence[tuple[str, CType, Value]]) -> None:
+        self.f.add(Tell(self.f.world.teller(teller), tuple(place for _, _, place in given)))
+
+    def _made(self, node: ast.expr) -> Made | None:
+        """What evaluates an expression, of which variables; None: Python does not have all that it needs."""
+        known: dict[str, Any] = {}
+        given: list[tuple[str, CType, Value]] = []
+        for name in dict.fromkeys(each.id for each in ast.walk(node) if isinstance(each, ast.Name)):
+            found = self.f.flow.names.get(name)
+            if isinstance(found, Known):
+                if isinstance(found.value, UnknownText | NOT_OF_PYTHON):
+                    return None
+                known[name] = found.value
+            elif found is not None:
+                place = self.f.aliases.same.get(name) or self.f.local(name)
+                if not is_certain(found) or not isinstance(place, Local):
+                    return None
+                given.append((name, found, place))
+            elif name in self.f.source.function.__code__.co_freevars or name == "super":
+                return None
+        return evaluated(self.f.source, node, known, [name for name, _, _ in given]), given
 
     # Proofs --------------------------------------------------------------------------------------------
 

@@ -89,6 +89,12 @@ class AskedOfTelling(Protocol):
     def is_text(self, node: ast.AST) -> bool:
         """Whether an expression makes a text at run time."""
 
+    def tell_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
+        """Python makes the error of a fault, where it is there."""
+
+    def tell_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
+        """Whether Python assigns a text that is made at run time."""
+
     def text(self, node: ast.expr) -> Known:
         """The text that an expression makes at run time."""
 

@@ -21,6 +21,18 @@ typedef struct {
     umo_fault (*velocity)(int32_t slot, double *out);
     umo_fault (*read_now)(int32_t slot, double *out);
     umo_fault (*host_call)(uint16_t call, double *numbers, uint16_t count);
+    umo_fault (*tell)(uint16_t number, const void *const *given); /* a text is made of these variables */
 } umo_columns;
+
+static inline umo_columns *columns_of(const umo_core *c)
+{
+    return (umo_columns *)(void *)c->outputs; /* it has no umo_output of its own */
+}
+
+static inline umo_fault umo_tell(const umo_machine *m, uint16_t number, const void *const *given)
+{
+    const umo_core *c = (const umo_core *)(const void *)m; /* its first member */
+    return columns_of(c)->tell(number, given);
+}
 
 #endif

@@ -5,11 +5,6 @@
 
 #include "umo_columns.h"
 
-static inline umo_columns *columns_of(const umo_core *c)
-{
-    return (umo_columns *)(void *)c->outputs; /* it has no umo_output of its own */
-}
-
 static inline int32_t slot(const umo_object *o)
 {
     return (int32_t)(o - o->core->objects);

@@ -1,0 +1,45 @@
+"""Texts and errors that Python makes while compiled laws drive, of the variables that C hands over."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from umo.generate.c_types import ArrayType, CType, MixedNumber, NumpyNumber, OptionalType, TupleType
+from umo.generate.function_source import SourcedFunction
+
+
+def evaluated(
+    source: SourcedFunction, node: ast.expr, known: Mapping[str, Any], given: Sequence[str]
+) -> Callable[..., Any]:
+    """A function that evaluates an expression of another function, where these names are known, and these are given."""
+    tree = ast.parse("lambda: 0", mode="eval")
+    assert isinstance(tree.body, ast.Lambda)
+    tree.body.args.args = [ast.arg(name) for name in (*known, *given)]
+    tree.body.body = node
+    function = eval(compile(ast.fix_missing_locations(tree), source.file, "eval"), source.function.__globals__)
+
+    def make(*values: Any) -> Any:
+        return function(*known.values(), *values)
+
+    return make
+
+
+def error_as_written(kind: type[BaseException], text: str) -> BaseException:
+    """An error whose text is the one that stands in the code; RuntimeError for a class that takes no text."""
+    try:
+        return kind(text)
+    except TypeError:
+        return RuntimeError(f"{kind.__name__}: {text}")
+
+
+def is_certain(of: CType) -> bool:
+    """Whether a value of this type is one of Python of a certain class."""
+    if isinstance(of, MixedNumber) or (isinstance(of, NumpyNumber) and not of.sure):
+        return False
+    if isinstance(of, ArrayType):
+        return not of.loose and is_certain(of.of)
+    if isinstance(of, TupleType):
+        return all(is_certain(each) for _, each in of.members)
+    return is_certain(of.of) if isinstance(of, OptionalType) else True
