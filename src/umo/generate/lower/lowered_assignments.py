@@ -28,7 +28,7 @@ from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
-from umo.generate.value_kinds import attribute_kind, refused_store
+from umo.generate.value_kinds import attribute_kind, is_ring, refused_store
 from umo.objects import Quality
 
 
@@ -80,10 +80,11 @@ class LoweredAssignments(LoweredSubject):
     def _aug_element(self, node: ast.AugAssign, target: ast.Subscript) -> None:
         """The place is found once, before the value is computed."""
         base, index = self.f.expressions.base_and_index(target)
-        if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
+        of = base.type if isinstance(base, Code) else None
+        if not (isinstance(of, ArrayType) or (isinstance(base, Known) and is_ring(base.value))):
             raise self.f.refused(node, "an element of something that is not a list of numbers")
         index = self.f.values.settled(index)
-        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
+        if isinstance(of, ArrayType) and isinstance(index, Code) and index.type.name == array(BOOL, of.length).name:
             raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
         left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
         right = as_number(self.f, right, node.value)
@@ -241,6 +242,9 @@ class LoweredAssignments(LoweredSubject):
         self._set_element(target, base, index, term, node)
 
     def _set_element(self, target: ast.Subscript, base: Term, index: Term, term: Term, node: ast.AST) -> None:
+        if isinstance(base, Known) and is_ring(base.value):
+            self.f.rings.set_element(base, as_number(self.f, index, node), term, node)
+            return
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
             raise self.f.refused(node, "an element of something that is not a list of numbers")
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):

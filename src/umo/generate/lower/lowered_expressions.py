@@ -52,7 +52,7 @@ from umo.generate.lower.state_members import StateMethod, as_number, has_own_val
 from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container
+from umo.generate.value_kinds import is_container, is_ring
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -166,6 +166,8 @@ class LoweredExpressions(LoweredSubject):
         """One element of a tuple, a list or an array, or of what is known."""
         if not (isinstance(base, Known) and is_dict(base.value)):
             index = as_number(self.f, index, node)
+        if isinstance(base, Known) and is_ring(base.value):
+            return self.f.rings.element(base, index, node)
         if isinstance(index, Known) and type(index.value) in (int, bool):
             count = self._count_of(base)
             if count and not -count <= index.value < count:

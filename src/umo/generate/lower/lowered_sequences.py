@@ -11,12 +11,12 @@ from typing import Any
 
 from umo.generate.c_types import INT, ArrayType, TupleType
 from umo.generate.check.form_effects import calls
-from umo.generate.form import Element, Literal, Operator, Statement, Value
+from umo.generate.form import ONE, Element, Literal, Operator, Statement, Value
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns
-from umo.generate.value_kinds import is_container
+from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
 """What gives its elements once: it stands where it is gone through at once."""
@@ -90,6 +90,8 @@ class LoweredSequences(LoweredSubject):
 
     def _zipped(self, parts: Sequence[Turns], strict: Term, node: ast.AST) -> Turns:
         counts = {each.count for each in parts} or {0}
+        if any(each.until is not None for each in parts):
+            raise self.f.refused(node, "`zip` of what has a changing number of elements", "a loop over range(len(...))")
         truth = self.f.values.truth(strict, node)
         if truth is not False and len(counts) > 1:
             raise self.f.refused(node, "`zip` of several lengths that are to be one", "strict=False")
@@ -105,10 +107,13 @@ class LoweredSequences(LoweredSubject):
         found = replace(turns, find=lambda n: turns.find(last - n))
         if find_at is None:
             return found
-        return replace(found, find_at=lambda at: find_at(Operator("-", Literal(last, INT), at)))
+        end = Literal(last, INT) if turns.until is None else Operator("-", turns.until, ONE)
+        return replace(found, find_at=lambda at: find_at(Operator("-", end, at)))
 
     def turns_of(self, term: Term, node: ast.AST) -> Turns:
         """What the turns of a loop over this find."""
+        if isinstance(term, Known) and is_ring(term.value):
+            return self.f.rings.turns(term, node)
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
             return self._turns_of_array(self.f.values.kept(term) if isinstance(term, Elementwise) else term, node)
         elements = [self.f.values.settled(each) for each in self._elements(term, node)]
@@ -209,6 +214,9 @@ class LoweredSequences(LoweredSubject):
         return node, turns
 
     def _check_count(self, turns: Turns, node: ast.AST) -> None:
+        if turns.until is not None:
+            told = "what has a changing number of elements, in one expression"
+            raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
         if turns.count > MOST_TURNS:
             told = f"{turns.count} numbers in one expression"
             raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")

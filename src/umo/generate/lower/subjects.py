@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Turns
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, RingMethod, Term, Turns
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -242,6 +242,9 @@ class AskedOfLoops(Protocol):
     def around(self) -> Sequence[object]:
         """The loops around what is being lowered."""
 
+    def is_range(self, node: ast.AST) -> bool:
+        """Whether this is a call of `range`."""
+
     def bound_to(self, target: ast.AST, term: Term) -> AbstractContextManager[None]:
         """The name of a loop stands for one object."""
 
@@ -278,6 +281,28 @@ class AskedOfSequences(Protocol):
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
         """That no function which an expression calls changes what the expression goes through."""
+
+
+class AskedOfRings(Protocol):
+    """The deques of a function."""
+
+    def count(self, term: Term, node: ast.AST) -> Code:
+        """`len` of a deque."""
+
+    def turns(self, term: Term, node: ast.AST) -> Turns:
+        """What a loop over a deque finds."""
+
+    def held(self, turns: Turns, node: ast.AST) -> AbstractContextManager[None]:
+        """A loop over a deque: it does not change it, as Python raises there."""
+
+    def element(self, term: Term, index: Term, node: ast.AST) -> Code:
+        """IndexError beyond its ends."""
+
+    def set_element(self, term: Term, index: Term, value: Term, node: ast.AST) -> None: ...
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term: ...
+
+    def call(self, method: RingMethod, given: Sequence[Term], node: ast.AST) -> Term: ...
 
 
 class AskedOfErrors(Protocol):

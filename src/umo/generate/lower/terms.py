@@ -32,6 +32,14 @@ class ArrayMethod:
     name: str
 
 
+@dataclass(frozen=True)
+class RingMethod:
+    """A method of a deque."""
+
+    base: Known
+    name: str
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """Something that is known when the code is generated."""
@@ -95,3 +103,5 @@ class Turns:
     """The same for a number that is computed; None: turns differ in more than it."""
     arrays: tuple[Value, ...] = ()
     """The lists and arrays whose elements are read."""
+    until: Value | None = None
+    """How many turns there are, where it changes; `count` is then the most of them."""
