@@ -371,6 +371,7 @@ class LoweredConditions(LoweredSubject):
                 term = self.f.term(each)
                 if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
                     term = as_text(self.f, term, each) or self.f.values.code(term, each)
+            self.f.aliases.share(term)
             parts.append((term, rest))
             ends.append(self.f.flow.names)
             after &= self.f.flow.known

@@ -147,6 +147,16 @@ class LoweredExpressions(LoweredSubject):
             base = self.f.values.present(base, node.value)
         return self.element(base, index, node)
 
+    def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
+        """What has the elements, and which of them a slice is."""
+        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
+        with self.f.gathered() as needed:
+            base, *terms = [self.f.term(each) for each in (node.value, *given)]
+        if any(map(changes, needed)):
+            raise self.f.refused(node, "what is changed is found by code that changes something", "a name for it first")
+        self.f.statements += needed
+        return base, self.f.sequences.part_of(terms, node)
+
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
         """What has the element, as itself and not as a copy, and its place."""
         with self.f.gathered() as of_base:

@@ -15,7 +15,7 @@ from umo.generate.form import ONE, Element, Literal, Operator, Statement, Value
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns, View
 from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
@@ -114,6 +114,13 @@ class LoweredSequences(LoweredSubject):
         """What the turns of a loop over this find."""
         if isinstance(term, Known) and is_ring(term.value):
             return self.f.rings.turns(term, node)
+        if isinstance(term, View):
+            of = of_element(term.type)  # type: ignore[arg-type]
+
+            def find_at(at: Value) -> Term:
+                return Code(of, Element(term.base, term.place(at)))
+
+            return Turns(term.type.length, lambda n: find_at(Literal(n, INT)), find_at, (term.base,))  # type: ignore[attr-defined]
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
             return self._turns_of_array(self.f.values.kept(term) if isinstance(term, Elementwise) else term, node)
         elements = [self.f.values.settled(each) for each in self._elements(term, node)]
@@ -157,29 +164,34 @@ class LoweredSequences(LoweredSubject):
             found += self.f.calls.parts(term, each) if isinstance(each, ast.Starred) else [term]
         return found
 
-    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
-        """A part of a tuple or a list, as a copy."""
-        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
-        base, *terms = self.f.ordered([node.value, *given])
+    def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
+        """The ends and the step of a slice."""
         if not all(isinstance(each, Known) and type(each.value) in (int, bool, type(None)) for each in terms):
             raise self.f.refused(node, "a slice whose ends are not known", "numbers, or a loop")
         part = slice(*[each.value for each in terms])  # type: ignore[union-attr,arg-type]
         if part.step is not None and not part.step:
             raise self.f.refused(node, "a slice whose step is 0", "another step")
-        if not _is_sequence(base):
-            raise self.f.refused(node, "a slice of what is no tuple and no list", "a tuple, a list; a loop")
+        return part
+
+    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
+        """A part of a tuple or a list, as a copy."""
+        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
+        base, *terms = self.f.ordered([node.value, *given])
+        part = self.part_of(terms, node)
+        if self.f.arrays.is_array(base):
+            return self.f.arrays.sliced(base, part, node)
+        if not is_sequence(base):
+            raise self.f.refused(node, "a slice of what is no tuple, list or array", "a tuple, a list; a loop")
         kind = list if _is_list(base) else None
         return Many(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
 
     def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
         """Tuples or lists one after the other, or one several times; None: it is another operator."""
-        if isinstance(sign, ast.Add) and _is_sequence(left) and _is_sequence(right):
+        if isinstance(sign, ast.Add) and is_sequence(left) and is_sequence(right):
             if _is_list(left) != _is_list(right):
                 raise self.f.refused(node, "a list and a tuple are added", "two lists, two tuples")
             parts = [*self.f.calls.parts(left, node), *self.f.calls.parts(right, node)]
-        elif (
-            isinstance(sign, ast.Mult) and _is_sequence(left) and isinstance(right, Known) and type(right.value) is int
-        ):
+        elif isinstance(sign, ast.Mult) and is_sequence(left) and isinstance(right, Known) and type(right.value) is int:
             parts = self.f.calls.parts(left, node) * min(right.value, MOST_TURNS + 1)
         else:
             return None
@@ -245,7 +257,7 @@ class LoweredSequences(LoweredSubject):
             raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
 
 
-def _is_sequence(term: Term) -> bool:
+def is_sequence(term: Term) -> bool:
     """Whether it is a tuple or a list of Python."""
     if isinstance(term, Code):
         return isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed)

@@ -67,6 +67,9 @@ class AskedOfAliases(Protocol):
     def is_sole(self, term: Term) -> bool:
         """Whether nobody else has an array."""
 
+    def is_copied(self, term: Term) -> bool:
+        """Whether this is computed, and no other name for what there is."""
+
     def is_new(self, term: Term) -> bool:
         """Whether an array was made here, and has no name yet."""
 
@@ -95,6 +98,9 @@ class AskedOfExpressions(Protocol):
 
     def place(self, code: Code) -> Code:
         """The same as something that has members."""
+
+    def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
+        """What has the elements, and which of them a slice is."""
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
         """What has the element, as itself and not as a copy, and its place."""
@@ -164,6 +170,12 @@ class AskedOfArrays(Protocol):
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term: ...
 
     def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code: ...
+
+    def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
+        """A part of an array: other names for its elements."""
+
+    def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
+        """The elements of a slice become others, which are computed before."""
 
     def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
         """The elements of an array become others: all, or those that a mask chooses."""
@@ -263,6 +275,9 @@ class AskedOfSequences(Protocol):
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
         """Elements that are written down, or arguments; those after a `*` are several ones."""
+
+    def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
+        """The ends and the step of a slice."""
 
     def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
         """A part of a tuple or a list, as a copy."""

@@ -25,6 +25,15 @@ class Elementwise(Code):
 
 
 @dataclass(frozen=True)
+class View(Elementwise):
+    """A slice of an array, which has its elements under other names."""
+
+    base: Value
+    place: Callable[[Value], Value]
+    """Where an element is in the array."""
+
+
+@dataclass(frozen=True)
 class ArrayMethod:
     """A method of an array."""
 
