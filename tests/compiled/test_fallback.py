@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, MutableSequence
 from dataclasses import replace
 from enum import Enum
@@ -345,6 +346,21 @@ class ArrayOrNone(Pump):
 def test_an_array_within_another_value_does_not_compile(kind: type[Pump]) -> None:
     machine = pump(kind)
     with pytest.raises(DeclarationError, match=r"held has a list or an array within another value"):
+        prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
+
+
+class WithADeque(Pump):
+    def setup(self) -> None:
+        self.window: deque[float] = deque(maxlen=4)
+
+    def control(self) -> None:
+        self.window.append(value_of(self.level))
+        self.motor.write(max(self.window) / 10.0)
+
+
+def test_a_deque_keeps_the_laws_in_python() -> None:
+    machine = pump(WithADeque)
+    with pytest.raises(DeclarationError, match="window is a deque: what others read of it"):
         prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
 
 

@@ -20,6 +20,17 @@ static int py_control(void)
     return nothing;
 }
 
+/* Pump.stop: pump/control.py:30 */
+static int py_stop(void)
+{
+    int32_t done = 0;
+    if (done) { /* control.py:33 */
+        done = 1; /* control.py:34 */
+        done = nothing;
+    }
+    return nothing; /* control.py:36 */
+}
+
 static int outside(void)
 {
     return nothing;
@@ -44,8 +55,13 @@ def test_the_function_of_python_is_told() -> None:
     )
 
 
+@pytest.mark.parametrize(("line", "of_python"), [(12, 30), (13, 33), (14, 34), (15, 34), (17, 36)])
+def test_the_line_of_the_statement_is_told(line: int, of_python: int) -> None:
+    assert told_of(line).startswith(f"pump/control.py:{of_python}: the C that umo generated of Pump.stop is not")
+
+
 def test_what_was_made_of_no_function_is_told_by_its_file() -> None:
-    assert told_of(11).startswith("the C that umo generated in machine.c is not accepted, a fault of umo")
+    assert told_of(22).startswith("the C that umo generated in machine.c is not accepted, a fault of umo")
     assert told("umo_gone.c:3: error: no", _source).startswith("the C that umo generated in umo_gone.c is not accepted")
 
 

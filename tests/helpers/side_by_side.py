@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 import struct
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from ctypes import c_int32
@@ -249,9 +250,9 @@ class Kept:
     def _keep(self, value: Any) -> None:
         if id(value) in self._objects or id(value) in self._contents:
             return
-        if isinstance(value, list | np.ndarray):
+        if isinstance(value, list | np.ndarray | deque):
             self._contents[id(value)] = value, value.copy()
-            for each in value if isinstance(value, list) else ():
+            for each in value if isinstance(value, list | deque) else ():
                 self._keep(each)
         elif type(value).__module__.partition(".")[0] not in ("umo", "builtins", "numpy", "enum") and hasattr(
             value, "__dict__"
@@ -267,7 +268,11 @@ class Kept:
             vars(one).clear()
             vars(one).update(attributes)
         for one, content in self._contents.values():
-            one[:] = content
+            if isinstance(one, deque):
+                one.clear()
+                one.extend(content)
+            else:
+                one[:] = content
 
 
 def bits(value: Any) -> Any:

@@ -9,6 +9,8 @@ PLACE = re.compile(r"^(?:.*/)?(?P<file>[\w.]+):(?P<line>\d+):(?:\d+:)? (?:fatal 
 """The first line of an error of gcc and clang."""
 MADE_FROM = re.compile(r"^/\* (?P<name>.*): (?P<file>\S+):(?P<line>\d+) \*/$")
 """What stands above each translated function."""
+OF_LINE = re.compile(r"/\* [^\s:]+:(?P<line>\d+) \*/$")
+"""What stands behind the first statement of each line of Python."""
 MOST_TEXT = 300
 """Letters of a message that is no error of a line, such as one of the linker."""
 
@@ -23,15 +25,19 @@ def told(said: str, source: Callable[[str], str]) -> str:
     return f"{_origin(found['file'], int(found['line']), source)}, a fault of umo; write it in another way\n{place}"
 
 
-def _origin(file: str, line: int, source: Callable[[str], str]) -> str:
+def _origin(file: str, place: int, source: Callable[[str], str]) -> str:
     """What the C at this line was made from."""
     try:
-        lines = source(file).splitlines()[:line]
+        lines = source(file).splitlines()[:place]
     except OSError:
         lines = []
+    nearest = ""
     for text in reversed(lines):
         if made := MADE_FROM.match(text):
-            return f"{made['file']}:{made['line']}: the C that umo generated of {made['name']} is not accepted"
+            line = nearest or made["line"]
+            return f"{made['file']}:{line}: the C that umo generated of {made['name']} is not accepted"
+        if told := OF_LINE.search(text):
+            nearest = nearest or told["line"]
         if text == "}":  # the end of the function before
             break
     return f"the C that umo generated in {file} is not accepted"

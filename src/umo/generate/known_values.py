@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import builtins
 import sys
-from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
@@ -25,7 +24,7 @@ from umo.objects import Node
 
 ABSENT = object()
 """The value of a name that is not there."""
-MUTABLE = list, dict, set, deque, MappingProxyType, bytearray, np.ndarray
+MUTABLE = list, dict, set, MappingProxyType, bytearray, np.ndarray
 """Containers whose elements are compared one by one."""
 PLAIN = str, bytes, bool, int, float, complex, type(None)
 """Types of values that are equal where they are written alike."""

@@ -104,7 +104,8 @@ class Untranslatable(NamedTuple):
 
     def __str__(self) -> str:
         near = f"; {self.nearest}" if self.nearest else ""
-        return f"{self.file}:{self.line}: {self.source}: {self.reason}{near}"
+        place = f"{self.file}:{self.line}: " if self.file else ""
+        return f"{place}{self.source}: {self.reason}{near}"
 
 
 class CFunction(NamedTuple):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from umo.generate.check.shape import shaped
 from umo.generate.emit import program_text
 from umo.generate.lower.code_world import lowered
-from umo.generate.translation import ControllerTarget, Translation
+from umo.generate.translation import ControllerTarget, Translation, Untranslatable
 from umo.objects import Compound
+
+TRIED = (3, 11), (3, 12), (3, 13)
+"""Versions of Python that it was tried on: trees, `sum`, `math.hypot` and what is watched are those of a version."""
 
 
 def translate(
@@ -20,6 +24,10 @@ def translate(
 ) -> Translation:
     """The conditions of a machine, which give a bool, and the steps, whose results are left out, in C. `problems`: what
     does not translate."""
+    if sys.version_info[:2] not in TRIED:
+        tried, found = (", ".join(f"{one}.{two}" for one, two in each) for each in (TRIED, [sys.version_info[:2]]))
+        told = f"it was tried on Python {tried}, and this is {found}"
+        return Translation(problems=[Untranslatable("", 0, "control code", told, "one of these")])
     program, entry, world = lowered(machine, conditions, steps, target)
     program = shaped(program)
     return Translation(

@@ -7,6 +7,7 @@ Everything here is a whitelist. An operation that a class may define for itself 
 from __future__ import annotations
 
 import inspect
+from collections import deque
 from collections.abc import Iterable
 from enum import Enum, Flag
 from functools import cached_property
@@ -121,6 +122,11 @@ def is_container(value: Any) -> bool:
         or isinstance(value, Vector)
         or (isinstance(value, tuple) and is_plain_record(type(value)))
     )
+
+
+def is_ring(value: Any) -> bool:
+    """Whether this is a deque."""
+    return type(value) is deque
 
 
 def is_immutable(value: Any) -> bool:

@@ -61,7 +61,7 @@ class FieldBytes:
             yield from self._numbers(of.of, f"{member}.value")
         elif isinstance(of, TupleType):
             for name, each in of.members:
-                yield from self._numbers(each, f"{member}.{name}")
+                yield from self._numbers(each, f"{member}.{member_name(name)}")
         else:
             yield member, "B" if isinstance(of, StateType) else self._real if of == REAL else LETTERS[of]
 

@@ -1,6 +1,8 @@
-"""A slice of an array is another name for its elements."""
+"""A slice of an array has its elements under another name."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +11,10 @@ from helpers.written_programs import Program
 
 class SliceOfAnArray(Program):
     def begin(self) -> None:
-        self.row = np.zeros(3)
+        self.row = np.array([1.0, 2.0, 3.0])
 
     def control(self) -> None:
-        # refused: a slice of what is no tuple and no list; a tuple, a list; a loop
-        self.k = float(self.row[1:].sum())
+        part = self.row[1:]
+        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        self.row[1] = self.u
+        self.k = float(part[0])

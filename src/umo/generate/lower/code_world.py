@@ -47,7 +47,7 @@ from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
 from umo.generate.lower.function_lowering import FunctionLowering
 from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
 from umo.generate.lower.lowered_values import only_asked
-from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText, View
 from umo.generate.lower.translation_memory import MOST_PASSES, TranslationMemory
 from umo.generate.names import identifier
 from umo.generate.translation import (
@@ -180,7 +180,8 @@ class CodeWorld:
         shared = [term for term in terms.values() if isinstance(term, Code)]
         found = self.translated(source, given, node, caller)
         for term in shared:
-            if isinstance(plain(term.type), ArrayType) and whole(term.value) in found.changes:
+            place = term.base if isinstance(term, View) else term.value
+            if isinstance(plain(term.type), ArrayType) and whole(place) in found.changes:
                 raise NoTranslation(node, "the function changes an array that it has under another name, too", "a copy")
         caller.aliases.changes |= {each for each in found.changes if isinstance(root(each), Field)}
         for term in shared if found.keeps else []:

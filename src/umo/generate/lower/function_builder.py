@@ -39,6 +39,7 @@ from umo.generate.lower.subjects import (
     AskedOfExpressions,
     AskedOfGenerators,
     AskedOfLoops,
+    AskedOfRings,
     AskedOfSequences,
     AskedOfTelling,
     AskedOfValues,
@@ -77,6 +78,7 @@ class FunctionBuilder:
     assignments: AskedOfAssignments
     loops: AskedOfLoops
     sequences: AskedOfSequences
+    rings: AskedOfRings
     errors: AskedOfErrors
     of_expressions: Mapping[type[ast.AST], Callable[[Any], Term]]
     """Which subject each expression of Python belongs to."""

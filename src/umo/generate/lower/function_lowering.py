@@ -19,6 +19,7 @@ from umo.generate.lower.lowered_errors import LoweredErrors
 from umo.generate.lower.lowered_expressions import LoweredExpressions
 from umo.generate.lower.lowered_generators import LoweredGenerators, TurnOf
 from umo.generate.lower.lowered_loops import LoweredLoops
+from umo.generate.lower.lowered_rings import LoweredRings
 from umo.generate.lower.lowered_sequences import LoweredSequences
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_telling import LoweredTelling
@@ -35,7 +36,7 @@ class FunctionLowering(FunctionBuilder):
         self.expressions, self.conditions = LoweredExpressions(self), LoweredConditions(self)
         self.arrays, self.vectors = LoweredArrays(self), LoweredVectors(self)
         self.attributes, self.calls, self.builtins = LoweredAttributes(self), LoweredCalls(self), LoweredBuiltins(self)
-        self.generators = LoweredGenerators(self)
+        self.generators, self.rings = LoweredGenerators(self), LoweredRings(self)
         self.assignments, self.branches = LoweredAssignments(self), LoweredBranches(self)
         self.loops, self.sequences, self.errors = LoweredLoops(self), LoweredSequences(self), LoweredErrors(self)
         self.of_expressions = {

@@ -53,7 +53,7 @@ from umo.generate.form import (
 from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Truth
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Truth, View
 from umo.generate.lower.whole_powers import MOST_POWER
 from umo.generate.translation import ControllerLimit
 
@@ -149,6 +149,58 @@ class LoweredArrays(LoweredSubject):
         if isinstance(code.type, ArrayType) and code.type.length not in (1, of.length):
             raise self.f.refused(node, f"{code.type.length} elements where {of.length} were before")
         return self.f.values.kept(Elementwise(of, self.at(code, of.of, of.length))).value
+
+    # Slices --------------------------------------------------------------------------------------------
+
+    def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
+        """A part of an array: other names for its elements."""
+        if isinstance(term, Known):
+            self.f.world.memory.place_known(term.value)
+            return Known(term.value[part])
+        code = self.array(term, node)
+        place, of = self.kept_place(code), code.type
+        at, count = self._places(of, part, node)
+        return View(array(self.of(code), count), Element(place, at(Here())), place, at)
+
+    def _places(self, of: CType, part: slice, node: ast.AST) -> tuple[Callable[[Value], Value], int]:
+        """Where the elements of a slice are, and how many."""
+        assert isinstance(of, ArrayType)
+        self.check_length(of, node)
+        first, end, step = part.indices(of.length)
+        count = len(range(first, end, step))
+        if not count:
+            raise self.f.refused(node, "a slice without elements", "other ends")
+
+        def at(number: Value) -> Value:
+            if isinstance(number, Literal):
+                return Literal(first + step * int(number.value), INT)
+            far = number if abs(step) == 1 else Operator("*", Literal(abs(step), INT), number)
+            if step > 0:
+                return far if first == 0 else Operator("+", far, Literal(first, INT))
+            return Operator("-", Literal(first, INT), far)
+
+        return at, count
+
+    def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
+        """The elements of a slice become others, which are computed before."""
+        self.f.aliases.check_sole(base, node)
+        self.f.aliases.changes.add(base.value)
+        at, count = self._places(base.type, part, node)
+        code = self._given(base, value, count, node)
+        code = self.f.values.kept(code) if isinstance(code.type, ArrayType) else code
+        each = self.at(code, self.of(base), count)
+        with self.each_place(count) as turn:
+            self.f.assign(Element(base.value, at(turn)), placed(each, turn))
+
+    def _given(self, base: Code, value: Term, count: int, node: ast.AST) -> Code:
+        """What is set in so many places of an array."""
+        code = self.array(self.listed(value, node) if isinstance(value, Many) else value, node)
+        of = self.of(base)
+        if of != REAL and self.of(code) not in (of, BOOL):  # numpy cuts them in silence
+            raise self.f.refused(node, "numbers of another type are set in the array", "a new array")
+        if isinstance(code.type, ArrayType) and code.type.length not in (1, count):
+            raise self.f.refused(node, "an array of another length is set in it", "one number for all")
+        return code
 
     # Arithmetic ----------------------------------------------------------------------------------------
 
@@ -340,7 +392,7 @@ class LoweredArrays(LoweredSubject):
             return self.listed(term, node)
         code = self.array(term, node)
         n, of = self.length((code,), node), self.of(code)
-        if target is np.asarray and not isinstance(code, Elementwise):
+        if target is np.asarray and (isinstance(code, View) or not isinstance(code, Elementwise)):
             return code
         each = self.at(code, of, n)
         return Elementwise(
@@ -437,10 +489,6 @@ class LoweredArrays(LoweredSubject):
         self.f.aliases.changes.add(place.value)
         assert isinstance(place.type, ArrayType)
         of, n = place.type.of, place.type.length
-        code = self.array(value, node)
-        if of != REAL and self.of(code) not in (of, BOOL):  # numpy cuts them in silence
-            raise self.f.refused(node, "numbers of another type are set in the array", "a new array")
-        if isinstance(code.type, ArrayType) and (code.type.length not in (1, n) or where is not None):
-            raise self.f.refused(node, "an array of another length is set in it", "one number for all")
+        code = self._given(place, value, 1 if where is not None else n, node)
         test = None if where is None else self.at(where, BOOL, n)
         self.fill(place.value, Elementwise(place.type, self.at(code, of, n)), test)

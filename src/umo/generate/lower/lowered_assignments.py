@@ -23,12 +23,13 @@ from umo.generate.c_types import (
 from umo.generate.check.form_effects import changes
 from umo.generate.form import Element
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
+from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
-from umo.generate.value_kinds import attribute_kind, refused_store
+from umo.generate.value_kinds import attribute_kind, is_ring, refused_store
 from umo.objects import Quality
 
 
@@ -39,13 +40,16 @@ class LoweredAssignments(LoweredSubject):
         term = self.f.term(node.value)
         if isinstance(term, Code) and ast.dump(node.value) in self.f.flow.known:
             term = self.f.values.present(term, node.value)
-        first, *more = node.targets
-        if more or not (
-            isinstance(first, ast.Name) or (isinstance(first, ast.Attribute) and self.f.aliases.is_new(term))
-        ):
+        if len(node.targets) > 1 or not self._is_stored_at_once(node.targets[0], term):
             term = self.f.values.settled(term)
         for each in node.targets:
             self.store(each, term, node)
+
+    def _is_stored_at_once(self, target: ast.expr, term: Term) -> bool:
+        """Whether nothing that finds this place changes the value, and the value has no other name by then."""
+        is_slice = isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice)
+        is_attribute = isinstance(target, ast.Attribute) and self.f.aliases.is_new(term)
+        return isinstance(target, ast.Name) or is_slice or is_attribute
 
     def lower_ann_assign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
@@ -84,16 +88,33 @@ class LoweredAssignments(LoweredSubject):
 
     def _aug_element(self, node: ast.AugAssign, target: ast.Subscript) -> None:
         """The place is found once, before the value is computed."""
+        if isinstance(target.slice, ast.Slice):
+            self._aug_slice(node, target, target.slice)
+            return
         base, index = self.f.expressions.base_and_index(target)
-        if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
+        of = base.type if isinstance(base, Code) else None
+        if not (isinstance(of, ArrayType) or (isinstance(base, Known) and is_ring(base.value))):
             raise self.f.refused(node, "an element of something that is not a list of numbers")
         index = self.f.values.settled(index)
-        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
+        if isinstance(of, ArrayType) and isinstance(index, Code) and index.type.name == array(BOOL, of.length).name:
             raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
         left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
         right = as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (target, node.value), node)
         self._set_element(target, base, index, self.f.values.settled(result), node)
+
+    def _aug_slice(self, node: ast.AugAssign, target: ast.Subscript, ends: ast.Slice) -> None:
+        base, part = self.f.expressions.base_and_slice(target, ends)
+        if not (isinstance(base, Code) and self.f.arrays.is_array(base)):
+            raise self.f.refused(node, "a slice of something that is not an array", "its elements, one by one")
+        with self.f.gathered() as needed:
+            right = self.f.term(node.value)
+        if any(map(changes, needed)):
+            raise self.f.refused(node, "the value changes something", "a name for it first")
+        self.f.statements += needed
+        self._note_assigned(target)
+        left = self.f.arrays.sliced(base, part, node)
+        self.f.arrays.set_slice(base, part, self.f.arrays.of_arrays(node.op, left, right, node), node)
 
     def _change(self, node: ast.AugAssign, left: Term, right: Term) -> None:
         if isinstance(left, Known) and self.f.arrays.is_array(left):
@@ -160,7 +181,7 @@ class LoweredAssignments(LoweredSubject):
             self.f.aliases.rebound.append(place)
         if not self.f.aliases.is_new(term):
             self.f.aliases.share(term)
-            if isinstance(term, Code) and not isinstance(term, Elementwise) and isinstance(plain(of), ArrayType):
+            if not self.f.aliases.is_copied(term) and isinstance(plain(of), ArrayType):
                 self.f.aliases.share(Code(of, place))
         if isinstance(of, ArrayType) and isinstance(term, Elementwise):
             self.f.arrays.fill(place, Elementwise(of, self.f.arrays.at(term, of.of, of.length)))
@@ -232,7 +253,7 @@ class LoweredAssignments(LoweredSubject):
                 raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
             self.f.world.memory.rebind(place.value)
             self.f.aliases.rebound.append(place.value)
-            if isinstance(term, Code) and not isinstance(term, Elementwise) and not self.f.aliases.is_new(term):
+            if not (self.f.aliases.is_copied(term) or self.f.aliases.is_new(term)):
                 self.f.aliases.share(term)
                 self.f.aliases.share(place)
             if isinstance(place.type, ArrayType) and isinstance(term, Elementwise):
@@ -243,15 +264,41 @@ class LoweredAssignments(LoweredSubject):
         self.f.assign(place.value, self.f.values.as_type(term, place.type, node))
 
     def _store_element(self, target: ast.Subscript, term: Term, node: ast.AST) -> None:
+        if isinstance(target.slice, ast.Slice):
+            self._store_slice(target, target.slice, term, node)
+            return
         term = self.f.values.settled(term)
         base, index = self.f.expressions.base_and_index(target)
         self._set_element(target, base, index, term, node)
 
-    def _set_element(self, target: ast.Subscript, base: Term, index: Term, term: Term, node: ast.AST) -> None:
+    def _store_slice(self, target: ast.Subscript, ends: ast.Slice, term: Term, node: ast.AST) -> None:
+        """The elements of an array, or as many elements of a list as there are."""
+        base, part = self.f.expressions.base_and_slice(target, ends)
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
-            raise self.f.refused(node, "an element of something that is not a list of numbers")
+            raise self.f.refused(node, "a slice of something that is not a list or an array of numbers")
+        if not base.type.listed:
+            self._note_assigned(target)
+            self.f.arrays.set_slice(base, part, term, node)
+            return
+        places = range(base.type.length)[part]
+        parts = [self.f.values.settled(each) for each in self.f.calls.parts(term, node)]
+        if len(parts) != len(places) or not is_sequence(term):
+            raise self.f.refused(node, "a slice of a list of which the length changes", "as many elements")
+        for place, each in zip(places, parts, strict=True):
+            self._set_element(target, base, Known(place), each, node)
+
+    def _note_assigned(self, target: ast.Subscript) -> None:
+        """Elements of an attribute are assigned."""
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):
             self.f.world.memory.assign(owner.value, target.value.attr)
+
+    def _set_element(self, target: ast.Subscript, base: Term, index: Term, term: Term, node: ast.AST) -> None:
+        if isinstance(base, Known) and is_ring(base.value):
+            self.f.rings.set_element(base, as_number(self.f, index, node), term, node)
+            return
+        if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
+            raise self.f.refused(node, "an element of something that is not a list of numbers")
+        self._note_assigned(target)
         self.f.aliases.check_sole(base, node)
         if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
             self.f.arrays.overwrite(base, term, node, where=index)

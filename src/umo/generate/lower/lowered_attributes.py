@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from dataclasses import replace
 from enum import Enum
 from functools import partial
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
@@ -29,7 +30,7 @@ from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
-from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_ring
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
@@ -49,6 +50,8 @@ class LoweredAttributes(LoweredSubject):
         owner = base.value
         if isinstance(owner, UnknownText):
             raise self.f.telling.undecided(owner, node)
+        if is_ring(owner):
+            return self.f.rings.attribute(base, name, node)
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, Vector):
@@ -110,8 +113,10 @@ class LoweredAttributes(LoweredSubject):
                 raise self.f.refused(
                     node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
                 )
-            self.f.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
-            return self._known(owner, name, node)
+            if hasattr(value, "__dict__"):
+                self.f.world.fields.known(value, self._path(owner, base, name))
+            found = self._known(owner, name, node)
+            return replace(found, name=self._path(owner, base, name)) if is_ring(value) else found
         self.f.takes_class(owner, name, node)
         if type(value) is int and abs(value) > MOST_INT:
             raise self.f.refused(node, f"{name} is {value}, and does not fit 32 bits", "a smaller number, or a float")

@@ -50,7 +50,7 @@ from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Known, Many, Places, Term, UnknownText
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container
+from umo.generate.value_kinds import is_container, is_ring
 
 EXACT: dict[Any, str] = {math.fabs: "umo_fabs"}
 INEXACT: dict[Any, str] = {
@@ -218,6 +218,8 @@ class LoweredBuiltins(LoweredSubject):
         return found
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
+        if target is len and isinstance(arguments[0], Known) and is_ring(arguments[0].value):
+            return self.f.rings.count(arguments[0], node)
         if target is len and (length := self._length(arguments[0], node)) is not None:
             return Known(length)
         if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Places):

@@ -52,7 +52,7 @@ from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, Places, Term
+from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, Places, RingMethod, Term
 from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -132,6 +132,8 @@ class LoweredCalls(LoweredSubject):
             around = terms_around(self.f, target, node)
             terms = self._by_name(target.source.function, arguments, named, node)
             return self.f.world.invoke(self.f, target.source, terms | around, node)
+        if isinstance(target, RingMethod) and not named:
+            return self.f.rings.call(target, arguments, node)
         if isinstance(target, ArrayMethod) and not named:
             return self.f.arrays.method_of_array(target, arguments, node)
         of_table = of_dict(self.f, func, arguments, node) if type(func.owner) is dict and not named else None

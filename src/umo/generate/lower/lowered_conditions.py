@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from collections import deque
 from enum import Enum
 from typing import Any
 
@@ -48,10 +47,10 @@ from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import number_of
 from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
-from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, refuse_comparison
+from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, is_ring, refuse_comparison
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
-ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
+ELEMENTS = (tuple, list, set, frozenset, dict, range)
 """Containers whose elements are found by Python itself."""
 
 
@@ -113,6 +112,8 @@ class LoweredConditions(LoweredSubject):
             raise self.f.refused(left_node, "a comparison with another type, which Python refuses", "its states")
         if is_text_state(left) or is_text_state(right):
             return compared_texts(self.f, sign, left, right, left_node)
+        if not identity and any(isinstance(each, Known) and is_ring(each.value) for each in (left, right)):
+            raise self.f.refused(left_node, "a deque is compared", "its elements, one by one")
         if isinstance(left, Known) and isinstance(right, Known):
             if identity:
                 return self._same(left, right, equal, left_node)
@@ -363,6 +364,7 @@ class LoweredConditions(LoweredSubject):
                 term = self.f.term(each)
                 if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
                     term = as_text(self.f, term, each) or self.f.values.code(term, each)
+            self.f.aliases.share(term)
             parts.append((term, rest))
             ends.append(self.f.flow.names)
             after &= self.f.flow.known

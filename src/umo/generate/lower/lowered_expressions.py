@@ -52,7 +52,7 @@ from umo.generate.lower.state_members import StateMethod, as_number, has_own_val
 from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container
+from umo.generate.value_kinds import is_container, is_ring
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -146,6 +146,16 @@ class LoweredExpressions(LoweredSubject):
             base = self.f.values.present(base, node.value)
         return self.element(base, index, node)
 
+    def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
+        """What has the elements, and which of them a slice is."""
+        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
+        with self.f.gathered() as needed:
+            base, *terms = [self.f.term(each) for each in (node.value, *given)]
+        if any(map(changes, needed)):
+            raise self.f.refused(node, "what is changed is found by code that changes something", "a name for it first")
+        self.f.statements += needed
+        return base, self.f.sequences.part_of(terms, node)
+
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
         """What has the element, as itself and not as a copy, and its place."""
         with self.f.gathered() as of_base:
@@ -165,6 +175,8 @@ class LoweredExpressions(LoweredSubject):
         """One element of a tuple, a list or an array, or of what is known."""
         if not (isinstance(base, Known) and is_dict(base.value)):
             index = as_number(self.f, index, node)
+        if isinstance(base, Known) and is_ring(base.value):
+            return self.f.rings.element(base, index, node)
         if isinstance(index, Known) and type(index.value) in (int, bool):
             count = self._count_of(base)
             if count and not -count <= index.value < count:

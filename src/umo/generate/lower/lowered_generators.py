@@ -4,7 +4,7 @@ not known: the loop that Python would write."""
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -49,6 +49,7 @@ from umo.generate.lower.lowered_sequences import mark_of, with_own_names, withou
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Known, Term, Turns
 from umo.generate.translation import ControllerLimit
+from umo.generate.value_kinds import is_ring
 
 Generator = ast.GeneratorExp | ast.ListComp
 Act = Callable[[Term, ast.AST], None]
@@ -70,11 +71,17 @@ class LoweredGenerators(LoweredSubject):
         """any, all, sum, min, max, len or next of a generator; None: it is another call, or the number of elements is
         known."""
         generator = node.args[0] if node.args else None
-        if target not in OVER or not isinstance(generator, Generator):
+        if target not in OVER or generator is None:
             return None
-        is_counted = len(generator.generators) == 1 and not generator.generators[0].ifs
+        if target in (any, all, sum, min, max) and self._is_open(generator) and (target is sum or len(node.args) == 1):
+            each, over = ast.Name("element", ast.Load()), ast.Name("element", ast.Store())
+            generator = _placed(ast.GeneratorExp(each, [ast.comprehension(over, generator, [], 0)]), node)
+        if not isinstance(generator, Generator):
+            return None
+        is_open = any(self._is_open(each.iter) for each in generator.generators[:1])
+        is_counted = len(generator.generators) == 1 and not generator.generators[0].ifs and not is_open
         if isinstance(generator, ast.GeneratorExp) and target in (any, all):
-            return self._any_or_all(target, generator, node)
+            return self._in_loop(target, generator) if is_open else self._any_or_all(target, generator, node)
         if isinstance(generator, ast.GeneratorExp) and target is next:
             return self._first(generator, node)
         if is_counted or target is next or (target is len and isinstance(generator, ast.GeneratorExp)):
@@ -82,6 +89,20 @@ class LoweredGenerators(LoweredSubject):
         if target in (min, max):
             return self._extreme(target, generator, node)
         return self._sum(generator, node) if target is sum else self._of_list(target, generator)
+
+    def _is_open(self, node: ast.expr) -> bool:
+        """Whether the number of turns of a loop over this is not known: a deque, a range that is computed."""
+        if isinstance(node, ast.Call) and (self.f.sequences.is_iterator(node) or self.f.loops.is_range(node)):
+            return any(map(self._is_open, node.args)) or (self.f.loops.is_range(node) and self._is_computed(node.args))
+        return isinstance(node, ast.Name | ast.Attribute) and is_ring(getattr(self._looked_at(node), "value", None))
+
+    def _is_computed(self, nodes: Sequence[ast.expr]) -> bool:
+        return not all(isinstance(self._looked_at(each), Known) for each in nodes)
+
+    def _looked_at(self, node: ast.expr) -> Term:
+        """What an expression is, which is lowered again where it stands."""
+        with self.f.gathered():
+            return self.f.term(node)
 
     # Turns ---------------------------------------------------------------------------------------------
 
@@ -121,6 +142,19 @@ class LoweredGenerators(LoweredSubject):
                 self.f.add(Labelled(on, tuple(turn)))
         self.f.add(Labelled(end, tuple(written)))
         self.f.flow.names = without_own(common([self.f.flow.names, *ways]), own)
+        return Code(BOOL, result)
+
+    def _in_loop(self, target: Any, generator: ast.GeneratorExp) -> Term:
+        """`any` and `all` of what has a changing number of elements: a loop that is left."""
+        result = self.f.temporary(BOOL, "c")
+        self.f.assign(result, Literal(target is all, BOOL))
+        if len(generator.generators) > 1:
+            raise self.f.refused(generator, "two loops in one expression", "a loop for each")
+        test = generator.elt if target is any else ast.UnaryOp(ast.Not(), generator.elt)
+        (each,) = generator.generators
+        turns = ast.comprehension(each.target, each.iter, [*each.ifs, test], 0)
+        marked = _placed(ast.GeneratorExp(ast.Constant(True), [turns]), generator)
+        self._loops(marked, lambda *_: self.f.assign(result, Literal(target is any, BOOL)), ast.Break())
         return Code(BOOL, result)
 
     def _truth(self, node: ast.expr) -> Value:

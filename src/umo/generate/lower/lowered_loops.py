@@ -134,14 +134,16 @@ class LoweredLoops(LoweredSubject):
                 self.f.assignments.store(each, self.f.values.code(known, each), each)
 
     def lower_for(self, node: ast.For) -> bool | None:
-        if self._is_range(node.iter):
+        if self.is_range(node.iter):
             return self._count(node)
         turns = self.f.sequences.over(node.iter)
-        if turns.find_at is not None and not (_is_numbered(turns) and _indexes_objects(node)):
+        is_open = turns.until is not None
+        if turns.find_at is not None and (is_open or not (_is_numbered(turns) and _indexes_objects(node))):
             return self._each(node, turns, turns.find_at)
         return self._unroll(node, turns)
 
-    def _is_range(self, node: ast.AST) -> bool:
+    def is_range(self, node: ast.AST) -> bool:
+        """Whether this is a call of `range`."""
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"):
             return False
         if "range" in self.f.flow.names or self.f.source.is_local("range"):
@@ -178,11 +180,11 @@ class LoweredLoops(LoweredSubject):
         self._forget(node.body)
         self._make_variables(node.target)
         start, rebound, loop = self.f.flow.way(), len(self.f.aliases.rebound), self._loop_of_c(node)
-        with self.f.body_of() as body:
+        with self.f.body_of() as body, self.f.rings.held(turns, node):
             self.f.assignments.store(node.target, find_at(turn), node)
             left = self._turns(node, start.names, loop)
         self.f.sequences.check_same(turns, body, rebound, node)
-        whole = CountedLoop(loop.end, turn, ZERO, Literal(turns.count, INT), 1, tuple(body))
+        whole = CountedLoop(loop.end, turn, ZERO, turns.until or Literal(turns.count, INT), 1, tuple(body))
         return self._after_loop(node, loop, whole, [start], left)
 
     def _unroll(self, node: ast.For, turns: Turns) -> bool | None:

@@ -11,12 +11,12 @@ from typing import Any
 
 from umo.generate.c_types import INT, ArrayType, TupleType
 from umo.generate.check.form_effects import calls
-from umo.generate.form import Element, Literal, Operator, Statement, Value
+from umo.generate.form import ONE, Element, Literal, Operator, Statement, Value
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns
-from umo.generate.value_kinds import is_container
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns, View
+from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
 """What gives its elements once: it stands where it is gone through at once."""
@@ -90,6 +90,8 @@ class LoweredSequences(LoweredSubject):
 
     def _zipped(self, parts: Sequence[Turns], strict: Term, node: ast.AST) -> Turns:
         counts = {each.count for each in parts} or {0}
+        if any(each.until is not None for each in parts):
+            raise self.f.refused(node, "`zip` of what has a changing number of elements", "a loop over range(len(...))")
         truth = self.f.values.truth(strict, node)
         if truth is not False and len(counts) > 1:
             raise self.f.refused(node, "`zip` of several lengths that are to be one", "strict=False")
@@ -105,10 +107,20 @@ class LoweredSequences(LoweredSubject):
         found = replace(turns, find=lambda n: turns.find(last - n))
         if find_at is None:
             return found
-        return replace(found, find_at=lambda at: find_at(Operator("-", Literal(last, INT), at)))
+        end = Literal(last, INT) if turns.until is None else Operator("-", turns.until, ONE)
+        return replace(found, find_at=lambda at: find_at(Operator("-", end, at)))
 
     def turns_of(self, term: Term, node: ast.AST) -> Turns:
         """What the turns of a loop over this find."""
+        if isinstance(term, Known) and is_ring(term.value):
+            return self.f.rings.turns(term, node)
+        if isinstance(term, View):
+            of = of_element(term.type)  # type: ignore[arg-type]
+
+            def find_at(at: Value) -> Term:
+                return Code(of, Element(term.base, term.place(at)))
+
+            return Turns(term.type.length, lambda n: find_at(Literal(n, INT)), find_at, (term.base,))  # type: ignore[attr-defined]
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
             return self._turns_of_array(self.f.values.kept(term) if isinstance(term, Elementwise) else term, node)
         elements = [self.f.values.settled(each) for each in self._elements(term, node)]
@@ -152,29 +164,34 @@ class LoweredSequences(LoweredSubject):
             found += self.f.calls.parts(term, each) if isinstance(each, ast.Starred) else [term]
         return found
 
-    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
-        """A part of a tuple or a list, as a copy."""
-        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
-        base, *terms = self.f.ordered([node.value, *given])
+    def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
+        """The ends and the step of a slice."""
         if not all(isinstance(each, Known) and type(each.value) in (int, bool, type(None)) for each in terms):
             raise self.f.refused(node, "a slice whose ends are not known", "numbers, or a loop")
         part = slice(*[each.value for each in terms])  # type: ignore[union-attr,arg-type]
         if part.step is not None and not part.step:
             raise self.f.refused(node, "a slice whose step is 0", "another step")
-        if not _is_sequence(base):
-            raise self.f.refused(node, "a slice of what is no tuple and no list", "a tuple, a list; a loop")
+        return part
+
+    def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
+        """A part of a tuple or a list, as a copy."""
+        given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
+        base, *terms = self.f.ordered([node.value, *given])
+        part = self.part_of(terms, node)
+        if self.f.arrays.is_array(base):
+            return self.f.arrays.sliced(base, part, node)
+        if not is_sequence(base):
+            raise self.f.refused(node, "a slice of what is no tuple, list or array", "a tuple, a list; a loop")
         kind = list if _is_list(base) else None
         return Many(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
 
     def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
         """Tuples or lists one after the other, or one several times; None: it is another operator."""
-        if isinstance(sign, ast.Add) and _is_sequence(left) and _is_sequence(right):
+        if isinstance(sign, ast.Add) and is_sequence(left) and is_sequence(right):
             if _is_list(left) != _is_list(right):
                 raise self.f.refused(node, "a list and a tuple are added", "two lists, two tuples")
             parts = [*self.f.calls.parts(left, node), *self.f.calls.parts(right, node)]
-        elif (
-            isinstance(sign, ast.Mult) and _is_sequence(left) and isinstance(right, Known) and type(right.value) is int
-        ):
+        elif isinstance(sign, ast.Mult) and is_sequence(left) and isinstance(right, Known) and type(right.value) is int:
             parts = self.f.calls.parts(left, node) * min(right.value, MOST_TURNS + 1)
         else:
             return None
@@ -209,6 +226,9 @@ class LoweredSequences(LoweredSubject):
         return node, turns
 
     def _check_count(self, turns: Turns, node: ast.AST) -> None:
+        if turns.until is not None:
+            told = "what has a changing number of elements, in one expression"
+            raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
         if turns.count > MOST_TURNS:
             told = f"{turns.count} numbers in one expression"
             raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")
@@ -237,7 +257,7 @@ class LoweredSequences(LoweredSubject):
             raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
 
 
-def _is_sequence(term: Term) -> bool:
+def is_sequence(term: Term) -> bool:
     """Whether it is a tuple or a list of Python."""
     if isinstance(term, Code):
         return isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed)

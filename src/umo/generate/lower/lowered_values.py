@@ -50,7 +50,7 @@ from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import truth_of_text
-from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_methods, refused_truth
+from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, refused_truth
 from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
@@ -207,6 +207,8 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Known):
             if isinstance(term.value, UnknownText):
                 raise self.f.telling.undecided(term.value, node)
+            if is_ring(term.value):
+                return differs(self.f.rings.count(term, node).value)
             if refused_truth(term.value):
                 raise self.f.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
             return bool(term.value)

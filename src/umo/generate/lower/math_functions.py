@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import math
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,8 +13,6 @@ from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.lowered_expressions import is_of_numpy
 from umo.generate.lower.terms import Code, Known, Term
 
-HYPOT_OF = ((3, 11), (3, 12), (3, 13))
-"""Versions of Python whose `math.hypot` is that of the runtime, to the bit."""
 DIGITS = range(23)
 """Digits to which `round` is exact: 10 to their power is a float."""
 IN_DEGREES = {math.degrees: 180.0 / math.pi, math.radians: math.pi / 180.0}
@@ -39,9 +36,6 @@ def of_math(f: FunctionBuilder, target: Any, arguments: Sequence[Term], node: as
 
 
 def _hypot(f: FunctionBuilder, values: Sequence[Value], node: ast.AST) -> Code | None:
-    if sys.version_info[:2] not in HYPOT_OF:
-        tried = ", ".join(f"{one}.{two}" for one, two in HYPOT_OF)
-        raise f.refused(node, f"hypot is known of Python {tried} only", "math.sqrt(x * x + y * y)")
     if not values:
         return None
     return f.values.kept(Code(REAL, Runtime("umo_hypot", (Reals(tuple(values)), Literal(len(values), INT)))))

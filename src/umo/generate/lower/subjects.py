@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Turns, UnknownText
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, RingMethod, Term, Turns, UnknownText
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -67,6 +67,9 @@ class AskedOfAliases(Protocol):
     def is_sole(self, term: Term) -> bool:
         """Whether nobody else has an array."""
 
+    def is_copied(self, term: Term) -> bool:
+        """Whether this is computed, and no other name for what there is."""
+
     def is_new(self, term: Term) -> bool:
         """Whether an array was made here, and has no name yet."""
 
@@ -106,6 +109,9 @@ class AskedOfExpressions(Protocol):
 
     def place(self, code: Code) -> Code:
         """The same as something that has members."""
+
+    def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
+        """What has the elements, and which of them a slice is."""
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
         """What has the element, as itself and not as a copy, and its place."""
@@ -175,6 +181,12 @@ class AskedOfArrays(Protocol):
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term: ...
 
     def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code: ...
+
+    def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
+        """A part of an array: other names for its elements."""
+
+    def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
+        """The elements of a slice become others, which are computed before."""
 
     def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
         """The elements of an array become others: all, or those that a mask chooses."""
@@ -253,6 +265,9 @@ class AskedOfLoops(Protocol):
     def around(self) -> Sequence[object]:
         """The loops around what is being lowered."""
 
+    def is_range(self, node: ast.AST) -> bool:
+        """Whether this is a call of `range`."""
+
     def bound_to(self, target: ast.AST, term: Term) -> AbstractContextManager[None]:
         """The name of a loop stands for one object."""
 
@@ -272,6 +287,9 @@ class AskedOfSequences(Protocol):
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
         """Elements that are written down, or arguments; those after a `*` are several ones."""
 
+    def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
+        """The ends and the step of a slice."""
+
     def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
         """A part of a tuple or a list, as a copy."""
 
@@ -289,6 +307,28 @@ class AskedOfSequences(Protocol):
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
         """That no function which an expression calls changes what the expression goes through."""
+
+
+class AskedOfRings(Protocol):
+    """The deques of a function."""
+
+    def count(self, term: Term, node: ast.AST) -> Code:
+        """`len` of a deque."""
+
+    def turns(self, term: Term, node: ast.AST) -> Turns:
+        """What a loop over a deque finds."""
+
+    def held(self, turns: Turns, node: ast.AST) -> AbstractContextManager[None]:
+        """A loop over a deque: it does not change it, as Python raises there."""
+
+    def element(self, term: Term, index: Term, node: ast.AST) -> Code:
+        """IndexError beyond its ends."""
+
+    def set_element(self, term: Term, index: Term, value: Term, node: ast.AST) -> None: ...
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term: ...
+
+    def call(self, method: RingMethod, given: Sequence[Term], node: ast.AST) -> Term: ...
 
 
 class AskedOfErrors(Protocol):

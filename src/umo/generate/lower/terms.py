@@ -25,6 +25,15 @@ class Elementwise(Code):
 
 
 @dataclass(frozen=True)
+class View(Elementwise):
+    """A slice of an array, which has its elements under other names."""
+
+    base: Value
+    place: Callable[[Value], Value]
+    """Where an element is in the array."""
+
+
+@dataclass(frozen=True)
 class ArrayMethod:
     """A method of an array."""
 
@@ -37,6 +46,14 @@ class Places:
     """The places of the elements of an array that are true: how many there are is of run time."""
 
     array: Code
+
+
+@dataclass(frozen=True)
+class RingMethod:
+    """A method of a deque."""
+
+    base: Known
+    name: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,3 +127,5 @@ class Turns:
     """The same for a number that is computed; None: turns differ in more than it."""
     arrays: tuple[Value, ...] = ()
     """The lists and arrays whose elements are read."""
+    until: Value | None = None
+    """How many turns there are, where it changes; `count` is then the most of them."""

@@ -43,6 +43,8 @@ class TranslationMemory:
     """Names in C of NamedTuples, by class and members."""
     arrays: list[tuple[Hashable, Any]] = field(default_factory=list)
     """Fields, and places in their values, with the arrays and lists that they were."""
+    rings: dict[int, Any] = field(default_factory=dict)
+    """What has the fields of a deque, by its id."""
     rebound: set[Value] = field(default_factory=set)
     """Fields to which another array is assigned."""
     changed: bool = False

@@ -1,0 +1,16 @@
+"""Whole numbers and floats in a deque."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from helpers.written_programs import Program
+
+
+class DequeOfSeveralClasses(Program):
+    def begin(self) -> None:
+        self.window = deque([1.0, 2.0], maxlen=2)
+
+    def control(self) -> None:
+        # refused: elements of several classes in a deque; one class for all, float(...)
+        self.window.append(self.n)

@@ -1,0 +1,16 @@
+"""A method of a deque that does not translate."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from helpers.written_programs import Program
+
+
+class DequeThatIsSorted(Program):
+    def begin(self) -> None:
+        self.window = deque([1.0, 2.0], maxlen=2)
+
+    def control(self) -> None:
+        # refused: `reverse` of a deque does not translate; append, appendleft, pop, popleft, clear, extend, rotate, maxlen
+        self.window.reverse()
