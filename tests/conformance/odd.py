@@ -292,6 +292,41 @@ class Told(Careful, KnowsAges):
         return [monotonic() - self.kept[tuple(channels)][0] for _ in channels]
 
 
+class ToldSinceTheLastReading(Told):
+    """A reading is as old as the call before it: it may have come at any time since."""
+
+    last = 0.0
+    before = 0.0
+
+    def read_many(self, channels: Sequence[Place], out: Any) -> None:
+        self.before, self.last = self.last, monotonic()
+        self.kept = {}
+        super().read_many(channels, out)
+
+    def ages(self, channels: Sequence[Place]) -> Sequence[float]:
+        return [monotonic() - self.before for _ in channels]
+
+
+class TakesTurns(Careful):
+    """It connects with its first call, and finds only then that another client has the device."""
+
+    users: list[object] = []
+
+    def open(self) -> None:
+        self.is_open = True
+
+    def connect(self) -> None:
+        self.users[:] = self.users or [self]
+        if self.users[0] is not self:
+            raise DriverError("another client has the device")
+        super().connect()
+
+    def close(self) -> None:
+        super().close()
+        if self.users == [self]:
+            self.users.clear()
+
+
 class LooksByReading(Careful):
     """Its look reads an input in a call that waits a little."""
 

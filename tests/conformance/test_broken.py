@@ -74,6 +74,9 @@ SIGNS_OF_LIFE = (
     "the context of decimal numbers gets five digits",
     "it puts its folder in front of the places of modules",
     "a lock is still held after a call that failed",
+    "Ctrl-C is a failure while the answer is waited for",
+    "a report is that of the call before",
+    "a block before is given for 50 ms, with an age of zero",
 )
 """Those that `make test` tries, with their rule alone."""
 

@@ -43,6 +43,7 @@ from umo.testing.conformance.level_rules import Witness
 from umo.testing.conformance.probe import failed
 from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import RuleContext
+from umo.testing.conformance.rules import RuleBroken
 
 
 def test_many_cycles_of_the_simulated_circuit_leave_nothing_behind() -> None:
@@ -548,6 +549,31 @@ def test_what_measures_memory_leaves_time_for_its_rounds() -> None:
 
     assert _grows(context, call, "calls") == "3 rounds of 50 calls"
     assert now < 2.01
+
+
+def test_a_few_calls_that_each_keep_some_small_objects_are_seen_to_grow() -> None:
+    kept: list[object] = []
+    context = RuleContext(simulated(), 60, Budget(60.0, all_rules()))
+    with pytest.raises(RuleBroken, match=r"the memory grew by \d+ objects in each 20 calls"):
+        _grows(context, lambda: kept.extend(object() for _ in range(3)), "calls")
+
+
+def test_a_call_that_fails_names_the_one_that_failed_before_it() -> None:
+    context = RuleContext(simulated())
+
+    def fail(text: str) -> None:
+        raise DriverError(text)
+
+    assert context.failure(context.watch.call, "read of a", 1.0, fail, "refused") is not None
+    error = context.failure(context.watch.call, "read of b", 1.0, fail, "busy")
+    assert error is not None
+    assert failed(error) == "read of b failed, right after a read of a that failed: busy"
+
+
+def test_one_refusal_of_several_channels_is_one_cause() -> None:
+    context = RuleContext(replace(simulated(), refused=("valve:40",)))
+    causes = {runner._failure(context, DriverError(f"{text}: status 3"), ())[0] for text in ("valve", "valve:40")}
+    assert causes == {" failed: a channel: status #"}
 
 
 class StartsWithEachConnection(Careful):

@@ -33,7 +33,9 @@ from conformance.odd import (
     StartsSlowly,
     Steps,
     SwitchesOnFirst,
+    TakesTurns,
     Told,
+    ToldSinceTheLastReading,
     WritesTwice,
 )
 from conformance.plain import Bytes, Scpi, TwoBytes, of_bytes, scpi
@@ -44,6 +46,7 @@ from umo.testing.conformance import Input, Judgement, Output, Subject, conform
 from umo.testing.conformance.budget import Budget
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import chosen_rules
+from umo.testing.conformance.spoiling import TRIES, Spoilt, _of_a_stream
 
 CYCLES = 20
 INPUTS = (Input("in:8"), Input("in:9"))
@@ -88,6 +91,10 @@ ODD: dict[str, Callable[[], Any]] = {
         checksum=False,
     ),
     "it is told its values": lambda: careful(Told),
+    "its readings are as old as the call before": lambda: careful(ToldSinceTheLastReading),
+    "it has the device alone from its first call on": lambda: careful(
+        TakesTurns, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",)
+    ),
     "it looks by reading": lambda: careful(LooksByReading),
     "it reads byte by byte": lambda: careful(ReadsByteByByte),
     "it locks itself": lambda: careful(LocksItself),
@@ -191,6 +198,26 @@ def test_an_error_answer_that_comes_too_late_on_a_busy_computer_is_waited_for() 
     with careful(Busy, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",)) as subject:
         found = conform(subject, only=["error answer"]).finding("error answer")
     assert found.verdict is Judgement.PASSED, found
+
+
+@pytest.mark.parametrize(("what", "rule"), [
+    ("its readings are as old as the call before", "ages"),
+    ("it has the device alone from its first call on", "vanish"),
+])  # fmt: skip
+def test_a_rule_that_accused_a_correct_driver_passes(what: str, rule: str) -> None:
+    with ODD[what]() as subject:
+        found = conform(subject, only=[rule], cycles=CYCLES).finding(rule)
+    assert found.verdict is Judgement.PASSED, found
+
+
+def test_what_is_left_of_a_cut_answer_may_be_whole_frames_where_the_device_sends_by_itself() -> None:
+    def half(answer: bytes) -> bytes:
+        return answer[: len(answer) // 2]
+
+    cut = _of_a_stream(Spoilt("half", half, blind=True, tries=1))
+    assert (cut.blind, cut.tries) == (False, TRIES)
+    assert _of_a_stream(Spoilt("nothing", lambda answer: b"", blind=True)).blind
+    assert _of_a_stream(Spoilt("noise", lambda answer: b"\x95" * len(answer), blind=True)).blind
 
 
 def test_a_record_that_jitters_around_the_level_before_is_straight() -> None:

@@ -294,20 +294,17 @@ def _reports_of_now(context: RuleContext, probe: Probe) -> None:
         return
     for turn in range(REPORTS):
         before = probe.call("report", driver.report)
-        for number, output in enumerate(context.subject.outputs):
-            probe.write(output.channel, output.other(number + 1) if turn % 2 else output.default)
-        for number, output in enumerate(context.viewed):
-            context.is_read(probe, output, output.other(number + 1) if turn % 2 else output.default)
+        levels = {each: each.default if turn % 2 else each.other() for each in context.subject.outputs}
+        for output, raw in levels.items():
+            probe.write(output.channel, raw)
+            if output in context.viewed:
+                context.is_read(probe, output, raw)
         first, second = (dict(probe.call("report", driver.report)) for _ in range(2))
-        now = {
-            name for name, value in before.items() if _is(first.get(name), value) and not _is(second.get(name), value)
-        }
+        now = {name for name, was in before.items() if _is(first.get(name), was) and not _is(second.get(name), was)}
         late = now if late is None else late & now
     if late:
         names = some(sorted(map(repr, late)))
-        raise RuleBroken(
-            f"report gives {names} as it was before the outputs were moved; asked again right after, it does not"
-        )
+        raise RuleBroken(f"report gives {names} as before the outputs were moved, and when it is asked again as since")
 
 
 def _is(one: Any, other: Any) -> bool:
