@@ -92,6 +92,7 @@ def test_a_compiled_condition_inhibits_latches_and_frees_as_pythons() -> None:
 
 def test_a_condition_that_cannot_be_evaluated_has_the_text_of_python() -> None:
     with Running(Boiler) as run:
+        assert run.is_compiled
         set_inputs(run.box, ["pressure"], [0], [True])
         run.step()
         assert "cannot be evaluated: pressure is BAD" in run.m.burner.inhibited
@@ -123,6 +124,7 @@ def test_a_condition_follows_an_object_that_is_no_part_of_the_machine() -> None:
         run.m.other.most = 60.0
         run.step()
         assert run.m.burner.inhibited is None
+        assert run.is_compiled
 
 
 def test_a_difference_leaves_the_conditions_to_python(monkeypatch: pytest.MonkeyPatch) -> None:

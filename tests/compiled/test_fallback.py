@@ -111,6 +111,7 @@ def test_attributes_are_read_and_set_as_before() -> None:
         m.weights = np.array([0.0, 1.0])
         run.step()
         assert m.total == 18.0 + 10.0 + 1.0
+        assert run.laws.state == "compiled"
 
 
 @pytest.mark.parametrize(
@@ -388,6 +389,7 @@ def test_errors_are_those_of_python_and_come_from_its_line() -> None:
         last = told.traceback[-1]
         line = Path(__file__).read_text().splitlines()[last.lineno]
         assert Path(str(last.path)).name == "test_fallback.py" and "too much" in line
+        assert run.laws.state == "compiled"
 
 
 def test_without_a_compiler_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -77,6 +77,7 @@ def test_a_client_that_tunes_is_seen(name: str, monkeypatch: pytest.MonkeyPatch)
 
 def test_without_the_extension_it_is_seen_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.generate.known_watch.extension", None)
+    assert check([]).state == "compiled"
     for way in ("list, inserted", "class, number", "global", "cell", "global array"):
         assert check([(way, AFTER, "client")]).state == "python"
 

@@ -49,7 +49,7 @@ class Law:
         self.i = random.randint(-5, 5)
         self.x, self.y = (np.array([_number(random) for _ in range(3)]) for _ in range(2))
         self.mask = np.array([random.random() < 0.5 for _ in range(3)])
-        self.out, self.other, self.n, self.yes = 0.0, 0.0, 0, False
+        self.out, self.other, self.n, self.yes = 0.0, 0.0, 0, random.random() < 0.5
 
 
 def _number(random: Random) -> float:
@@ -269,5 +269,4 @@ def test_it_is_what_python_does(name: str, tmp_path: Path) -> None:
 def test_what_would_differ_is_refused(name: str) -> None:
     work, reason = REFUSED[name]
     problems = translation_of(machine_of(work)).problems
-    assert problems
     assert any(reason in str(each) for each in problems), problems

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,6 +13,7 @@ from umo.generate.compiled_machine import FLAGS
 from umo.generate.controller_folder import TARGETS, write_folder
 from umo.generate.controller_generator import generated
 from umo.process.station import find
+from umo.stations.conveyor import belt
 
 STATIONS = {"conveyor": "simulated", "batch": "modbus", "furnace": "simulated", "ztheta": "modbus"}
 """A wiring of each station that has control laws."""
@@ -34,7 +36,9 @@ def test_a_station_compiles_without_a_warning(name: str, compiler: str, tmp_path
 def test_a_statement_tells_its_line_and_a_fault_has_a_name(tmp_path: Path) -> None:
     station = find("conveyor")
     files = generated(station.machine(), station.wiring("simulated"), TARGETS["host"])
-    assert "/* control.py:" in files["machine.c"]
+    (told,) = (each for each in files["machine.c"].splitlines() if " v_deviates = " in each)
+    (number,) = (n for n, each in enumerate(inspect.getsource(belt).splitlines(), 1) if " deviates = " in each)
+    assert told.endswith(f"/* belt.py:{number} */")
     names = [line.split()[0] for line in files["machine_faults.h"].splitlines() if line.startswith("    FAULT_")]
     assert names and all(name in files["machine.c"] for name in names)
     assert "goto" not in files["machine.c"] and "(void)v_" not in files["machine.c"]

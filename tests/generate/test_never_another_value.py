@@ -6,14 +6,11 @@ from __future__ import annotations
 
 import math
 from enum import Enum, IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import pytest
 
-from helpers.generating import needs_a_compiler
-from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal
+from helpers.written_programs import Cases, Program
 from umo.states import OnOff, PassFail
 
 CASES = Cases()
@@ -398,12 +395,4 @@ class BoolThatIsCounted(Program):
         self.b.write(int(self.n > 1) if self.u > 2.0 else +(self.u > 1.0))
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
-    return CASES.played(tmp_path_factory.mktemp("c"))
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.equal)
-def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
-    check_equal(results[kind])
+test_it_is_what_python_does = CASES.test()

@@ -15,6 +15,7 @@ import pytest
 from helpers.calculations import CompiledMethods
 from helpers.generating import needs_a_compiler
 from umo.errors import RangeError, UmoError
+from umo.generate.translation import ControllerLimit
 
 WORDS = [0.0, -0.0, 1.0, -1.0, 0.5, 1.5, 2.5, -2.5, math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 3.0, 7.25]
 
@@ -368,6 +369,10 @@ def methods(tmp_path_factory: pytest.TempPathFactory) -> CompiledMethods:
     return CompiledMethods(Calculation, METHODS, tmp_path_factory.mktemp("c"))
 
 
+BEYOND = "floored", "rounded", "cut", "whole_sums"
+"""Methods whose numbers may need more than 32 bits."""
+
+
 def beyond(law: Calculation) -> bool:
     numbers = law.a, law.b, float(law.i) + law.j, 3.0 * (float(law.i) + law.j), float(law.steps)
     return any(abs(each) >= 2.0**31 for each in numbers if math.isfinite(each))
@@ -414,10 +419,10 @@ def test_it_is_what_python_does(name: str, methods: CompiledMethods) -> None:
                 getattr(law, name)()
             except (ArithmeticError, ValueError, TypeError, LookupError, UmoError) as error:
                 told = type(error).__name__
-            given = law.a, law.b, law.i, law.j
-            if name in ("floored", "rounded", "cut", "whole_sums") and beyond(law):
+            given, fault = (law.a, law.b, law.i, law.j), step()
+            if fault == ControllerLimit.__name__ and name in BEYOND and beyond(law):
                 continue  # Python's whole numbers have no end, those of a controller 32 bits
-            assert (given, step()) == (given, told)
+            assert (given, fault) == (given, told)
             if told is None:
                 for field_name in memory._struct.fields:
                     found, expected = memory.read(field_name), getattr(law, field_name)

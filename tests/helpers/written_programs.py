@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played, Rig, played
 
 GIVEN = [
@@ -39,36 +42,28 @@ class Program:
 
 
 class Cases:
-    """The programs of a module: those that are equal to Python in C, and those that are refused."""
+    """The programs of a module, each of which is equal to Python in C."""
 
-    def __init__(self) -> None:
+    def __init__(self, trials: Sequence[Sequence[Mapping[str, Any]]] = TRIALS, limits: float = 0.1) -> None:
+        """`limits`: the share of periods that may end in C because a whole number left 32 bits."""
         self.equal: list[type[Program]] = []
-        self.refused: dict[type[Program], str] = {}
-        """With a part of the reason."""
+        self._trials, self._limits = trials, limits
 
     def is_equal(self, kind: type[Program]) -> type[Program]:
         self.equal.append(kind)
         return kind
 
-    def is_refused(self, reason: str) -> Callable[[type[Program]], type[Program]]:
-        def kept(kind: type[Program]) -> type[Program]:
-            self.refused[kind] = reason
-            return kind
-
-        return kept
-
     def played(self, folder: Path) -> dict[Any, Played]:
-        kinds = [*self.equal, *self.refused]
-        return dict(zip(kinds, played(kinds, lambda _: TRIALS, folder), strict=True))
+        return dict(zip(self.equal, played(self.equal, lambda _: self._trials, folder), strict=True))
 
+    def test(self) -> Callable[..., None]:
+        """The test of the module, which has these as `CASES`: each program is what Python does."""
 
-def check_equal(found: Played) -> None:
-    assert (found.outcome, found.reasons, found.difference) == ("equal", (), None)
-    assert found.periods >= len(GIVEN)
+        @needs_a_compiler
+        @pytest.mark.parametrize("kind", self.equal)
+        def test(kind: Any, results: dict[Any, Played]) -> None:
+            found = results[kind]
+            assert (found.outcome, found.reasons, found.difference) == ("equal", (), None)
+            assert found.limits <= self._limits * found.periods, found
 
-
-def check_refused(found: Played, reason: str, file: str) -> None:
-    """It is refused for this reason, and each reason names the line."""
-    assert found.outcome == "refused", found.difference
-    assert any(reason in each for each in found.reasons), found.reasons
-    assert all(each.startswith(f"generate/{Path(file).name}:") for each in found.reasons), found.reasons
+        return test
