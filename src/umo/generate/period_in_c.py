@@ -21,7 +21,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.drivers.optional import transfer_in_c
 from umo.text import some
 
-IS, IS_NOT, EMPTY = range(3)
+IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
 """Kinds of looks, as in period.c."""
 PhaseLook = tuple[object, str, int, object]
 MOST = 1_000
@@ -30,8 +30,13 @@ AWAY = 100
 """Periods in which a driver that is away is called by Python before it is looked whether C can call it again."""
 NO_TICK = (*(0,) * 8, None)
 """What period.c takes of a timer that Python reads."""
-PHASES = "TICK", "SAMPLE", "GUARD", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
+PHASES = "TICK", "SAMPLE", "GUARD", "COMMANDS", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
 """The phases that period.c knows, in their order (`umo.cycle.period.PHASES`)."""
+
+
+def nothing_in(container: object) -> PhaseLook:
+    """Of a list or a set that is never replaced by another one."""
+    return container, "", NOTHING_IN, None
 
 
 class Moved(NamedTuple):
@@ -113,13 +118,14 @@ class PeriodInC(Capability):
             "TICK": self._of_tick() if tick else None,
             "SAMPLE": None if inputs is None else [*self._of_inputs()],
             "GUARD": None if conditions is None else [*self._of_guards()],
+            "COMMANDS": [nothing_in(self._period.commanding)],
             "SEQUENCES": [(self._machine.sequences, "_tasks", EMPTY, None)],
             "LAWS": None if acting is None else [(self._machine.acting_laws, "stale", EMPTY, None)],
             "SETTLE": [(self._period, "settling", EMPTY, None)],
             "SEND": None if outputs is None else [*self._of_outputs()],
             "SHOW": [
-                (self._period, "observers", EMPTY, None),
-                (self._period, "showing", EMPTY, None),
+                nothing_in(self._period.observers),
+                nothing_in(self._period.showing),
                 (self._image.events, "untold", EMPTY, None),
             ],
         }
@@ -219,13 +225,13 @@ class PeriodInC(Capability):
         for block in self._image.inputs:
             yield block, "transfer", IS, block.transfer
             yield block, "convert", IS, block.convert
-            yield block, "unsettled", EMPTY, None
+            yield nothing_in(block.unsettled)
 
     def _of_outputs(self) -> Iterator[PhaseLook]:
         for block in self._image.outputs:
             yield block, "transfer", IS, block.transfer
             yield block, "give", IS, block.give
-            yield block, "unsettled", EMPTY, None
+            yield nothing_in(block.unsettled)
 
     # GUARD, LAWS ---------------------------------------------------------------------------------------
 
@@ -246,7 +252,7 @@ class PeriodInC(Capability):
 
     def _of_guards(self) -> Iterator[PhaseLook]:
         guards = self._period.guards
-        yield self._image, "owed", EMPTY, None
+        yield nothing_in(self._image.owed)
         yield guards, "_inhibiting", EMPTY, None
         for each in self._machine.claims.inhibitions:
             yield each, "condition", IS, each.condition
