@@ -295,6 +295,12 @@ static int64_t monotonic_ns(void)
 #endif
 }
 
+/* 0 where nobody is told how long something takes. */
+static int64_t time_for(PyObject *watch)
+{
+    return watch == Py_None ? 0 : monotonic_ns();
+}
+
 static int tell_watch(PyObject *watch, int64_t took)
 {
     PyObject *done = watch == Py_None ? Py_NewRef(Py_None) : PyObject_CallFunction(watch, "L", (long long)took);
@@ -347,7 +353,7 @@ static int times_of_clock(Period *self)
 static int32_t wait_for_tick(Period *self, int64_t *missed)
 {
     int32_t status;
-    int64_t began = monotonic_ns();
+    int64_t began = time_for(self->watch);
     do {
         if (PyErr_CheckSignals() < 0)
             return UMO_INTERRUPTED;
@@ -355,7 +361,7 @@ static int32_t wait_for_tick(Period *self, int64_t *missed)
         status = self->tick(self->tick_context, missed, 1);
         Py_END_ALLOW_THREADS
     } while (status == UMO_INTERRUPTED);
-    return status == UMO_MOVED && tell_watch(self->watch, monotonic_ns() - began) < 0 ? UMO_INTERRUPTED : status;
+    return status == UMO_MOVED && tell_watch(self->watch, time_for(self->watch) - began) < 0 ? UMO_INTERRUPTED : status;
 }
 
 static int tick(Period *self)
@@ -394,9 +400,9 @@ static int tick_by_python(Period *self)
 static int move(Moved *moved)
 {
     Py_ssize_t count;
-    int64_t *raws = moved_of(moved->block, &count), began = moved->watch == Py_None ? 0 : monotonic_ns();
+    int64_t *raws = moved_of(moved->block, &count), began = time_for(moved->watch);
     int done = moved->move(moved->context, raws, (int32_t)count) == UMO_MOVED;
-    moved->took = moved->watch == Py_None ? 0 : monotonic_ns() - began;
+    moved->took = time_for(moved->watch) - began;
     return done;
 }
 
