@@ -97,7 +97,7 @@ def _with_looks(machine: Any, laws: Any) -> float:
 
 def slice_in_c(period: Any, ticker: Any, periods: int) -> npt.NDArray[np.int64]:
     """As `slice_of`, of a machine whose period is carried out in C."""
-    rows = np.zeros((periods, 3), np.int64)
+    rows = np.full((periods, 3), -1, np.int64)  # touched before the loop
     for _ in range(2):  # the ticks between the slices
         period.run(1, None)
     began = thread_time_ns(), monotonic_ns()
@@ -145,6 +145,8 @@ def serve(file: str, name: str, period: str, compiled: str) -> None:
         there.send(realtime.granted())
         while (asked := there.recv()) is not None:
             periods, busy_wait = asked
+            ticker.close()
+            ticker.start()  # the ticks since the last slice are nobody's
             wait_busily(connection.wired, busy_wait)
             found = slice_of(m, ticker, periods) if in_c is None else slice_in_c(in_c, ticker, periods)
             there.send_bytes(found.tobytes())

@@ -146,4 +146,4 @@ class Block:
         self.conditioned: Any = None
         """Inputs: the conversion by `umo.cycle.conditioning`; None: no sensor of the block is conditioned."""
         self.unsettled: set[int] = set()
-        """Slots whose quality differs from the normal one."""
+        """Slots whose quality differs from the normal one: one set, which is never replaced."""

@@ -134,7 +134,7 @@ class Image(ImageDefaults):
             if block.unsettled:
                 for slot in block.unsettled - unconverted:
                     self.set_quality(slot, Quality.GOOD)
-                block.unsettled &= unconverted
+                block.unsettled.intersection_update(unconverted)
         if failures:
             self.fail("could not be written", failures)
         return not failures

@@ -127,7 +127,7 @@ class ImageInputs(Slots):
         failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
         for slot in block.unsettled - failed.keys():
             self.set_quality(slot, self.base[slot])
-        block.unsettled &= failed.keys()
+        block.unsettled.intersection_update(failed)
         for slot, value in outside:
             if slot not in failed:
                 self.values[slot] = value

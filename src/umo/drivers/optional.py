@@ -181,8 +181,9 @@ class MovesInC(ABC):
 
     @abstractmethod
     def in_c(self, channels: Sequence[Any], write: bool) -> TransferInC | str:
-        """The transfer of these channels, as `read_many` or `write_many` has them; of a timer, as `read` has it. A
-        text: why there is none. Called when the channels are initialised, and again if they were so anew."""
+        """The transfer of these channels, as `read_many` or `write_many` has them; of a timer, as `read` has it. It
+        holds until the driver is closed. A text: why there is none. Called when the channels are initialised; again
+        when the driver was away."""
 
 
 def transfer_in_c(driver: object, channels: Sequence[Any], write: bool) -> TransferInC | str:

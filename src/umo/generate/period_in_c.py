@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from types import MethodType
 from typing import Any, NamedTuple
 
@@ -18,20 +19,23 @@ from umo.cycle.columns import Block
 from umo.cycle.conversion import extension
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
-from umo.drivers.optional import transfer_in_c
+from umo.drivers.optional import TransferInC, transfer_in_c
 from umo.text import some
 
-IS, IS_NOT, EMPTY = range(3)
+IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
 """Kinds of looks, as in period.c."""
 PhaseLook = tuple[object, str, int, object]
 MOST = 1_000
 """Periods in C after which Python looks, also where nothing has come in."""
-AWAY = 100
-"""Periods in which a driver that is away is called by Python before it is looked whether C can call it again."""
 NO_TICK = (*(0,) * 8, None)
 """What period.c takes of a timer that Python reads."""
-PHASES = "TICK", "SAMPLE", "GUARD", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
+PHASES = "TICK", "SAMPLE", "GUARD", "COMMANDS", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
 """The phases that period.c knows, in their order (`umo.cycle.period.PHASES`)."""
+
+
+def nothing_in(container: object) -> PhaseLook:
+    """Of a list or a set that is never replaced by another one."""
+    return container, "", NOTHING_IN, None
 
 
 class Moved(NamedTuple):
@@ -43,6 +47,11 @@ class Moved(NamedTuple):
     watch: Callable[[int], object] | None
 
 
+def _is_there(block: Block, write: bool) -> bool:
+    """Whether it is the driver itself that is called."""
+    return block.unwatched == (block.driver.write_many if write else block.driver.read_many)
+
+
 class PeriodInC(Capability):
     """Carries out the periods of one machine: `several` in the place of the standard loop's calls."""
 
@@ -51,8 +60,8 @@ class PeriodInC(Capability):
         """Why a phase is carried out by Python in each period, by its name."""
         self._native: Any = None
         self._is_told = False
-        self._away = 0
-        """Periods until it is looked again at what was not there; 0: all is there."""
+        self._awaited: list[Callable[[], bool]] = []
+        """Tell whether a driver that was away is back."""
         self._kept: list[Any] = []
 
     def attach(self, machine: ConnectedMachine) -> None:
@@ -64,8 +73,8 @@ class PeriodInC(Capability):
         else:
             self._period.several = self.several
 
-    def _say(self, text: str) -> None:
-        self._machine.events.add(Event(self._machine.clock.now, "", text))
+    def _say(self, text: str, *, logged: bool = True) -> None:
+        self._machine.events.add(Event(self._machine.clock.now, "", text), logged=logged)
 
     def _unfit(self) -> str:
         """Why no period of this machine can be in C; empty if it can."""
@@ -92,20 +101,16 @@ class PeriodInC(Capability):
         """The same, at most so many. `rows`: memory for three int64 of each: the ticks missed, and when it began and
         ended, in ns of the monotonic clock."""
         native = self._native
-        if native is None or native.stale or self._laws is not self._group.laws or self._is_to_be_bound():
+        if native is None or native.stale or self._laws is not self._group.laws or self._is_back():
             native = self._bind()
         found: int = native.run(most, rows)
         return found
 
-    def _is_to_be_bound(self) -> bool:
-        """Whether a driver that was away may be back."""
-        if self._away:
-            self._away -= 1
-            return not self._away
-        return False
+    def _is_back(self) -> bool:
+        return bool(self._awaited) and any(is_back() for is_back in self._awaited)
 
     def _bind(self) -> Any:
-        self.reasons, self._kept, self._laws, self._away = {}, [], self._group.laws, 0
+        self.reasons, self._kept, self._awaited, self._laws = {}, [], [], self._group.laws
         inputs, outputs = self._moved(self._image.inputs, False), self._moved(self._image.outputs, True)
         conditions, acting = self._conditions(), self._acting()
         tick = None if inputs is None or outputs is None else self._tick()
@@ -113,13 +118,14 @@ class PeriodInC(Capability):
             "TICK": self._of_tick() if tick else None,
             "SAMPLE": None if inputs is None else [*self._of_inputs()],
             "GUARD": None if conditions is None else [*self._of_guards()],
+            "COMMANDS": [nothing_in(self._period.commanding)],
             "SEQUENCES": [(self._machine.sequences, "_tasks", EMPTY, None)],
             "LAWS": None if acting is None else [(self._machine.acting_laws, "stale", EMPTY, None)],
             "SETTLE": [(self._period, "settling", EMPTY, None)],
             "SEND": None if outputs is None else [*self._of_outputs()],
             "SHOW": [
-                (self._period, "observers", EMPTY, None),
-                (self._period, "showing", EMPTY, None),
+                nothing_in(self._period.observers),
+                nothing_in(self._period.showing),
                 (self._image.events, "untold", EMPTY, None),
             ],
         }
@@ -148,7 +154,7 @@ class PeriodInC(Capability):
             return
         self._is_told = True
         left = "; ".join(f"{phase} ({why})" for phase, why in self.reasons.items())
-        self._say(f"the period is carried out in C{f', but by Python: {left}' if left else ''}")
+        self._say(f"the period is carried out in C{f', but by Python: {left}' if left else ''}", logged=bool(left))
 
     def _calls(self) -> tuple[Callable[..., object], ...]:
         """What Python does, in the order of period.c."""
@@ -173,9 +179,7 @@ class PeriodInC(Capability):
         image, slot = self._image, self._image.timer
         wire = image.wires[slot]
         found = transfer_in_c(wire.driver, (wire.channel,), False)
-        is_read = image.transfer.has_ticked is not None or image.transfer.tick == wire.driver.read
-        if not is_read or self._machine.clock.on_tick != self._period.on_tick:
-            self._away, found = AWAY, "more is called at each tick"
+        found = self._unless_away(found, self._is_ticking)
         if isinstance(found, str):
             self.reasons["TICK"] = found
             return None
@@ -185,6 +189,18 @@ class PeriodInC(Capability):
         of_image = (*places, columns.quality.ctypes.data + slot)
         limits = image._least_ticks, image._most_ticks
         return found.function, found.context, *limits, *of_image, image.transfer.has_ticked
+
+    def _is_ticking(self) -> bool:
+        """Whether nothing else is called at the tick, as it is while a driver is away."""
+        transfer, slot = self._image.transfer, self._image.timer
+        is_read = transfer.has_ticked is not None or transfer.tick == self._image.wires[slot].driver.read
+        return is_read and self._machine.clock.on_tick == self._period.on_tick
+
+    def _unless_away(self, found: TransferInC | str, is_there: Callable[[], bool]) -> TransferInC | str:
+        if isinstance(found, str) or is_there():
+            return found
+        self._awaited.append(is_there)
+        return "a driver is away"
 
     def _of_tick(self) -> list[PhaseLook]:
         transfer, clock = self._image.transfer, self._machine.clock
@@ -203,9 +219,8 @@ class PeriodInC(Capability):
         for block in blocks:
             native = getattr(block.give if write else block.convert, "__self__", None)
             found = transfer_in_c(block.driver, block.channels, write)
-            if block.unwatched != (block.driver.write_many if write else block.driver.read_many):
-                self._away, found = AWAY, "it is away"
-            elif not isinstance(native, extension.Outputs if write else extension.Inputs):
+            found = self._unless_away(found, partial(_is_there, block, write))
+            if not isinstance(native, extension.Outputs if write else extension.Inputs):
                 found = "its values are not only scaled"
             if isinstance(found, str):
                 self.reasons["SEND" if write else "SAMPLE"] = f"{self._image.transfer.words_of(block.driver)}: {found}"
@@ -219,13 +234,13 @@ class PeriodInC(Capability):
         for block in self._image.inputs:
             yield block, "transfer", IS, block.transfer
             yield block, "convert", IS, block.convert
-            yield block, "unsettled", EMPTY, None
+            yield nothing_in(block.unsettled)
 
     def _of_outputs(self) -> Iterator[PhaseLook]:
         for block in self._image.outputs:
             yield block, "transfer", IS, block.transfer
             yield block, "give", IS, block.give
-            yield block, "unsettled", EMPTY, None
+            yield nothing_in(block.unsettled)
 
     # GUARD, LAWS ---------------------------------------------------------------------------------------
 
@@ -246,7 +261,7 @@ class PeriodInC(Capability):
 
     def _of_guards(self) -> Iterator[PhaseLook]:
         guards = self._period.guards
-        yield self._image, "owed", EMPTY, None
+        yield nothing_in(self._image.owed)
         yield guards, "_inhibiting", EMPTY, None
         for each in self._machine.claims.inhibitions:
             yield each, "condition", IS, each.condition
