@@ -7,8 +7,9 @@ statement knows the line of Python that it comes from.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from operator import is_
 from typing import Any
 
@@ -394,8 +395,14 @@ BODIES = "body", "orelse", "last"
 # Walks ------------------------------------------------------------------------------------------------------
 
 
+@cache
+def _names(kind: Hashable) -> tuple[str, ...]:
+    """The names of the fields of a class of nodes."""
+    return tuple(each.name for each in fields(kind))  # type: ignore[arg-type]
+
+
 def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:
-    return ((each.name, getattr(node, each.name)) for each in fields(node))  # type: ignore[arg-type]
+    return ((name, getattr(node, name)) for name in _names(type(node)))  # type: ignore[arg-type]
 
 
 def children(node: FormNode) -> Iterator[FormNode]:

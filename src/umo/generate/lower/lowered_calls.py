@@ -76,9 +76,9 @@ class LoweredCalls(LoweredSubject):
             raise self.f.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
             self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
-            self.f.world.note(
-                f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
-            )
+            if not self.f.telling.tell_call(node):
+                told = f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
+                self.f.world.note(told)
             return Known(None)
         if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
             return self.f.builtins.over(func.value, node.args[0], node)
