@@ -3,6 +3,7 @@ assigned to an attribute that only tells."""
 
 from __future__ import annotations
 
+import logging
 from enum import Enum
 from typing import NamedTuple
 
@@ -15,6 +16,9 @@ from helpers.machines import actuator, sensor, timer
 from umo import Compound, DigitalActuator, DigitalSensor, Quality
 
 pytestmark = needs_a_compiler
+
+
+LOG = logging.getLogger("tank")
 
 
 class Side(Enum):
@@ -57,6 +61,7 @@ class Tank(Compound):
         place, double, hot = Place(share, number), self.numbers * 2.0, self.numbers > 1.0
         self.status = f"{share:.2f} of {self.title}"
         self.note = "idle"
+        LOG.info("%s of %d", f"{share:.2f}", number)
         if self.fails == 1:
             raise TooFull(f"{share:.1f} mm, {number}, {yes}, {self.side}, {self.count:03d}")
         if self.fails == 2:
@@ -100,6 +105,16 @@ def test_a_text_that_is_assigned_is_made_each_time() -> None:
         run.step()
         assert run.m.note == "idle"
         assert run.laws.state == "compiled" and "left out" not in run.events
+
+
+def test_what_only_tells_is_called_in_each_period(caplog: pytest.LogCaptureFixture) -> None:
+    with CompiledRun(tank()) as run:
+        caplog.clear()
+        with caplog.at_level("INFO", "tank"):
+            run.m.limit = 3.0
+            run.step(2)
+        assert [each.getMessage() for each in caplog.records] == ["0.75 of 4"] * 2
+        assert run.laws.state == "compiled"
 
 
 def test_an_error_in_a_text_is_raised() -> None:

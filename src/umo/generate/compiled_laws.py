@@ -518,7 +518,7 @@ class CompiledLaws(Capability):
         teller = self._translation.tellers[number]
 
         def work() -> None:
-            made = teller.make(*(self._library.variable(given[n], of) for n, (_, of) in enumerate(teller.given)))
+            made = teller.make(*(self._library.variable(given[n], of) for n, of in enumerate(teller.given)))
             if teller.field is not None:
                 setattr(*teller.field, made)
             elif teller.fault:

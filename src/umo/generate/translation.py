@@ -72,8 +72,8 @@ class Teller(NamedTuple):
 
     make: Callable[..., Any]
     """The error, or the text, of these variables."""
-    given: Sequence[tuple[str, CType]]
-    """Their names and types."""
+    given: Sequence[CType]
+    """The types of these."""
     fault: int = 0
     """The fault whose error it is; 0: of none."""
     field: tuple[Any, str] | None = None

@@ -74,9 +74,9 @@ class LoweredCalls(LoweredSubject):
             raise self.f.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
             self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
-            self.f.world.note(
-                f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
-            )
+            if not self.f.telling.tell_call(node):
+                told = f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
+                self.f.world.note(told)
             return Known(None)
         if (found := self.f.generators.over(func.value, node)) is not None:
             return found

@@ -23,7 +23,7 @@ TELLS = "a text that is made at run time"
 """Why a condition does not translate that a text decides."""
 NOT_OF_PYTHON = ArrayMethod | LocalFunction | Places | StateMethod
 """What a local name may stand for while code is translated, and that Python does not have."""
-Made: TypeAlias = tuple[Callable[..., Any], Sequence[tuple[str, CType, Value]]]
+Made: TypeAlias = tuple[Callable[..., Any], Sequence[tuple[CType, Value]]]
 REASON = "it is not proved that the text has no effect and cannot fail"
 
 
@@ -104,7 +104,7 @@ class LoweredTelling(LoweredSubject):
             return
         made = self._made(node)
         make, given = (partial(error_as_written, kind, said), ()) if made is None else made
-        self._tell(Teller(make, tuple((name, of) for name, of, _ in given), fault), given)
+        self._tell(make, given, fault=fault)
 
     def tell_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
         """Whether Python assigns a text that is made at run time; else it is left out."""
@@ -118,16 +118,26 @@ class LoweredTelling(LoweredSubject):
         if made is None:
             return False
         make, given = made
-        self._tell(Teller(make, tuple((name, of) for name, of, _ in given), field=(owner, target.attr)), given)
+        self._tell(make, given, field=(owner, target.attr))
         return True
 
-    def _tell(self, teller: Teller, given: Sequence[tuple[str, CType, Value]]) -> None:
-        self.f.add(Tell(self.f.world.teller(teller), tuple(place for _, _, place in given)))
+    def tell_call(self, node: ast.Call) -> bool:
+        """Whether Python calls a function that only tells; else it is left out."""
+        made = self._made(node) if self.f.world.target.tells else None
+        if made is None:
+            return False
+        make, given = made
+        self._tell(make, given)
+        return True
+
+    def _tell(self, make: Callable[..., Any], given: Sequence[tuple[CType, Value]], **to: Any) -> None:
+        number = self.f.world.teller(Teller(make, [of for of, _ in given], **to))
+        self.f.add(Tell(number, tuple(place for _, place in given)))
 
     def _made(self, node: ast.expr) -> Made | None:
         """What evaluates an expression, of which variables; None: Python does not have all that it needs."""
         known: dict[str, Any] = {}
-        given: list[tuple[str, CType, Value]] = []
+        given: dict[str, tuple[CType, Value]] = {}
         for name in dict.fromkeys(each.id for each in ast.walk(node) if isinstance(each, ast.Name)):
             found = self.f.flow.names.get(name)
             if isinstance(found, Known):
@@ -138,10 +148,10 @@ class LoweredTelling(LoweredSubject):
                 place = self.f.aliases.same.get(name) or self.f.local(name)
                 if not is_certain(found) or not isinstance(place, Local):
                     return None
-                given.append((name, found, place))
+                given[name] = found, place
             elif name in self.f.source.function.__code__.co_freevars or name == "super":
                 return None
-        return evaluated(self.f.source, node, known, [name for name, _, _ in given]), given
+        return evaluated(self.f.source, node, known, list(given)), list(given.values())
 
     # Proofs --------------------------------------------------------------------------------------------
 

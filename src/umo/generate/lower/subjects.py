@@ -98,6 +98,9 @@ class AskedOfTelling(Protocol):
     def tell_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
         """Whether Python assigns a text that is made at run time."""
 
+    def tell_call(self, node: ast.Call) -> bool:
+        """Whether Python calls a function that only tells."""
+
     def text(self, node: ast.expr) -> Known:
         """The text that an expression makes at run time."""
 

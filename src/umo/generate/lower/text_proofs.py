@@ -362,6 +362,8 @@ class TextProof:
         kind = self.of(node.operand)
         if isinstance(node.op, ast.Invert) and isinstance(kind, Row) and kind.of is bool:
             return kind
+        if isinstance(node.op, ast.USub) and isinstance(kind, Live) and type(kind.value) in NUMBERS:
+            return Live(-kind.value)
         if isinstance(node.op, ast.USub) and self._classes(kind) <= NUMBERS:
             return Some(frozenset({int if each is bool else each for each in self._classes(kind)}))
         raise self.unproved(node)
