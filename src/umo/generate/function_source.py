@@ -52,8 +52,13 @@ class SourcedFunction(NamedTuple):
 
     def segment(self, node: ast.AST) -> str:
         """The source of a node, in one line."""
-        text = ast.get_source_segment("\n".join(self.text), node) or ast.unparse(node)
-        return " ".join(text.split())
+        first, last = getattr(node, "lineno", None), getattr(node, "end_lineno", None)
+        if first is None or last is None:
+            return " ".join(ast.unparse(node).split())
+        lines = [each.encode() for each in self.text[first - 1 : last]]
+        lines[-1] = lines[-1][: node.end_col_offset]  # type: ignore[attr-defined]
+        lines[0] = lines[0][node.col_offset :]  # type: ignore[attr-defined]
+        return " ".join(b" ".join(lines).decode().split())
 
 
 class BoundFunction(NamedTuple):
