@@ -34,7 +34,7 @@ PUMPED = 20
 
 class LineTarget(Target):
     name = "line"
-    clears, early = False, 1
+    clears, restores, early = False, False, 1
 
     def fit(self, program: Program) -> Program:
         """Interlocks are asked by the host, too, a period later."""
