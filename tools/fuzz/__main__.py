@@ -16,11 +16,15 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Sequence
+from itertools import chain, zip_longest
 from time import monotonic
 
 from tools.fuzz.batches import OPTIMIZED, QUICK, SANITIZED, TARGETS, Batch, batches, played
+from tools.fuzz.mutants import measure
 from tools.fuzz.program import program
 from tools.fuzz.shrink import body_of, shrunk
+from tools.fuzz.verdict import WRONG
 
 USUAL = "host", "compiled"
 SHOWN = 12
@@ -31,7 +35,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         "python -m tools.fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("programs", type=int, nargs="?", default=1000)
+    parser.add_argument("programs", type=int, nargs="?", default=5000)
     parser.add_argument("--from", type=int, default=0, dest="first")
     parser.add_argument("--target", choices=[*TARGETS], action="append")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
@@ -39,7 +43,7 @@ def main() -> int:
     parser.add_argument("--optimized", action="store_true", help="-O2 always, and not in one of eight batches")
     parser.add_argument("--until-wrong", action="store_true", help="end at the first program that is wrong")
     parser.add_argument("--replay", type=int, metavar="SEED")
-    parser.add_argument("--mutants", action="store_true")
+    parser.add_argument("--mutants", metavar="NAME", nargs="?", const="", help="those whose name has this text in it")
     given = parser.parse_args()
     if given.sanitize and "libasan" not in os.environ.get("LD_PRELOAD", ""):
         _again_with_sanitizers()
@@ -47,40 +51,38 @@ def main() -> int:
     flags = SANITIZED if given.sanitize else OPTIMIZED if given.optimized else None
     if given.replay is not None:
         return max(replay(Batch(each, flags or QUICK, [program(given.replay)])) for each in targets)
-    if given.mutants:
-        from tools.fuzz.mutants import measure
-
-        return measure(given.programs if given.programs != parser.get_default("programs") else 5000, given.jobs)
+    if given.mutants is not None:
+        return measure(given.programs, given.jobs, given.mutants)
     seeds = range(given.first, given.first + given.programs)
-    return max(run(each, seeds, flags, given.jobs, given.until_wrong) for each in targets)
+    return run(targets, seeds, flags, given.jobs, given.until_wrong)
 
 
-def run(target: str, seeds: range, flags: tuple[str, ...] | None, jobs: int, until_wrong: bool = False) -> int:
-    """The programs of these seeds: how many have each outcome, and a line for each that is wrong."""
+def run(targets: Sequence[str], seeds: range, flags: tuple[str, ...] | None, jobs: int, until_wrong: bool) -> int:
+    """The programs of these seeds, on all targets in turns: a line for each that is wrong, and what they were."""
     begun = monotonic()
-    outcomes: Counter[str] = Counter()
+    outcomes: dict[str, Counter[str]] = {each: Counter() for each in targets}
+    sums: dict[str, Counter[str]] = {each: Counter() for each in targets}
     reasons: Counter[str] = Counter()
-    sums: Counter[str] = Counter()
-    wrong = 0
-    for batch, one, verdict in played(batches(target, seeds, flags), jobs):
-        outcomes[verdict.outcome] += 1
-        sums.update(periods=verdict.periods, faults=verdict.faults, limits=verdict.limits)
+    in_turns = chain.from_iterable(zip_longest(*(batches(each, seeds, flags) for each in targets)))
+    for batch, one, verdict in played(filter(None, in_turns), jobs):
+        outcomes[batch.target][verdict.outcome] += 1
+        sums[batch.target].update(periods=verdict.periods, faults=verdict.faults, limits=verdict.limits)
         if verdict.outcome == "refused":
             reasons[verdict.told.split("; ")[0].rpartition(": ")[2]] += 1
         if verdict.is_wrong:
-            wrong += 1
             print(f"{batch.line(one.seed)}: {verdict.outcome}: {verdict.told[-300:]}", flush=True)
             if until_wrong:
                 return 1
     seconds = monotonic() - begun
-    print(
-        f"{target}: {len(seeds)} programs in {seconds:.0f} s, {len(seeds) / seconds:.1f} a second on {jobs} processors"
-    )
-    print(f"    {', '.join(f'{number} {name}' for name, number in outcomes.most_common())}")
-    print(f"    {sums['periods']} periods, {sums['faults']} with the same error, {sums['limits']} beyond 32 bits")
+    for target in targets:
+        print(f"{target}: {', '.join(f'{number} {name}' for name, number in outcomes[target].most_common())}")
+        of = sums[target]
+        print(f"    {of['periods']} periods, {of['faults']} with the same error, {of['limits']} beyond 32 bits")
+    count = len(seeds) * len(targets)
+    print(f"{count} programs in {seconds:.0f} s: {count / seconds:.1f} a second on {jobs} processors")
     for reason, number in reasons.most_common(SHOWN):
-        print(f"{number:10} refused: {reason}")
-    return int(bool(wrong))
+        print(f"{number:6} refused: {reason}")
+    return int(any(each[name] for each in outcomes.values() for name in WRONG))
 
 
 def replay(batch: Batch) -> int:

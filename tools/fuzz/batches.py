@@ -14,13 +14,15 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
+from tools.fuzz.board_target import BoardTarget
 from tools.fuzz.compiled_target import CompiledTarget
 from tools.fuzz.host_target import HostTarget
+from tools.fuzz.line_target import LineTarget
 from tools.fuzz.program import Program, program
 from tools.fuzz.target import Target
 from tools.fuzz.verdict import Verdict
 
-TARGETS: dict[str, type[Target]] = {each.name: each for each in (HostTarget, CompiledTarget)}
+TARGETS: dict[str, type[Target]] = {each.name: each for each in (HostTarget, CompiledTarget, LineTarget, BoardTarget)}
 SIZE = 24
 """Programs in one library."""
 TIMEOUT = 120.0

@@ -11,7 +11,7 @@ import pytest
 
 from tools.fuzz.machine import Side, restored
 from tools.fuzz.program import Program
-from tools.fuzz.stimuli import Stimulus
+from tools.fuzz.stimuli import Stimulus, ticks
 from tools.fuzz.target import Beside, Refused, Target
 from tools.fuzz.verdict import same
 from umo.generate import law_library
@@ -27,7 +27,7 @@ class CompiledTarget(Target):
         patch = stack.enter_context(pytest.MonkeyPatch.context())
         patch.setattr(law_library, "FLAGS", (*law_library.FLAGS, *self._flags))
         patch.setattr(law_library, "_cache", self.new_folder)
-        side = stack.enter_context(Side([each.loaded() for each in programs], self._periods))
+        side = stack.enter_context(Side([each.loaded() for each in programs], ticks(self._periods)))
         try:
             return CompiledBeside(python, side)
         except NotCompiled as error:
@@ -67,7 +67,7 @@ class CompiledBeside(Beside):
     def set(self, number: int, name: str, value: Any) -> bool:
         if name not in self._names[number]:
             return False
-        self._side.set(number, name, _of(self._side.modules[number], value))
+        self._side.set(number, name, self._side.own(number, value))
         return True
 
     def set_anything(self, number: int, way: Callable[[Any, Any], object]) -> bool:
@@ -89,7 +89,7 @@ class CompiledBeside(Beside):
 
     def restore(self, number: int) -> None:
         for owner, other, name, _ in self._fields[number]:
-            restored(owner, name, _of(self._python.modules[number], _plain(getattr(other, name))))
+            restored(owner, name, self._python.own(number, _plain(getattr(other, name))))
 
     def difference(self, number: int) -> str:
         python, c = self._python, self._side
@@ -113,12 +113,6 @@ class CompiledBeside(Beside):
 
 def _columns(side: Side) -> list[Any]:
     return [getattr(side.connection.image.columns, name) for name in COLUMNS]
-
-
-def _of(module: Any, value: Any) -> Any:
-    """A state as the member of this module's Enum."""
-    kind = getattr(module, type(value).__name__, None)
-    return kind[value.name] if hasattr(value, "name") and kind is not None else value
 
 
 def _plain(value: Any) -> Any:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from tools.fuzz.machine import Side, restored
+from tools.fuzz.machine import Side, part_of, restored
 from tools.fuzz.program import Program
 from tools.fuzz.stimuli import ACTUATORS, SENSORS, Stimulus
 from tools.fuzz.target import Beside, Refused, Target
@@ -14,6 +14,7 @@ from tools.fuzz.verdict import same
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import model_of
+from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS
 from umo.generate.translator import translate
 from umo.objects import Quality
@@ -43,15 +44,26 @@ class HostBeside(Beside):
         synchronous = [model.objects[slot] if model.objects[slot].synchronous else None for slot in model.outputs]
         self._outputs = [each.path if each is not None else "" for each in synchronous]
         """By place; what is not synchronous accepts everything."""
-        self._equipment = [_part(each.path) for each in model.equipment]
+        self._equipment = [part_of(each.path)[0] for each in model.equipment]
         self._place = {part: place for place, part in enumerate(self._equipment)}
         memories = [c.struct(number, each) for number, each in enumerate(translation.structs)]
         parts = range(len(python.parts))
-        self._memories = {n: [each for each in memories if _part(each.path) == n] for n in parts}
-        self._objects = {n: [one for one in model.objects if _part(one.path) == n] for n in parts}
-        self._fields = {n: _by_name(n, self._memories[n]) for n in parts}
+        self._memories = {
+            n: [(each, self.owner(each)) for each in memories if part_of(each.path)[0] == n] for n in parts
+        }
+        """By part: the fields in C, and the object that has them in Python."""
+        self._slots = {each.path: slot for slot, each in enumerate(python.connection.image.items)}
+        self._objects = {n: [one for one in model.objects if part_of(one.path)[0] == n] for n in parts}
+        self._fields = {n: _by_name(self._memories[n]) for n in parts}
         self._before = [0] * len(parts)
-        c.begin([0] * model.inputs)
+        self.begin()
+
+    def begin(self) -> None:
+        self._c.begin([0] * self._model.inputs)
+
+    def owner(self, memory: StructMemory) -> Any:
+        """The object in Python that has these fields."""
+        return memory._struct.owner
 
     def set(self, number: int, name: str, value: Any) -> bool:
         memory = self._fields[number].get(name)
@@ -73,12 +85,18 @@ class HostBeside(Beside):
                 raws[f"parts.{number}.{name}"], failed[f"parts.{number}.{name}"] = raw, no
             deaf |= {f"parts.{number}.{name}": no for name, no in zip(ACTUATORS, each.deaf, strict=True)}
         self._before = self._faults()
-        fault = self._c.step(ticks, [raws[path] for path in self._inputs], [failed[path] for path in self._inputs])
-        fault = fault or self._c.sent([deaf.get(path, False) for path in self._outputs])
-        while not fault and self._c.changed:
-            fault = self._c.sent()  # the circuit takes every default
+        at = [path[path.index("parts.") :] for path in self._inputs]
+        refused = [deaf.get(path[path.find("parts.") :], False) for path in self._outputs]
+        fault = self.period(ticks, [raws[path] for path in at], [failed[path] for path in at], refused)
         self._now = self._faults()
         return self._kinds[fault]
+
+    def period(self, ticks: int, raws: Sequence[int], failed: Sequence[bool], deaf: Sequence[bool]) -> int:
+        """The fault of one period in C."""
+        fault = self._c.step(ticks, raws, failed) or self._c.sent(deaf)
+        while not fault and self._c.changed:
+            fault = self._c.sent()  # the circuit takes every default
+        return fault
 
     def _faults(self) -> list[int]:
         return [self._c.equipment_fault(self._place[n]) for n in range(len(self._place))]
@@ -89,47 +107,41 @@ class HostBeside(Beside):
         return {n: kind for n, kind in kinds.items() if kind != "DriverError"}  # of what is read and sent
 
     def restore(self, number: int) -> None:
-        for each in self._memories[number]:
+        for each, owner in self._memories[number]:
             for name in each.fields:
-                restored(each._struct.owner, name, each.read(name))
+                restored(owner, name, self._python.own(number, each.read(name)))
 
     def difference(self, number: int) -> str:
         image, c = self._python.connection.image, self._c
         if self._python.in_fault(number) != bool(self._now[number]):
             return f"in fault: Python {self._python.in_fault(number)}, C {self._kinds[self._now[number]]}"
         for one in self._objects[number]:
-            slot = one.slot
-            python, own = [image.values[slot], image.quality[slot]], [c.value(slot), c.quality(slot)]
+            slot, at = one.slot, self._slots[one.path[one.path.index("parts.") :]]
+            python, own = [image.values[at], image.quality[at]], [c.value(slot), c.quality(slot)]
             if one.output:
                 place = self._model.outputs.index(slot)
-                python += [image.pending[slot], image.raws[slot], self._python.inhibited(slot)]
+                python += [image.pending[at], image.raws[at], self._python.inhibited(at)]
                 own += [c.pending(place), c.raw(slot), c.inhibited(place)]
-            if one.velocity is not None and image.quality[slot] != Quality.BAD:
-                python.append(image.velocity(slot))
+            if one.velocity is not None and image.quality[at] != Quality.BAD:
+                python.append(image.velocity(at))
                 own.append(c.velocity(slot))
             if not same(python, own):
                 return f"{one.path}: Python {python}, C {own}"
         return next(_differences(self._memories[number]), "")
 
 
-def _differences(memories: Sequence[Any]) -> Any:
-    for each in memories:
-        for name in each.fields:
-            python, c = getattr(each._struct.owner, name), each.read(name)
+def _differences(memories: Sequence[tuple[StructMemory, Any]]) -> Iterator[str]:
+    for each, owner in memories:
+        for name in each.fields if owner is not None else ():
+            python, c = getattr(owner, name), each.read(name)
             if not same(python, c):
                 yield f"{each.path}.{name}: Python {python!r}, C {c!r}"
 
 
-def _part(path: str) -> int:
-    """The number of the part that an object is in; -1: none."""
-    words = path.split(".")
-    return int(words[1]) if words[0] == "parts" and len(words) > 1 else -1
-
-
-def _by_name(number: int, memories: Sequence[Any]) -> dict[str, Any]:
+def _by_name(memories: Sequence[tuple[StructMemory, Any]]) -> dict[str, StructMemory]:
     """The memory of each field, by its name as a part has it, such as `part.gain`."""
     found = {}
-    for each in memories:
-        inner = each.path.removeprefix(f"parts.{number}").removeprefix(".")
+    for each, _ in memories:
+        inner = part_of(each.path)[1]
         found |= {f"{inner}.{name}" if inner else name: each for name in each.fields}
     return found

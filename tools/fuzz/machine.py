@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from enum import Enum
 from functools import reduce
 from types import MethodType, ModuleType
 from typing import Any
 
-from tools.fuzz.stimuli import ACTUATORS, SENSORS, Stimulus, ticks
+from tools.fuzz.stimuli import ACTUATORS, SENSORS, Stimulus
 from umo import Compound, DigitalSensor
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
@@ -18,13 +20,24 @@ from umo.testing import VirtualTimer
 from umo.wiring import resolve
 
 PERIOD = "1 ms"
+PATH = re.compile(r"\bparts\.(\d+)\.?(.*)")
 
 
-class Machine(Compound):
+class Group(Compound):
     """Each part fails alone."""
 
-    timer: DigitalSensor
     parts: list[Compound]
+
+
+class Machine(Group):
+    timer: DigitalSensor
+
+
+class Around(Compound):
+    """A machine whose parts are on a controller."""
+
+    timer: DigitalSensor
+    group: Group
 
 
 class Circuit(Driver):
@@ -68,14 +81,23 @@ class Circuit(Driver):
 class Side:
     """A machine of the programs in these modules that is connected, in Python. Its laws can be told to fail."""
 
-    def __init__(self, modules: Sequence[ModuleType], periods: int) -> None:
+    def __init__(
+        self, modules: Sequence[ModuleType], missed: Sequence[int], controller: Driver[Any] | None = None
+    ) -> None:
+        """`missed`: the ticks of the timer; `controller`: a driver that the parts run on."""
         self.modules, self.circuit = modules, Circuit()
         self.parts: list[Any] = [module.part() for module in modules]
         timer = DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
-        self.m: Any = Machine(timer=timer, parts=self.parts)
-        wire: dict[str, Any] = {each.path: {"driver": "box"} for each in atoms(self.m) if each.path != "timer"}
-        wire["timer"] = {"driver": "clock", "period": PERIOD}
-        drivers = {"box": self.circuit, "clock": VirtualTimer(ticks(periods))}
+        clock = VirtualTimer(missed)
+        of_timer = {"driver": "clock", "period": PERIOD}
+        if controller is None:
+            self.m: Any = Machine(timer=timer, parts=self.parts)
+            wire = {each.path: {"driver": "box"} for each in atoms(self.m)} | {"timer": of_timer}
+            drivers = {"box": self.circuit, "clock": clock}
+        else:
+            self.m = Around(timer=timer, group=Group(parts=self.parts))
+            wire = {"group": {"controller": "box"}, "timer": of_timer}
+            drivers = {"box": controller, "clock": clock}
         self.wired = resolve(self.m, {"drivers": drivers, "wire": wire})
         self.connection = connect(self.m, self.wired)
         self.limited: set[int] = set()
@@ -116,6 +138,11 @@ class Side:
                 raise ControllerLimit("a limit of the controller")
 
         return act
+
+    def own(self, number: int, value: Any) -> Any:
+        """A state as the member of the Enum of this part's module."""
+        kind = getattr(self.modules[number], type(value).__name__, None)
+        return kind[value.name] if isinstance(value, Enum) and kind is not None else value
 
     def give(self, given: Sequence[Stimulus]) -> None:
         """What the sensors read and which channels fail, by part."""
@@ -175,3 +202,9 @@ def restored(owner: Any, name: str, value: Any) -> None:
         kept[:] = value
     else:
         setattr(owner, name, value)
+
+
+def part_of(path: str) -> tuple[int, str]:
+    """The number of the part that an object is in, and its path in that; -1: it is in none."""
+    found = PATH.search(path)
+    return (int(found[1]), found[2]) if found else (-1, path)

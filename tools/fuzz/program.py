@@ -204,6 +204,21 @@ class Program:
     def changed(self, text: str, copy: int) -> Program:
         return replace(self, text=text, copy=copy)
 
+    @property
+    def control(self) -> str:
+        """The text of its control code."""
+        return self.text.partition(CONTROL)[2].partition("\n\ndef part")[0]
+
+    def without_interlocks(self) -> Program:
+        head, begin, rest = self.text.partition(INTERLOCKS)
+        return replace(self, text=f"{head}{rest[rest.index('    def bump') :]}") if begin else self
+
+    def with_inputs_as_fields(self) -> Program:
+        """What a host sets comes from the sensors: for a board, which has none."""
+        head, begin, rest = self.text.partition(CONTROL)
+        lines = "".join(f"{line}\n" for line in indented(FROM_INPUTS, 2))
+        return replace(self, text=f"{head}{begin}{lines}{rest}")
+
     def loaded(self) -> ModuleType:
         """Its module, whose source is found as if it were a file."""
         file = f"/programs/{self.name}.py"
@@ -247,6 +262,14 @@ CONDITIONS = (
     "self.mode is Mode.COOL or self.y.quality is Quality.BAD", "self.c % 4 == 3", "self.y.read() < -5.0",
 )  # fmt: skip
 SCALES = "minimum=0.0, maximum=50.0, resolution=0.3, zero_offset=0.1", "minimum=-10.0, maximum=10.0, resolution=0.25"
+CONTROL = "    def control(self) -> None:\n"
+FROM_INPUTS = (
+    "self.u = math.nan if self.x.raw == 7 else math.inf if self.x.raw == 5 else self.x.raw * 0.25 - 1.0",
+    "self.v = -0.0 if self.y.raw == 0 else self.y.raw * 0.3",
+    "self.n, self.i = self.x.raw % 9 - 4, (2147483647 if self.y.raw == 7 else self.y.raw % 7 - 3)",
+    "self.on = self.door.raw == 1",
+    "self.maybe = None if self.x.raw % 3 == 0 else self.y.raw * 0.5",
+)
 INTERLOCKS = '    def interlocks(self) -> "Iterator[Interlock]":\n'
 REACTIONS = "", "", ', on_error="mark"', ', on_error="hold", max_age="3 ms"', ', on_error="mark", max_age="2 ms"'
 CONDITIONED = "", "", "", ', velocity="4 ms"', ', filter="3 ms"', ", invalid_raws=(7, 5)"

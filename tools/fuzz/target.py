@@ -43,10 +43,24 @@ class Target(ABC):
     """`flags`: more of the compiler. Folders are made in `folder`."""
 
     name: str
+    early = 0
+    """Periods before the first that is compared."""
+    clears = True
+    """Whether what is in fault is cleared, and compared further."""
+    restores = True
+    """Whether Python can take over the fields of C, where that ended at a limit of the controller."""
 
     def __init__(self, folder: Path, flags: Sequence[str] = (), periods: int = PERIODS) -> None:
         self._folder, self._flags, self._periods = folder, flags, periods
         self._made = 0
+
+    def fit(self, program: Program) -> Program:
+        """A program as this target can play it."""
+        return program
+
+    def stimulus(self, given: Stimulus) -> Stimulus:
+        """What comes from outside, as this target can have it."""
+        return given
 
     @abstractmethod
     def beside(self, python: Side, programs: Sequence[Program], stack: ExitStack) -> Beside:
@@ -55,7 +69,7 @@ class Target(ABC):
     def played(self, programs: Sequence[Program]) -> list[Verdict]:
         """Programs that are refused are left out; those that do not compile are found by halves."""
         found: dict[Program, Verdict] = {}
-        waiting = [list(programs)]
+        waiting = [[self.fit(each) for each in programs]]
         while waiting:
             some = waiting.pop()
             try:
@@ -69,16 +83,17 @@ class Target(ABC):
                     continue
                 half = len(some) // 2
                 waiting += [some[:half], some[half:]]
-        return [found[each] for each in programs]
+        return [found[self.fit(each)] for each in programs]
 
     def _compared(self, programs: Sequence[Program]) -> list[Verdict]:
         modules = [each.loaded() for each in programs]
         with ExitStack() as stack:
-            python = stack.enter_context(Side(modules, self._periods))
+            python = stack.enter_context(Side(modules, [0] * self.early + ticks(self._periods)))
             beside = self.beside(python, programs, stack)
             python.observe()
             given = [stimuli(each.seed, self._periods, module) for each, module in zip(programs, modules, strict=True)]
-            return Comparison(python, beside, given).played(self._periods)
+            given = [list(map(self.stimulus, each)) for each in given]
+            return Comparison(self, python, beside, given).played(self._periods)
 
     def new_folder(self) -> Path:
         self._made += 1
@@ -97,8 +112,8 @@ class Beside(ABC):
         """The host sets an attribute of a part. False: it has no such field."""
 
     @abstractmethod
-    def clear(self, number: int) -> bool:
-        """Whether the fault of a part could be ended."""
+    def clear(self, number: int) -> bool | None:
+        """Whether the fault of a part could be ended; None: it does not tell."""
 
     @abstractmethod
     def acknowledge(self) -> None: ...
@@ -131,8 +146,10 @@ class Beside(ABC):
 class Comparison:
     """Programs in Python and in C, period by period."""
 
-    def __init__(self, python: Side, c: Beside, given: Sequence[Sequence[Stimulus]]) -> None:
-        self._python, self._c, self._given = python, c, given
+    def __init__(self, target: Target, python: Side, c: Beside, given: Sequence[Sequence[Stimulus]]) -> None:
+        self._target, self._python, self._c, self._given = target, python, c, given
+        self._over: set[int] = set()
+        """Parts that are not compared any more."""
         self._found: dict[int, str] = {}
         self._counts: dict[int, dict[str, int]] = defaultdict(lambda: {"periods": 0, "faults": 0, "limits": 0})
 
@@ -166,7 +183,7 @@ class Comparison:
         if told != also:
             raise AssertionError(f"period {period}: the machine in Python tells {also}, in C {told}")
         for number in range(len(given)):
-            if number not in self._found:
+            if number not in self._found and number not in self._over:
                 self._compare(period, number, errors.get(number))
 
     def _set_anything(self) -> None:
@@ -178,9 +195,9 @@ class Comparison:
     def _host(self, given: Sequence[Stimulus]) -> None:
         python, c = self._python, self._c
         for number, each in enumerate(given):
-            if each.clears and python.in_fault(number):
+            if self._target.clears and each.clears and python.in_fault(number):
                 one, other = python.clear(number), c.clear(number)
-                if one != other:
+                if other is not None and one != other:
                     self._found.setdefault(number, f"its fault is cleared: Python {one}, C {other}")
             for name, value in each.sets.items():
                 if c.set(number, name, value):
@@ -192,11 +209,18 @@ class Comparison:
         also = self._python.errors.get(number)
         if number in self._python.limited:
             counts["limits"] += 1
-            self._c.restore(number)
+            if self._target.restores:
+                self._c.restore(number)
+            else:
+                self._over.add(number)
+                return
         elif error != also:
             self._found[number] = f"period {period}: Python raises {also}, C {error}"
             return
         elif also is not None:
             counts["faults"] += 1
+        if not self._target.clears and self._python.in_fault(number):
+            self._over.add(number)
+            return
         if difference := self._c.difference(number):
             self._found[number] = f"period {period}: {difference}"

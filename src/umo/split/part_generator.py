@@ -48,10 +48,10 @@ def part_files(
     with wired_numbers(root, wired):
         cycle = driver.cycle_for(part, wired)
         plan = plan_of(part, wired, driver, cycle, target, driver.host_timeout, driver.braking_timeout)
-    return _files(plan)
+    return files_of_plan(plan)
 
 
-def _files(plan: PartPlan) -> dict[str, str]:
+def files_of_plan(plan: PartPlan) -> dict[str, str]:
     files = files_of(plan.model, plan.translation, plan.target)
     on_host, own = plan.target.name == "host", f"link-{plan.target.name}"
     for name in ("link", own if (BOARDS / own).is_dir() else "link-board"):
