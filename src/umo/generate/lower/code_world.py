@@ -192,7 +192,7 @@ class CodeWorld:
                 return self._as_hinted(self.fields.type_of_value(term.value) or NOTHING, hinted)
             return term
         if isinstance(term, Many):
-            if all(isinstance(each, Known) for each in term.terms):
+            if term.kind in (None, list) and all(isinstance(each, Known) for each in term.terms):
                 live = tuple(each.value for each in term.terms)  # type: ignore[union-attr]
                 self._kept.append(live)
                 return Known(live)

@@ -29,7 +29,7 @@ from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
-from umo.generate.value_kinds import attribute_kind, is_ring, refused_store
+from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
 
 
@@ -222,6 +222,8 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
         self.f.world.memory.assign(owner, name)
+        if isinstance(term, Known) and is_plain_dataclass(type(term.value)):
+            term = self.f.values.code(term, node)
         new = self.f.values.type_of(term)
         key = id(owner), name
         if isinstance(new, TupleType) and new.kind is list:
