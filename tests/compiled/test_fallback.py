@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, MutableSequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 from math import atan2
@@ -348,6 +348,33 @@ def test_an_array_within_another_value_does_not_compile(kind: type[Pump]) -> Non
     machine = pump(kind)
     with pytest.raises(DeclarationError, match=r"held has a list or an array within another value"):
         prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
+
+
+@dataclass(frozen=True)
+class Limits:
+    low: float
+    high: float
+
+
+class Limited(Pump):
+    """A law with a dataclass that it assigns."""
+
+    def setup(self) -> None:
+        self.limits: Any = Limits(0.0, 8.0)
+
+    def control(self) -> None:
+        self.limits = replace(self.limits, low=value_of(self.level) / 10.0)
+        self.motor.write(min(self.limits.low + 4.0, self.limits.high))
+
+
+def test_a_dataclass_is_read_and_set_as_before() -> None:
+    with running(pump(Limited)) as run:
+        assert (run.laws.state, run.m.limits, run.m.motor.pending) == ("compiled", Limits(1.0, 8.0), 5.0)
+        run.m.limits = Limits(0.5, 2.0)
+        run.step()
+        assert (run.laws.state, run.m.limits, run.m.motor.pending) == ("compiled", Limits(1.0, 2.0), 2.0)
+        run.m.limits = Limits(0, 3.0)
+        assert run.laws.state == "python" and run.m.limits == Limits(0, 3.0)
 
 
 class WithADeque(Pump):

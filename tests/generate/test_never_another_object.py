@@ -225,11 +225,14 @@ class ArrayThatIsNew(Program):
     """Nobody else has it: it is changed in place after it was assigned to an attribute."""
 
     def begin(self) -> None:
-        self.row = np.zeros(3, dtype=np.int64)
+        self.row, self.reals = np.zeros(3, dtype=np.int64), np.ones(3)
 
     def control(self) -> None:
-        self.row = self.row * 2 + 1
+        self.row, self.c = self.row * 2 + 1, 1
+        self.row = self.row + 1
         self.row //= 3
+        self.reals = self.reals % 2.5 + self.u
+        self.reals[1:] //= 2.0
         found = (row := np.array([self.u, 2.0]))
         row += 1.0
         self.k = float(found[0])

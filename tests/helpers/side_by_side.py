@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from ctypes import c_int32
+from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +31,7 @@ from umo.generate.controller_model import ControllerLaw, ControllerModel, model_
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CFunction, ControllerLimit, Translation
 from umo.generate.translator import translate
+from umo.generate.value_kinds import parts_of
 from umo.objects import Quality
 from umo.states import OnOff
 
@@ -288,6 +290,8 @@ def bits(value: Any) -> Any:
 
 def same(python: Any, c: Any) -> bool:
     """Whether two values are the same; numbers of several classes are."""
+    if is_dataclass(python) and type(python) is type(c):
+        python, c = parts_of(python), parts_of(c)
     if isinstance(python, np.ndarray) or isinstance(c, np.ndarray) or isinstance(python, list | tuple):
         if isinstance(python, int | float) or isinstance(c, int | float | type(None)):
             return False

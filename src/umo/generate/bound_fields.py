@@ -12,6 +12,7 @@ import numpy as np
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TextType, TupleType
 from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, StructMemory
+from umo.generate.value_kinds import parts_of
 
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
 """Errors of a value that a field cannot have."""
@@ -345,8 +346,9 @@ def require(of: CType, value: Any, exact: bool) -> None:
     elif isinstance(of, StateType):
         wrong = kind is not (str if isinstance(of, TextType) else of.kind)
     elif isinstance(of, TupleType):
-        wrong = kind is not (of.kind or tuple) or len(value) != len(of.members)
-        for (_, each), part in zip(of.members, () if wrong else value, strict=not wrong):
+        parts = parts_of(value) if kind is (of.kind or tuple) else ()
+        wrong = len(parts) != len(of.members)
+        for (_, each), part in zip(of.members, () if wrong else parts, strict=not wrong):
             require(each, part, exact)
     else:
         wrong = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from ctypes import POINTER, Structure, addressof, c_bool, c_double, c_float, c_int32, c_uint8, c_uint32, cast
+from dataclasses import is_dataclass
 from operator import is_
 from typing import Any
 
@@ -24,6 +25,7 @@ from umo.generate.c_types import (
     plain_number,
 )
 from umo.generate.lower.live_fields import LiveStruct, mask_of
+from umo.generate.value_kinds import parts_of
 
 PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
 """Formats of a number in memory, as of the module struct; a real is a double."""
@@ -102,7 +104,7 @@ class StructMemory:
         if isinstance(of, OptionalType):
             inner = self._attribute(of.of, at + self._type(of).value.offset, put)
             return None if inner is None else extension.Field("o", at, None, (inner,), put)
-        if not isinstance(of, TupleType):
+        if not isinstance(of, TupleType) or is_dataclass(of.kind):
             return None
         offsets = [getattr(self._type(of), name).offset for name, _ in of.members]
         parts = [self._attribute(each, at + way, put) for way, (_, each) in zip(offsets, of.members, strict=True)]
@@ -174,7 +176,7 @@ class StructMemory:
             elif of == REAL:
                 there = float(there)
             if repr(here) != repr(there) and not (
-                isinstance(of, TupleType) and repr(tuple(here)) == repr(tuple(there))
+                isinstance(of, TupleType) and repr(parts_of(here)) == repr(parts_of(there))
             ):
                 yield f"{self._struct.path}.{name}: Python has {there}, C has {here}"
 
@@ -211,7 +213,7 @@ class StructMemory:
             for number, each in enumerate(list(value) * (of.length // len(value))):
                 self._set_element(of.of, getattr(owner, name), number, each)
         elif isinstance(of, TupleType):
-            for (member, each), part in zip(of.members, value, strict=True):
+            for (member, each), part in zip(of.members, parts_of(value), strict=True):
                 self._set(each, getattr(owner, name), member, part)
         elif isinstance(of, OptionalType):
             place = getattr(owner, name)
@@ -223,7 +225,7 @@ class StructMemory:
 
     def _set_element(self, of: CType, array: Any, number: int, value: Any) -> None:
         if isinstance(of, TupleType):
-            for (member, each), part in zip(of.members, value, strict=True):
+            for (member, each), part in zip(of.members, parts_of(value), strict=True):
                 self._set(each, array[number], member, part)
         else:
             array[number] = self._raw(of, value)

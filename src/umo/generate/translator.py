@@ -8,7 +8,7 @@ from typing import Any
 
 from umo.generate.check.shape import shaped
 from umo.generate.emit import program_text
-from umo.generate.lower.code_world import lowered
+from umo.generate.lower.passes import lowered
 from umo.generate.translation import ControllerTarget, Translation, Untranslatable
 from umo.objects import Compound
 

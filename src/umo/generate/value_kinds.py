@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
 from enum import Enum, Flag
 from functools import cached_property
 from types import (
@@ -34,6 +35,9 @@ COMPARED = ("__eq__", "__ne__", "__hash__")
 TRUTH = ("__bool__", "__len__")
 OF_TUPLES = (*COMPARED, *TRUTH, "__getitem__", "__iter__", "__contains__", "__getattribute__", "__add__", "__mul__",
              "__lt__", "__le__", "__gt__", "__ge__")  # fmt: skip
+OF_RECORDS = (*TRUTH, "__getattribute__", "__getattr__", "__post_init__", "__new__", "__getitem__", "__iter__")
+MADE = "__init__", "__eq__", "__hash__", "__setattr__", "__delattr__"
+"""Functions that `dataclass` makes."""
 SCALARS = (bool, int, float, str, bytes, type(None))
 CONTAINERS = (tuple, list, dict, str, range, set, frozenset, MappingProxyType, np.ndarray)
 """Classes whose elements Python itself finds."""
@@ -113,6 +117,21 @@ def is_plain_record(kind: type) -> bool:
     if any("__new__" in vars(each) or "__init__" in vars(each) for each in kind.__mro__[: kind.__mro__.index(base)]):
         return False
     return all(type(inspect.getattr_static(kind, name)).__name__ == "_tuplegetter" for name in names)
+
+
+def is_plain_dataclass(kind: Any) -> bool:
+    """Whether this is a frozen dataclass that compares its fields, and whose functions `dataclass` has made."""
+    parameters = vars(kind).get("__dataclass_params__") if isinstance(kind, type) else None
+    if parameters is None or not (parameters.frozen and parameters.eq) or own_methods(kind, OF_RECORDS):
+        return False
+    own = [vars(each)[name] for each in kind.__mro__[:-1] for name in MADE if name in vars(each)]
+    is_made = all(type(each) is FunctionType and each.__code__.co_filename == "<string>" for each in own)
+    return is_made and all(each.init and not each.kw_only for each in fields(kind))
+
+
+def parts_of(value: Any) -> tuple[Any, ...]:
+    """The values of a tuple, or of the fields of a dataclass."""
+    return tuple(getattr(value, each.name) for each in fields(value)) if is_dataclass(value) else tuple(value)
 
 
 def is_container(value: Any) -> bool:

@@ -12,6 +12,7 @@ from umo.errors import DriverError
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
 from umo.generate.lower.live_fields import LiveStruct, mask_of
 from umo.generate.names import member_name
+from umo.generate.value_kinds import parts_of
 
 LETTERS = {INT: "i", BOOL: "?", MASK: "I"}
 ZEROS = {"?": False}
@@ -74,7 +75,7 @@ class FieldBytes:
                 return [False, *(ZEROS.get(letter, 0) for _, letter in self._numbers(of.of, ""))]
             return [True, *self._flat(of.of, value)]
         if isinstance(of, TupleType):
-            pairs = zip(of.members, value, strict=True)
+            pairs = zip(of.members, parts_of(value), strict=True)
             return [number for (_, kind), each in pairs for number in self._flat(kind, each)]
         if of == MASK:
             return [value if type(value) is int else mask_of(value)]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -36,7 +37,7 @@ from umo.generate.form import FALSE, TRUE, Assign, Element, Field, Literal, Memb
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier, member_name
 from umo.generate.translation import StructField
-from umo.generate.value_kinds import is_plain_enum, is_plain_record
+from umo.generate.value_kinds import is_plain_dataclass, is_plain_enum, is_plain_record, parts_of
 from umo.objects import Node, Quality
 
 MOST_INT = 2**31 - 1
@@ -90,6 +91,8 @@ class LiveFields:
         if name == ACCEPTED:
             return MASK
         found = self.type_of_value(value)
+        if found is None and assigned:
+            found = self.record_type(value)
         if type(value) is str and self._memory.is_text_state(owner, name):
             found = self._memory.text_type(value)
         hinted = _hinted(type(owner), name)
@@ -121,8 +124,20 @@ class LiveFields:
             if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):
                 return list_of(first, len(value))
         if isinstance(value, tuple) and value and is_plain_record(kind):
-            return self.tuple_type([self.type_of_value(each) for each in value], getattr(kind, "_fields", ()), kind)
+            return self._type_of_parts(value, getattr(kind, "_fields", ()), kind)
         return None
+
+    def record_type(self, value: Any) -> TupleType | None:
+        """The type of a frozen dataclass as a value; None: it is none."""
+        if not is_plain_dataclass(type(value)):
+            return None
+        return self._type_of_parts(parts_of(value), tuple(each.name for each in fields(value)), type(value))
+
+    def _type_of_parts(self, parts: Sequence[Any], names: tuple[str, ...], kind: Any) -> TupleType | None:
+        """The type of a tuple that has these values: each of the class that is declared for it."""
+        types = [self.type_of_value(each) for each in parts]
+        found = self.tuple_type(types, names, kind)
+        return found if found is not None and [of for _, of in found.members] == types else None
 
     def tuple_type(self, types: list[CType | None], names: tuple[str, ...], kind: Any) -> TupleType | None:
         """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
@@ -212,7 +227,9 @@ class LiveFields:
             each = list(value) * (of.length // len(value))  # one element is taken for each
             parts: list[Any] = [(Element(place, Literal(n, INT)), of.of, one) for n, one in enumerate(each)]
         elif isinstance(of, TupleType):
-            parts = [(Member(place, name), kind, one) for (name, kind), one in zip(of.members, value, strict=True)]
+            parts = [
+                (Member(place, name), kind, one) for (name, kind), one in zip(of.members, parts_of(value), strict=True)
+            ]
         elif isinstance(of, OptionalType):
             there = Assign(has(place), FALSE if value is None else TRUE)
             return [there, *([] if value is None else self._set(inside(place), of.of, value))]

@@ -29,7 +29,7 @@ from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
-from umo.generate.value_kinds import attribute_kind, is_ring, refused_store
+from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
 
 
@@ -40,10 +40,20 @@ class LoweredAssignments(LoweredSubject):
         term = self.f.term(node.value)
         if isinstance(term, Code) and ast.dump(node.value) in self.f.flow.known:
             term = self.f.values.present(term, node.value)
+        if len(node.targets) == 1 and isinstance(term, Elementwise) and self.f.aliases.is_copied(term):
+            term = self._made(term, node.targets[0])
         if len(node.targets) > 1 or not self._is_stored_at_once(node.targets[0], term):
             term = self.f.values.settled(term)
         for each in node.targets:
             self.store(each, term, node)
+
+    def _made(self, term: Elementwise, target: ast.expr) -> Code:
+        """A computed array for an attribute: computed before that is found, and nobody else has it."""
+        if not isinstance(target, ast.Attribute):
+            return term
+        found = self.f.values.kept(term)
+        self.f.aliases.sole.add(found.value)
+        return found
 
     def _is_stored_at_once(self, target: ast.expr, term: Term) -> bool:
         """Whether nothing that finds this place changes the value, and the value has no other name by then."""
@@ -229,6 +239,8 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
         self.f.world.memory.assign(owner, name)
+        if isinstance(term, Known) and is_plain_dataclass(type(term.value)):
+            term = self.f.values.code(term, node)
         new = self.f.values.type_of(term)
         key = id(owner), name
         if isinstance(new, TupleType) and new.kind is list:

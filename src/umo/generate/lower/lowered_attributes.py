@@ -113,6 +113,9 @@ class LoweredAttributes(LoweredSubject):
                 raise self.f.refused(
                     node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
                 )
+            if isinstance(value, tuple) and hasattr(value, "_fields") and {*map(type, value)} <= {int, float, bool}:
+                told = f"{name} has a value of another class than {type(value).__name__} declares"
+                raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
             if hasattr(value, "__dict__"):
                 self.f.world.fields.known(value, self._path(owner, base, name))
             found = self._known(owner, name, node)

@@ -248,6 +248,7 @@ class LoweredBuiltins(LoweredSubject):
 
     def _length(self, term: Term, node: ast.AST) -> int | None:
         """Of a tuple, a list or an array; None: it is known, or has none."""
+        self.f.expressions.check_elements(term, node)
         of = term.type if isinstance(term, Code) else None
         if isinstance(of, ArrayType):
             self.f.arrays.check_length(of, node)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 import logging
 import typing
@@ -48,12 +49,12 @@ from umo.generate.function_source import NoSource, bound
 from umo.generate.lower.known_tables import of_dict
 from umo.generate.lower.local_functions import LocalFunction, terms_around
 from umo.generate.lower.lowered_attributes import asks_host, dropped
-from umo.generate.lower.lowered_expressions import of_element
+from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
 from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, Places, RingMethod, Term
-from umo.generate.value_kinds import is_container, is_plain_record
+from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
@@ -101,6 +102,11 @@ class LoweredCalls(LoweredSubject):
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
         """The elements of a tuple, or of a list of numbers."""
+        self.f.expressions.check_elements(term, node)
+        return self.members(term, node)
+
+    def members(self, term: Term, node: ast.AST) -> list[Term]:
+        """The same, and the values of the fields of a dataclass."""
         if isinstance(term, Many):
             return list(term.terms)
         if isinstance(term, Known) and isinstance(term.value, tuple | list) and is_container(term.value):
@@ -155,6 +161,10 @@ class LoweredCalls(LoweredSubject):
             return self.f.vectors.values_of(arguments[0].value, arguments[1:], named, node)
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
+        if isinstance(target, type) and dataclasses.is_dataclass(target):
+            return self._record(target, arguments, named, node)
+        if target is dataclasses.replace and len(arguments) == 1:
+            return self._replaced(arguments[0], named, node)
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
             if not is_plain_record(target):
                 raise self.f.refused(
@@ -180,6 +190,33 @@ class LoweredCalls(LoweredSubject):
         raise self.f.refused(
             node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
         )
+
+    def _record(self, kind: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Many:
+        """A frozen dataclass that is made."""
+        if not is_plain_dataclass(kind):
+            told = f"a {kind.__name__} is made, which is not frozen, or has code of its own for it"
+            raise self.f.refused(node, told, "a frozen dataclass with fields, methods and properties")
+        signature = inspect.signature(kind)
+        try:
+            given = signature.bind(*arguments, **named).arguments
+        except TypeError as error:
+            raise self.f.refused(node, str(error)) from None
+        for each in dataclasses.fields(kind):
+            if each.name not in given and each.default is dataclasses.MISSING:
+                raise self.f.refused(node, f"the default of {each.name!r} is made anew", "the argument")
+        names = tuple(each.name for each in dataclasses.fields(kind))
+        defaults = {each.name: Known(each.default) for each in dataclasses.fields(kind)}
+        return Many(tuple((defaults | given)[name] for name in names), names, kind)
+
+    def _replaced(self, term: Term, named: dict[str, Term], node: ast.Call) -> Many:
+        """A frozen dataclass with other values for some fields."""
+        is_known = isinstance(term, Known) and is_plain_dataclass(type(term.value))
+        term = self.f.values.code(term, node) if is_known else term
+        kind = record_kind(term)
+        if not is_plain_dataclass(kind) or isinstance(getattr(term, "type", None), OptionalType):
+            raise self.f.refused(node, "`replace` of what is no frozen dataclass", "a frozen dataclass")
+        before = dict(zip((each.name for each in dataclasses.fields(kind)), self.members(term, node), strict=True))
+        return self._record(kind, [], before | named, node)
 
     def is_super(self, node: ast.AST) -> bool:
         """Whether this is `super()`."""

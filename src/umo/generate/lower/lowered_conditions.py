@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import is_dataclass
 from enum import Enum
 from typing import Any
 
@@ -41,7 +42,7 @@ from umo.generate.form import (
     negated,
 )
 from umo.generate.lower.flow import Names, common
-from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of_numpy
+from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of_numpy, record_kind
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import number_of
@@ -160,6 +161,9 @@ class LoweredConditions(LoweredSubject):
         """Whether two tuples are equal; None is equal to no tuple."""
         there: list[Value] = []
         sides = []
+        kinds = record_kind(left), record_kind(right)
+        if _is_tuple(left) and _is_tuple(right) and any(map(is_dataclass, kinds)) and kinds[0] is not kinds[1]:
+            return Known(not equal)
         if not (_is_tuple(left) and _is_tuple(right)) or _is_list(left) != _is_list(right):
             raise self.f.refused(left_node, "a tuple is compared with something else", "number by number")
         if sum(isinstance(each, Code) and isinstance(each.type, OptionalType) for each in (left, right)) > 1:
@@ -172,7 +176,7 @@ class LoweredConditions(LoweredSubject):
             sides.append(
                 [
                     each if isinstance(each, Known) else self.f.values.code(each, node)
-                    for each in self.f.calls.parts(term, node)
+                    for each in self.f.calls.members(term, node)
                 ]
             )
         if len(sides[0]) != len(sides[1]):

@@ -40,6 +40,8 @@ from umo.generate.form import (
     Runtime,
     Unary,
     Value,
+    has,
+    inside,
     is_named,
     joined,
     negated,
@@ -52,7 +54,7 @@ from umo.generate.lower.state_members import StateMethod, as_number, has_own_val
 from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container, is_ring
+from umo.generate.value_kinds import is_container, is_plain_dataclass, is_ring
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -110,9 +112,35 @@ class LoweredExpressions(LoweredSubject):
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], Member(self.place(base).value, node.attr))
+        if isinstance(base, Code) and isinstance(base.type, OptionalType) and record_kind(base) is not None:
+            return self.attribute_of(self._there(base, node), node)
+        kind = record_kind(base)
+        if kind is not None:
+            return self._of_record(base, kind, node)
         if isinstance(base, Code) and isinstance(base.type, StateType) and not isinstance(base.type, TextType):
             return self._of_member(base, base.type.kind, node)
         raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+
+    def _there(self, base: Code, node: ast.Attribute) -> Code:
+        """What may be None, where it has an attribute: AttributeError where it has not."""
+        base = self.place(base)
+        if not self.f.flow.is_proved(base, node.value):
+            self.f.raises(AttributeError, node, negated(has(base.value)))
+        return Code(plain(base.type), inside(base.value))
+
+    def _of_record(self, base: Term, kind: Any, node: ast.Attribute) -> Term:
+        """A property, a method or an attribute of the class of a NamedTuple or a dataclass."""
+        static = inspect.getattr_static(kind, node.attr, None)
+        self.f.takes(kind, node.attr, node)
+        if type(static) is property and static.fget is not None:
+            return self.f.calls.function(static.fget, [base], {}, node)
+        if isinstance(static, FunctionType) and not node.attr.startswith("_"):
+            return Known(StateMethod(static, self.f.values.settled(base)))
+        if static is None or isinstance(static, FunctionType) or hasattr(type(static), "__get__"):
+            raise self.f.refused(
+                node, f"the attribute {node.attr!r} of a {kind.__name__}", "a field, a property, a method"
+            )
+        return Known(static)
 
     def _of_member(self, base: Code, kind: Any, node: ast.Attribute) -> Term:
         """The value of a state, a property or a method: functions of the member."""
@@ -173,6 +201,7 @@ class LoweredExpressions(LoweredSubject):
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
+        self.check_elements(base, node)
         if not (isinstance(base, Known) and is_dict(base.value)):
             index = as_number(self.f, index, node)
         if isinstance(base, Known) and is_ring(base.value):
@@ -205,6 +234,11 @@ class LoweredExpressions(LoweredSubject):
             place = self.f.values.kept(base).value if isinstance(base, Elementwise) else base.value
             return Code(of_element(base.type), Element(place, self.index(base.type, index, node)))
         raise self.f.refused(node, "an element of something that is not a list of numbers")
+
+    def check_elements(self, term: Term, node: ast.AST) -> None:
+        """That it has elements."""
+        if is_plain_dataclass(kind := record_kind(term)):
+            raise self.f.refused(node, f"a {kind.__name__} has no elements", "its fields")
 
     def _terms_of_tuple(self, base: Term) -> list[Term]:
         """The elements of a tuple of values, or of a list that is written down; none of anything else."""
@@ -376,6 +410,14 @@ class LoweredExpressions(LoweredSubject):
         named = divisor if is_named(divisor) else self.f.values.kept(Code(of, divisor)).value
         self.f.raises(ZeroDivisionError, node, Operator("==", named, ZERO))
         return named
+
+
+def record_kind(term: Term) -> Any:
+    """The NamedTuple or dataclass that a value is; None: it is none."""
+    kind = term.kind if isinstance(term, Many) else None
+    if isinstance(term, Code) and isinstance(plain(term.type), TupleType):
+        kind = plain(term.type).kind  # type: ignore[attr-defined]
+    return None if kind in (tuple, list) else kind
 
 
 def of_element(of: ArrayType) -> CType:

@@ -50,7 +50,7 @@ from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import truth_of_text
-from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, refused_truth
+from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, parts_of, refused_truth
 from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
@@ -121,8 +121,10 @@ class LoweredValues(LoweredSubject):
                 for number, each in enumerate(value):
                     self.f.assign(Element(name, Literal(number, INT)), self.literal(each, of.of, node))
                 return Code(of, name)
+            of = of or self.f.world.fields.record_type(value)
             if isinstance(of, TupleType):
-                return self.made(Many(tuple(map(Known, value)), tuple(n for n, _ in of.members), of.kind), of, node)
+                names = tuple(name for name, _ in of.members)
+                return self.made(Many(tuple(map(Known, parts_of(value))), names, of.kind), of, node)
             raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller")
         if isinstance(term, Many):
             types = [self.code(each, node).type for each in term.terms]

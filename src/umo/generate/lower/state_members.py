@@ -28,7 +28,7 @@ class StateMethod:
     """A method of a member."""
 
     function: FunctionType
-    member: Code
+    member: Term
 
 
 def value_of_state(f: FunctionBuilder, code: Code, node: ast.AST) -> Code:

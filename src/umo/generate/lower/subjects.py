@@ -113,6 +113,9 @@ class AskedOfExpressions(Protocol):
     def place(self, code: Code) -> Code:
         """The same as something that has members."""
 
+    def check_elements(self, term: Term, node: ast.AST) -> None:
+        """That it has elements."""
+
     def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
         """What has the elements, and which of them a slice is."""
 
@@ -234,6 +237,9 @@ class AskedOfCalls(Protocol):
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
         """The elements of a tuple, or of a list of numbers."""
+
+    def members(self, term: Term, node: ast.AST) -> list[Term]:
+        """The same, and the values of the fields of a dataclass."""
 
     def function(
         self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST

@@ -1,0 +1,22 @@
+"""A default of a dataclass that is made anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from helpers.written_programs import Program
+
+
+@dataclass(frozen=True)
+class Limits:
+    low: float
+    high: float = field(default_factory=float)
+
+
+class DataclassWhoseDefaultIsMade(Program):
+    def begin(self) -> None:
+        self.limits = Limits(1.0)
+
+    def control(self) -> None:
+        # refused: the default of 'high' is made anew; the argument
+        self.limits = Limits(self.u)

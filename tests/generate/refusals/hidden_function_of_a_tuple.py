@@ -1,0 +1,22 @@
+"""A function that a NamedTuple has of itself."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from helpers.written_programs import Program
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+
+class HiddenFunctionOfATuple(Program):
+    def begin(self) -> None:
+        self.pair = Pair(0.0, 1.0)
+
+    def control(self) -> None:
+        self.pair = Pair(self.u, 1.0)
+        # refused: the attribute '_replace' of a Pair; a field, a property, a method
+        self.pair = self.pair._replace(second=self.u)
