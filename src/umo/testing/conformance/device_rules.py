@@ -247,11 +247,13 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
             client.write(one.channel, one.default)
         second.write(other.channel, other.other(1))
         first.write(one.channel, one.other(1))
-        context.confirm(first, one, one.other(1))
         try:
             context.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
             context.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
         except RuleBroken as broken:
+            for client, output in ((first, one), (second, other)):
+                client.write(output.channel, output.other(1))
+                context.confirm(client, output, output.other(1))
             raise RuleBroken(f"{broken} {SOLE_WRITER}") from broken
     for one in context.visible:
         second.write(one.channel, one.other(1))
