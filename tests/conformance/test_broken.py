@@ -76,6 +76,7 @@ SIGNS_OF_LIFE = (
     "a lock is still held after a call that failed",
     "Ctrl-C is a failure while the answer is waited for",
     "a report is that of the call before",
+    "it takes its channel for still selected, and another client has selected another",
     "a block before is given for 50 ms, with an age of zero",
 )
 """Those that `make test` tries, with their rule alone."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from itertools import pairwise
 from time import sleep
@@ -247,11 +247,11 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
             client.write(one.channel, one.default)
         second.write(other.channel, other.other(1))
         first.write(one.channel, one.other(1))
-        context.confirm(first, one, one.other(1))
         try:
             context.expect(second, other, other.other(1), f"a write of another client to {one.channel}")
             context.expect(first, one, one.other(1), f"a write of another client to {other.channel}")
         except RuleBroken as broken:
+            _brought_alone(context, (one, other))
             raise RuleBroken(f"{broken} {SOLE_WRITER}") from broken
     for one in context.visible:
         second.write(one.channel, one.other(1))
@@ -261,6 +261,14 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
             context.expect(second, one, one.other(1), "a write_many of another client to all others")
         except RuleBroken as broken:
             raise RuleBroken(f"{broken} {SOLE_WRITER}") from broken
+
+
+def _brought_alone(context: RuleContext, outputs: Sequence[Output]) -> None:
+    """RuleBroken if a new driver brings them to other levels, too: it is no matter of two clients then."""
+    with suppress(OSError), context.opened() as alone:
+        for output in outputs:
+            alone.write(output.channel, output.other(1))
+            context.confirm(alone, output, output.other(1))
 
 
 def _read_back(context: RuleContext, first: Probe, second: Probe) -> None:

@@ -18,6 +18,7 @@ from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import MADE_UP, WRITTEN_MANY, Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import device_sends_by_itself
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import clock_set_back
 from umo.text import some
@@ -26,7 +27,7 @@ SCALE_SHARE = 0.05
 """Share of an output's range by which the two ends of a loop-back may differ."""
 AGE_TOLERANCE = 0.02
 """Time in s by which an age may be wrong: the calls around it take their time."""
-AGE_INTERVAL = 0.01
+AGE_INTERVAL = 0.005
 """Time in s until it is read once more."""
 AGE_LOOKS = 5
 """How many times `settle` is waited for the old level at most: a driver may keep its readings for longer than that."""
@@ -145,10 +146,11 @@ def ages(context: RuleContext) -> str | None:
             _grow_in_silence(context, probe, texts)
         if not context.viewed:
             return "no output moves an input: it was only seen that there is an age for each channel"
+        speaks = context.subject.line is not None and device_sends_by_itself(context)
         for output in context.viewed:
             for block, waits in _age_blocks(context.view(output), texts):
                 for number, pause in enumerate(waits):
-                    _moves(context, probe, output, block, (number, pause))
+                    _moves(context, probe, output, block, (number, pause), speaks)
         _clock_is_set_back(probe, texts)
     still = [text for text in texts if text not in _ends(context, list(context.viewed))]
     return f"{some(still)}: only that there is an age" if still else None
@@ -200,21 +202,24 @@ def _age_blocks(view: str, texts: tuple[str, ...]) -> list[tuple[tuple[str, ...]
     return [(texts, AGE_WAITS), *((pair, PAIR_WAITS) for pair in pairs[:MAX_AGE_PAIRS])]
 
 
-def _moves(context: RuleContext, probe: Probe, output: Output, texts: tuple[str, ...], turn: tuple[int, float]) -> None:
-    """A level changes between two times, and is read in a block after a pause."""
+def _moves(
+    context: RuleContext, probe: Probe, output: Output, texts: tuple[str, ...], turn: tuple[int, float], speaks: bool
+) -> None:
+    """A level changes between two times, and is read in a block after a pause. `speaks`: the device sends by itself."""
     number, pause = turn
     old, new = (output.other(), output.default) if number % 2 else (output.default, output.other())
     probe.write(output.channel, old)
     any(context.is_read(probe, output, old) for _ in range(AGE_LOOKS))
     before = monotonic()
     probe.read_many(texts)
-    sleep(1.2 * AGE_TOLERANCE)  # what is kept of it is too old for the new level
+    sleep(1.5 * AGE_TOLERANCE)  # what is kept of it is too old for the new level
     began = monotonic()
     probe.write(output.channel, new)
     context.arrive(None, output, new)
     came = monotonic()
     # when a value has come, and the one before it, a driver may know no better than since which reading
-    for wait, since in ((pause, before), (AGE_INTERVAL, before), (AGE_INTERVAL, began)):
+    last = before if speaks else began
+    for wait, since in ((pause, before), (AGE_INTERVAL, before), (AGE_INTERVAL, last)):
         sleep(wait)
         _check_age(context, probe, output, texts, (old, new), (since, came))
 

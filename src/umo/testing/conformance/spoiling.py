@@ -63,7 +63,7 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
         texts = [context.view(each) for each in context.viewed[:MAX_CHANNELS]]
         texts += [text for text in context.readable if text not in texts and context.default(text) is None]
         texts = texts[:MAX_CHANNELS]
-        if speaks := _speaks(context):
+        if speaks := device_sends_by_itself(context):
             ways = [_of_a_stream(way) for way in ways]
         if structured:
             plain = {text for text in texts if not _has_structure(context, probe, text)}
@@ -96,7 +96,7 @@ def _of_a_stream(way: Spoilt) -> Spoilt:
     return replace(way, blind=way.blind and not (left and COUNTED.startswith(left)), tries=TRIES)
 
 
-def _speaks(context: RuleContext) -> bool:
+def device_sends_by_itself(context: RuleContext) -> bool:
     """Whether the device sends without being asked."""
     with context.line.counting() as traffic:
         sleep(LISTENING)
