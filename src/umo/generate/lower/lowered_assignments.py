@@ -23,6 +23,7 @@ from umo.generate.check.form_effects import changes
 from umo.generate.form import Element
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.lowered_values import NO_ELEMENTS
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
 from umo.generate.lower.text_states import as_text
@@ -76,7 +77,7 @@ class LoweredAssignments(LoweredSubject):
         """The place is found once, before the value is computed."""
         base, index = self.f.expressions.base_and_index(target)
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
-            raise self.f.refused(node, "an element of something that is not a list of numbers")
+            raise self.f.refused(node, *NO_ELEMENTS)
         index = self.f.values.settled(index)
         if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
             raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
@@ -233,7 +234,7 @@ class LoweredAssignments(LoweredSubject):
 
     def _set_element(self, target: ast.Subscript, base: Term, index: Term, term: Term, node: ast.AST) -> None:
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
-            raise self.f.refused(node, "an element of something that is not a list of numbers")
+            raise self.f.refused(node, *NO_ELEMENTS)
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):
             self.f.world.memory.assign(owner.value, target.value.attr)
         self.f.aliases.check_sole(base, node)

@@ -50,7 +50,7 @@ class LoweredAttributes(LoweredSubject):
     def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         owner = base.value
         if isinstance(owner, UnknownText):
-            raise self.f.refused(node, TELLS, "a state of an Enum")
+            raise self.f.refused(node, *TELLS)
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, Vector):

@@ -50,7 +50,7 @@ class LoweredBranches(LoweredSubject):
             truth = self.f.values.truth(self.f.term(node.test), node.test)
         except NoTranslation as refused:
             if (
-                refused.reason != TELLS
+                refused.reason != TELLS[0]
                 or not self.f.telling.does_nothing(node.test)
                 or self._does_something([*node.body, *node.orelse])
             ):

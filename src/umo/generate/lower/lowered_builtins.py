@@ -207,7 +207,7 @@ class LoweredBuiltins(LoweredSubject):
         if target is len and (length := self._length(arguments[0], node)) is not None:
             return Known(length)
         if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
-            raise self.f.refused(node, TELLS, "a state of an Enum")
+            raise self.f.refused(node, *TELLS)
         if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
             return self._is_instance(arguments[0], arguments[1], node)
         if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:

@@ -94,7 +94,7 @@ class LoweredConditions(LoweredSubject):
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
         if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in (left, right)):
-            raise self.f.refused(left_node, TELLS, "a state of an Enum")
+            raise self.f.refused(left_node, *TELLS)
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
         none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
@@ -331,7 +331,7 @@ class LoweredConditions(LoweredSubject):
             truth = self.f.values.truth(self.f.term(node.test), node.test)
         except NoTranslation as refused:
             if (
-                refused.reason == TELLS
+                refused.reason == TELLS[0]
                 and all(map(_is_text, (node.body, node.orelse)))
                 and self.f.telling.does_nothing(node)
             ):

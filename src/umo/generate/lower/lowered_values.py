@@ -54,7 +54,8 @@ from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_met
 from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
-TELLS = "a text that is made at run time"
+TELLS = "a text that is made at run time, or a caught error", "a state of an Enum, `except` for each error"
+NO_ELEMENTS = "an element of what is no list and no array in C", "a list of floats or of ints, np.zeros(n)"
 """Why a condition does not translate that a text decides."""
 
 
@@ -121,7 +122,7 @@ class LoweredValues(LoweredSubject):
                 return Code(of, name)
             if isinstance(of, TupleType):
                 return self.made(Many(tuple(map(Known, value)), tuple(n for n, _ in of.members), of.kind), of, node)
-            raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller")
+            raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller", "an Enum")
         if isinstance(term, Many):
             types = [self.code(each, node).type for each in term.terms]
             of = self.f.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
@@ -204,7 +205,7 @@ class LoweredValues(LoweredSubject):
         """A condition; a bool if it is known already."""
         if isinstance(term, Known):
             if isinstance(term.value, UnknownText):
-                raise self.f.refused(node, TELLS, "a state of an Enum")
+                raise self.f.refused(node, *TELLS)
             if refused_truth(term.value):
                 raise self.f.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
             return bool(term.value)
