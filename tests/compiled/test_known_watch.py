@@ -87,7 +87,7 @@ def test_what_is_looked_at_in_turn_is_seen_in_as_many_looks(way: Any, changed: i
         found = watch(way, **what)
         assert all(found.look() for _ in range(10))
         (spaces[changed].clear, lambda: setattr(cells[changed], "cell_contents", None))[number]()
-        assert not all([found.look() for _ in range(5)])
+        assert not all(found.look() for _ in range(5))
 
 
 class Other(Thing):
