@@ -75,6 +75,21 @@ def test_what_is_as_it_was_is_true_and_else_the_one_who_asked_is_told(way: Any) 
         assert found.look() is True
 
 
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("changed", range(5))
+def test_what_is_looked_at_in_turn_is_seen_in_as_many_looks(way: Any, changed: int) -> None:
+    spaces, cells = [{"name": each} for each in range(5)], [CellType(each) for each in range(5)]
+    given = (
+        {"spaces": tuple((each, ("name",), (each["name"],), 0) for each in spaces)},
+        {"attributes": tuple(attribute(each, "cell_contents") for each in cells)},
+    )
+    for number, what in enumerate(given):
+        found = watch(way, **what)
+        assert all(found.look() for _ in range(10))
+        (spaces[changed].clear, lambda: setattr(cells[changed], "cell_contents", None))[number]()
+        assert not all(found.look() for _ in range(5))
+
+
 class Other(Thing):
     """Another class."""
 

@@ -176,7 +176,7 @@ def a_part_is_looked_for(c: Law) -> None:
         break
 
 
-@refused("before it has a value on every way")
+@refused("on some ways it has no value")
 def the_part_at_which_a_loop_was_left(c: Law) -> None:
     for part in c.parts:
         if part.limit > c.a:

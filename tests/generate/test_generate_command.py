@@ -103,11 +103,12 @@ def test_everything_that_does_not_translate_is_told_with_its_line_and_nothing_is
     assert result.exit_code == 2 and not (tmp_path / "c").exists()
     assert lines[0] == "Pump cannot be generated:"
     for place, said in (
-        (":17: self.seen[1]", "an element of something that is not a list of numbers"),
+        (":17: self.seen[1]", "an element of what is no list and no array in C"),
         (":21: time.time", "has no translation"),
         (":23: self.phase", "a text that is made at run time"),
     ):
         assert any(place in line and said in line for line in lines), (place, result.stderr)
+    assert {int(line.split(":")[1]) for line in lines[1:]} == {17, 18, 21, 23}
 
 
 @pytest.mark.parametrize(
@@ -182,9 +183,11 @@ def test_a_folder_that_cannot_be_written_is_told_in_a_line(good: Path, tmp_path:
 @pytest.mark.parametrize("target", ["host", "avr", "compile"])
 def test_check_says_what_would_not_translate_and_writes_nothing(tmp_path: Path, umo: Umo, target: str) -> None:
     folder = station(tmp_path / "bad", BAD)
+    files = {each for each in tmp_path.rglob("*") if "__pycache__" not in each.parts}
     told = umo("check", str(folder), "--target", target)
     assert told.exit_code == 2 and "bad/objects.py:17: self.seen[1] = self.level.read()" in told.stderr
     assert "places of Pump would not translate" in told.stderr
+    assert {each for each in tmp_path.rglob("*") if "__pycache__" not in each.parts} == files
 
 
 @pytest.mark.parametrize("target", ["host", "avr", "compile"])

@@ -92,7 +92,7 @@ def sourced(function: FunctionType) -> SourcedFunction:
     code = function.__code__
     text = linecache.getlines(code.co_filename, function.__globals__)
     if not text:
-        raise NoSource("its source is not there")
+        raise NoSource("it is not written in Python, or was made at run time")
     lines = [line.rstrip("\n") for line in text]
     found = [each for each in _functions("\n".join(lines)) if _is(each, code)]
     if len(found) != 1:

@@ -9,5 +9,5 @@ from helpers.written_programs import Program
 
 class ArrayOfAComputedLength(Program):
     def control(self) -> None:
-        # refused: the length of the array is not known when the code is generated
+        # refused: the length of the array is not known when the code is generated; np.zeros(3)
         self.k = np.zeros(self.n).sum()

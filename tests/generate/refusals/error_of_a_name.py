@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class ErrorOfAName(Program):
     def control(self) -> None:
-        # refused: a type is not a number or a state on the controller
+        # refused: a type is not a number or a state on the controller; an Enum
         error = ValueError if self.yes else KeyError
         raise error

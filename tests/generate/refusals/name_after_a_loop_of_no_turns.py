@@ -9,5 +9,5 @@ class NameAfterALoopOfNoTurns(Program):
     def control(self) -> None:
         for i in range(self.n % 4):
             last = i
-        # refused: it is used before it has a value on every way; give it a value first
+        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
         self.c = last

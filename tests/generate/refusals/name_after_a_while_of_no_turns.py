@@ -11,5 +11,5 @@ class NameAfterAWhileOfNoTurns(Program):
         while i > 0:
             last = i
             i -= 1
-        # refused: it is used before it has a value on every way; give it a value first
+        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
         self.c = last

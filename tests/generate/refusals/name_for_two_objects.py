@@ -10,5 +10,5 @@ class NameForTwoObjects(Program):
         which = self.a
         if self.yes:
             which = self.b
-        # refused: it is used before it has a value on every way; give it a value first
+        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
         which.write(1.0)

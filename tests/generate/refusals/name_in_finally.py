@@ -10,5 +10,5 @@ class NameInFinally(Program):
         try:
             found = 1.0 / self.u
         finally:
-            # refused: it is used before it has a value on every way; give it a value first
+            # refused: on some ways it has no value, or another object; give it a value first, a name for each object
             self.k = found

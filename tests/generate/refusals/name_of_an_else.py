@@ -12,5 +12,5 @@ class NameOfAnElse(Program):
                 break
         else:
             found = 1.0
-        # refused: it is used before it has a value on every way; give it a value first
+        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
         self.k = found

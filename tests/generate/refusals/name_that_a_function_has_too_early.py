@@ -10,6 +10,6 @@ class NameThatAFunctionHasTooEarly(Program):
         def inner() -> float:
             return late * 2.0
 
-        # refused: 'late' is used before it has a value on every way; give it a value first
+        # refused: 'late': on some ways it has no value, or another object; give it a value first, a name for each object
         self.k = inner()
         late = self.u

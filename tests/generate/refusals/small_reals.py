@@ -12,7 +12,7 @@ class SmallReals(Program):
         self.row = np.zeros(3, np.float32)
 
     def control(self) -> None:
-        # refused: a ndarray is not a number or a state on the controller
+        # refused: a ndarray is not a number or a state on the controller; an Enum
         self.row = self.row + 0.1
         # refused: a float32 of numpy; np.float64, np.int64, float(...)
         self.k = float(self.row[0])

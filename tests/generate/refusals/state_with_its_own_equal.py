@@ -28,7 +28,7 @@ class StateWithItsOwnEqual(Program):
         self.odd = Odd.ONE
 
     def control(self) -> None:
-        # refused: <Odd.TWO: 2> is not a number or a state on the controller
+        # refused: <Odd.TWO: 2> is not a number or a state on the controller; an Enum
         self.odd = Odd.TWO if self.u > 1.0 else Odd.ONE
         # refused: objects are compared whose class decides what is equal; `is`
         self.c = int(self.odd == Odd.ONE)

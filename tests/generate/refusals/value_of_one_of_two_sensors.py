@@ -11,5 +11,5 @@ class ValueOfOneOfTwoSensors(Program):
         self.other = self.a
 
     def control(self) -> None:
-        # refused: a DigitalSensor is not a number or a state on the controller
+        # refused: a DigitalSensor is not a number or a state on the controller; an Enum
         self.k = value_of(self.x if self.yes else self.other)

@@ -45,7 +45,7 @@ from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
 from umo.generate.lower.function_lowering import FunctionLowering
 from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
 from umo.generate.lower.lowered_values import only_asked
-from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText, View
+from umo.generate.lower.terms import NO_VALUE, Code, Known, Many, Present, Term, Truth, UnknownText, View
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier
 from umo.generate.translation import (
@@ -298,7 +298,7 @@ class CodeWorld:
 
     def _told(self, scope: FunctionBuilder, refused: NoTranslation, before: int) -> None:
         """What does not translate, told once for each place; what follows from it is not told."""
-        if "before it has a value" in refused.reason and len(self.problems) > before:
+        if NO_VALUE[0] in refused.reason and len(self.problems) > before:
             return
         line = getattr(refused.node, "lineno", 0)
         source = scope.source.segment(refused.node) if line else scope.source.name

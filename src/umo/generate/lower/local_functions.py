@@ -10,7 +10,7 @@ from typing import Any
 
 from umo.generate.function_source import SourcedFunction
 from umo.generate.lower.function_builder import FunctionBuilder
-from umo.generate.lower.terms import Known, Term
+from umo.generate.lower.terms import NO_VALUE, Known, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,6 @@ def terms_around(f: FunctionBuilder, local: LocalFunction, node: ast.AST) -> dic
     found = {}
     for name in local.source.function.__code__.co_freevars:
         if name not in f.flow.names:
-            raise f.refused(node, f"{name!r} is used before it has a value on every way", "give it a value first")
+            raise f.refused(node, f"{name!r}: {NO_VALUE[0]}", NO_VALUE[1])
         found[name] = f.term(ast.copy_location(ast.Name(name, ast.Load()), node))
     return found

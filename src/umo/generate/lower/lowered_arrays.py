@@ -377,7 +377,7 @@ class LoweredArrays(LoweredSubject):
     def _whole_of(self, term: Term, node: ast.AST) -> int:
         if isinstance(term, Known) and type(term.value) is int and term.value > 0:
             return term.value
-        raise self.f.refused(node, "the length of the array is not known when the code is generated")
+        raise self.f.refused(node, "the length of the array is not known when the code is generated", "np.zeros(3)")
 
     def _dtype(self, term: Term, node: ast.AST) -> CType:
         found = DTYPES.get(term.value) if isinstance(term, Known) else None

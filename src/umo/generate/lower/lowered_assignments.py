@@ -25,7 +25,7 @@ from umo.generate.form import Element
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_values import only_asked
+from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
 from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
@@ -104,7 +104,7 @@ class LoweredAssignments(LoweredSubject):
         base, index = self.f.expressions.base_and_index(target)
         of = base.type if isinstance(base, Code) else None
         if not (isinstance(of, ArrayType) or (isinstance(base, Known) and is_ring(base.value))):
-            raise self.f.refused(node, "an element of something that is not a list of numbers")
+            raise self.f.refused(node, *NO_ELEMENTS)
         index = self.f.values.settled(index)
         if isinstance(of, ArrayType) and isinstance(index, Code) and index.type.name == array(BOOL, of.length).name:
             raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
@@ -309,7 +309,7 @@ class LoweredAssignments(LoweredSubject):
             self.f.rings.set_element(base, as_number(self.f, index, node), term, node)
             return
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
-            raise self.f.refused(node, "an element of something that is not a list of numbers")
+            raise self.f.refused(node, *NO_ELEMENTS)
         self._note_assigned(target)
         self.f.aliases.check_sole(base, node)
         if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:

@@ -324,7 +324,9 @@ class LoweredCalls(LoweredSubject):
         try:
             found = bound(target)
         except NoSource as error:
-            raise self.f.refused(node, f"{getattr(target, '__name__', target)}: {error}") from None
+            raise self.f.refused(
+                node, f"{getattr(target, '__name__', target)}: {error}", "`def` in a file of the station"
+            ) from None
         if inspect.iscoroutinefunction(found.source.function) or inspect.isgeneratorfunction(found.source.function):
             raise self.f.refused(node, "a sequence stays on the host", "functions without await")
         given = [*map(Known, found.given), *arguments]

@@ -50,8 +50,9 @@ from umo.generate.function_source import ABSENT
 from umo.generate.lower.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
 from umo.generate.lower.known_tables import element_of, element_of_terms, is_dict, is_table, value_of
 from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.lowered_values import NO_ELEMENTS
 from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
-from umo.generate.lower.terms import TEXT, Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import NO_VALUE, TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_ring
@@ -91,7 +92,7 @@ class LoweredExpressions(LoweredSubject):
         if found is not None:
             return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
         if self.f.source.is_local(node.id):
-            raise self.f.refused(node, "it is used before it has a value on every way", "give it a value first")
+            raise self.f.refused(node, *NO_VALUE)
         value = self.f.source.meaning(node.id)
         if value is ABSENT:
             raise self.f.refused(node, "the name stands for nothing")
@@ -233,7 +234,7 @@ class LoweredExpressions(LoweredSubject):
             self.f.arrays.check_length(base.type, node)
             place = self.f.values.kept(base).value if isinstance(base, Elementwise) else base.value
             return Code(of_element(base.type), Element(place, self.index(base.type, index, node)))
-        raise self.f.refused(node, "an element of something that is not a list of numbers")
+        raise self.f.refused(node, *NO_ELEMENTS)
 
     def check_elements(self, term: Term, node: ast.AST) -> None:
         """That it has elements."""

@@ -19,7 +19,7 @@ from umo.generate.lower.text_makers import error_as_written, evaluated, is_certa
 from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
 from umo.generate.translation import Teller
 
-TELLS = "a text that is made at run time"
+TELLS = "a text that is made at run time, or a caught error"
 """Why a condition does not translate that a text decides."""
 NOT_OF_PYTHON = ArrayMethod | LocalFunction | Places | StateMethod
 """What a local name may stand for while code is translated, and that Python does not have."""
@@ -54,7 +54,7 @@ class LoweredTelling(LoweredSubject):
     def undecided(self, text: UnknownText, node: ast.AST) -> NoTranslation:
         """The refusal to decide by a text: one that is read from an attribute may be a state in the next pass."""
         self.f.world.memory.ask_text(text)
-        return self.f.refused(node, TELLS, "a state of an Enum")
+        return self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")
 
     def is_text(self, node: ast.AST) -> bool:
         """Whether an expression makes a text at run time."""

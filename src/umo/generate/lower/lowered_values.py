@@ -54,6 +54,8 @@ from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring
 from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
+NO_ELEMENTS = "an element of what is no list and no array in C", "a list of floats or of ints, np.zeros(n)"
+"""Why an element does not translate."""
 
 
 class LoweredValues(LoweredSubject):
@@ -125,7 +127,7 @@ class LoweredValues(LoweredSubject):
             if isinstance(of, TupleType):
                 names = tuple(name for name, _ in of.members)
                 return self.made(Many(tuple(map(Known, parts_of(value))), names, of.kind), of, node)
-            raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller")
+            raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller", "an Enum")
         if isinstance(term, Many):
             types = [self.code(each, node).type for each in term.terms]
             of = self.f.world.fields.tuple_type(list(types), term.names, term.kind or tuple)

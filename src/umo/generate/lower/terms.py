@@ -72,6 +72,10 @@ class Known:
         return id(self.value)
 
 
+NO_VALUE = "on some ways it has no value, or another object", "give it a value first, a name for each object"
+"""A name that is read: what is told of it, and what to write."""
+
+
 class UnknownText(str):
     """A text that is made at run time: a controller has none. It may be the message of an error."""
 

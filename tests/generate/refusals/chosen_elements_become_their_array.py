@@ -7,7 +7,7 @@ import numpy as np
 from helpers.written_programs import Program
 
 
-class ArrayAddedToAnotherLengthInPlace(Program):
+class ChosenElementsBecomeTheirArray(Program):
     def begin(self) -> None:
         self.x3, self.y2, self.i3, self.b3 = (
             np.zeros(3),
