@@ -24,7 +24,9 @@ def readings(context: RuleContext) -> None:
         probe.read_many(context.readable)
     if context.watch.wrong_type:
         beyond = context.watch.beyond
-        raise RuleBroken(context.watch.wrong_type, *([] if beyond is None else [f"reading of {beyond}"]))
+        raise RuleBroken(
+            context.watch.wrong_type, *(f"reading of {beyond}{how}" for how in ("", " in a block") if beyond)
+        )
 
 
 @rule(Cost(calls=4, connects=2, waits=2))

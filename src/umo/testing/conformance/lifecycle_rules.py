@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
+from umo.drivers.optional import look_for
 from umo.errors import text_of
 from umo.testing.conformance.probe import Probe, failed
 from umo.testing.conformance.pulses import looks_for_pulses
@@ -17,6 +18,8 @@ from umo.text import some
 
 FEWEST_OUTPUTS = 2
 """Outputs that are initialised at any rate, each from two levels; that are watched while a driver is opened again."""
+REOPENINGS = 3
+"""Times that one driver is opened."""
 MAX_OTHERS = 8
 """Other outputs that are looked at beside one."""
 
@@ -245,7 +248,7 @@ def reopen(context: RuleContext) -> str | None:
     probe = context.new()
     probe.close()
     with context.watch.placeholders() as held:
-        for number in range(3):
+        for number in range(REOPENINGS):
             _opened_again(context, probe, number)
     if held.closed_by:
         why = "that had been closed before, and whose number was another's"
@@ -265,7 +268,7 @@ def _opened_again(context: RuleContext, probe: Probe, number: int) -> None:
                 _use(context, probe, text)
         except OSError as error:
             raise RuleBroken(f"opened again, {failed(error)}") from error
-        if number == 0 and context.subject.line is not None:
+        if number == REOPENINGS - 1 and context.subject.line is not None:
             _lose_connections(context, probe, context.subject.line)
     probe.close()
     for output in context.subject.outputs[:1]:
@@ -279,7 +282,7 @@ def _lose_connections(context: RuleContext, probe: Probe, line: Tap) -> None:
     context.insist(call)
     with context.in_haste(probe):
         context.unanswered(call)
-        context.look(probe)
+        context.failure(probe.call, "look", look_for, probe.driver)
     context.insist(call)
 
 
