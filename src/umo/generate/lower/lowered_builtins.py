@@ -48,7 +48,7 @@ from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Known, Many, Places, Term, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Term, TruePlaces, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -222,7 +222,7 @@ class LoweredBuiltins(LoweredSubject):
             return self.f.rings.count(arguments[0], node)
         if target is len and (length := self._length(arguments[0], node)) is not None:
             return Known(length)
-        if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Places):
+        if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, TruePlaces):
             found = self.f.arrays.of_numpy(np.count_nonzero, [arguments[0].value.array], {}, node)
             assert found is not None
             return found
