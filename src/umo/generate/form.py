@@ -393,7 +393,8 @@ def _parts(kind: Any) -> tuple[str, ...]:
 
 
 def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:
-    return ((name, getattr(node, name)) for name in _parts(type(node)))
+    kind: Any = type(node)
+    return ((name, getattr(node, name)) for name in _parts(kind))
 
 
 def children(node: FormNode) -> Iterator[FormNode]:
