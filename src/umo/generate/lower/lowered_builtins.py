@@ -183,6 +183,9 @@ class LoweredBuiltins(LoweredSubject):
             return rounded(self.f, arguments[0], arguments[1], node)
         if target is math.copysign:
             a, b = (self.f.values.as_type(self.f.values.number(each, node), REAL, node) for each in arguments)
+            if not isinstance(b, Literal):
+                b = self.f.values.kept(Code(REAL, b)).value
+                self.f.raises(ControllerLimit, node, _is_nan(b), "the sign of a NaN")
             return Code(REAL, Runtime("umo_copysign", (a, b)))
         if target is math.atan2:
             self.f.world.note_inexact("atan2")
