@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import deque
 from dataclasses import is_dataclass
 from enum import Enum
 from typing import Any
@@ -51,8 +52,8 @@ from umo.generate.lower.text_states import as_text, compared_texts, is_text_stat
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, is_ring, refuse_comparison
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
-ELEMENTS = (tuple, list, set, frozenset, dict, range)
-"""Containers whose elements are found by Python itself."""
+ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
+"""Containers whose elements are found by Python itself; of deques those that have no `maxlen`."""
 
 
 class LoweredConditions(LoweredSubject):
@@ -247,7 +248,7 @@ class LoweredConditions(LoweredSubject):
 
     def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
         options: list[Term] | None = None
-        if isinstance(among, Known) and type(among.value) in ELEMENTS:
+        if isinstance(among, Known) and type(among.value) in ELEMENTS and getattr(among.value, "maxlen", None) is None:
             self.f.world.memory.place_known(among.value)
             options = list(map(Known, among.value))
         elif isinstance(among, Many) and among.kind in (None, list):
