@@ -228,8 +228,7 @@ class ArrayThatIsNew(Program):
         self.row, self.reals = np.zeros(3, dtype=np.int64), np.ones(3)
 
     def control(self) -> None:
-        self.row, self.c = self.row * 2 + 1, 1
-        self.row = self.row + 1
+        self.row = self.row * 2 + 1
         self.row //= 3
         self.reals = self.reals % 2.5 + self.u
         self.reals[1:] //= 2.0

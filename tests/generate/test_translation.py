@@ -164,7 +164,7 @@ class Calculation:
         self.steps = max(self.i, self.j, 3)
 
     def absolute(self) -> None:
-        self.out = abs(self.a) + math.copysign(2.0, self.b)
+        self.out = abs(self.a) + (0.0 if math.isnan(self.b) else math.copysign(2.0, self.b))
 
     def absolute_whole(self) -> None:
         self.steps = abs(self.i)

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from umo.objects import Compound
 
 TIMES = ("derivative_time", "filter_time")
-NEVER, NO_RATE = np.full(1, np.nan), np.zeros(1)
-"""The measurement before the first one, and its rate: nobody changes them in place."""
-NEVER.flags.writeable = NO_RATE.flags.writeable = False
 
 
 @dataclass(kw_only=True)
@@ -164,7 +161,7 @@ class VectorPID:
     integral: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
     """Whether each of the last outputs was limited."""
-    _last: FloatArray = field(default_factory=lambda: NEVER, init=False, repr=False)
+    _last: FloatArray = field(default_factory=lambda: np.full(1, np.nan), init=False, repr=False)
     """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
 
@@ -178,7 +175,7 @@ class VectorPID:
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
         self.error, self.integral, self._rate = np.zeros(1), np.zeros(1), np.zeros(1)
-        self.limited, self._last = np.zeros(1, np.bool_), NEVER
+        self.limited, self._last = np.zeros(1, np.bool_), np.full(1, np.nan)
 
     @property
     def numbers(self) -> Mapping[str, Number]:
@@ -242,7 +239,7 @@ class VectorPID:
             if dt:
                 self._rate = rate
         else:
-            self._last, self._rate = NEVER, NO_RATE
+            self._last, self._rate = np.full(1, np.nan), np.zeros(1)
         self.integral = self.integral + growth
         return output
 
