@@ -30,7 +30,7 @@ from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
-from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_ring
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_record, is_ring
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
@@ -76,6 +76,8 @@ class LoweredAttributes(LoweredSubject):
             return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Enum):
             return self._of_state(owner, name, node)
+        if isinstance(owner, tuple) and name in getattr(owner, "_fields", ()) and is_plain_record(type(owner)):
+            return Known(getattr(owner, name), owner, name)
         found = attribute_kind(owner, name)
         if found == "property":
             self.f.takes(type(owner), name, node)
@@ -123,12 +125,12 @@ class LoweredAttributes(LoweredSubject):
         self.f.takes_class(owner, name, node)
         if type(value) is int and abs(value) > MOST_INT:
             raise self.f.refused(node, f"{name} is {value}, and does not fit 32 bits", "a smaller number, or a float")
+        if (id(owner), name) in memory.of_numpy or isinstance(value, np.generic):
+            of = perhaps_of_numpy(of)
         place = self.f.world.fields.field(owner, name, of, self._path(owner, base, ""))
         if isinstance(plain(of), ArrayType) and value is not None:
             self._check_numbers(value, name, node)
         self.f.world.memory.place_arrays(place, value)
-        if (id(owner), name) in self.f.world.memory.of_numpy or isinstance(value, np.generic):
-            return Code(perhaps_of_numpy(of), place)
         return Code(of, place)
 
     def _check_numbers(self, value: Any, name: str, node: ast.AST) -> None:
