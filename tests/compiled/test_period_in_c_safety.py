@@ -3,6 +3,7 @@ defaults."""
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
@@ -25,6 +26,7 @@ from umo.drivers.timerfd import TimerFd
 from umo.drivers.wrapping import Wrapper
 from umo.generate.compiled_laws import COMPARED, CompiledLaws, prepare
 from umo.generate.period_in_c import PeriodInC
+from umo.system.signal_handling import handling
 from umo.wiring import resolve
 
 pytestmark = [needs_a_compiler, BUILT]
@@ -77,6 +79,21 @@ def test_the_standard_loop_is_in_c_and_ends_in_the_period_of_a_stop_with_outputs
         assert rig.box.moved_in_c > 800
         assert rig.period.reasons == {}
     assert rig.box.get("valve") == 0
+
+
+def test_a_signal_ends_a_wait_in_c_at_once() -> None:
+    """The tick would come in 100 s."""
+    box, m = FragileInC(), Tank(timer=timer(), level=sensor(), valve=actuator())
+    wiring = wired(m, box)
+    wiring["wire"]["timer"] = {"driver": "timerfd", "period": "100 s"}
+    connection, period = connect(m, wiring), PeriodInC()
+    connection.laid_out = lambda machine: machine.attach(period)
+    with connection, handling(lambda *_: request_stop(), [signal.SIGALRM]):
+        period._bind()
+        assert "TICK" not in period.reasons
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        drive(m)
+        assert (connection.stop.requested, connection.machine.clock.number) == (True, 0)
 
 
 def test_many_periods_are_one_call_until_something_comes_in() -> None:

@@ -38,6 +38,7 @@ from umo.testing.conformance import (
     runner,
 )
 from umo.testing.conformance.budget import Budget, CallTime
+from umo.testing.conformance.closed_twice import Placeholders
 from umo.testing.conformance.leak_rules import _grows
 from umo.testing.conformance.level_rules import Witness
 from umo.testing.conformance.probe import failed
@@ -568,6 +569,22 @@ def test_a_call_that_fails_names_the_one_that_failed_before_it() -> None:
     error = context.failure(context.watch.call, "read of b", 1.0, fail, "busy")
     assert error is not None
     assert failed(error) == "read of b failed, right after a read of a that failed: busy"
+
+
+def test_placeholders_take_what_became_free_and_no_more() -> None:
+    held = Placeholders()
+    first, second = (os.open(os.devnull, os.O_RDONLY) for _ in range(2))
+    for _ in range(20):
+        held.look("read")
+    before = len(os.listdir("/proc/self/fd"))
+    os.close(first)
+    held.look("close")
+    assert len(os.listdir("/proc/self/fd")) == before
+    os.close(first)
+    held.look("close again")
+    held.release()
+    os.close(second)
+    assert held.closed_by == "close again"
 
 
 def test_one_refusal_of_several_channels_is_one_cause() -> None:

@@ -10,7 +10,10 @@ from collections import Counter
 
 import pytest
 
+from helpers.boards import need
+from helpers.controllers import ARM
 from helpers.generating import needs_a_compiler
+from helpers.peers.text_devices import CannotRun
 from helpers.tiers import first
 from tools.fuzz.batches import QUICK, Batch, batches, play
 from tools.fuzz.hazards import HAZARDS
@@ -26,13 +29,29 @@ SIZE = 12
 @pytest.mark.parametrize("batch", first(1, range(80)))
 @pytest.mark.parametrize("target", ["host", "compiled"])
 def test_programs_are_what_python_does_or_refused(target: str, batch: int) -> None:
+    assert _outcomes(target, batch)["equal"] >= SIZE
+
+
+@needs_a_compiler
+@pytest.mark.slow
+@pytest.mark.full
+@pytest.mark.parametrize("target", ["line", "board"])
+def test_on_a_controller_they_are_what_python_does_or_refused(target: str) -> None:
+    try:
+        need(*(ARM if target == "board" else ()))
+    except CannotRun as error:
+        pytest.skip(str(error))
+    assert _outcomes(target, 0)["equal"] >= SIZE // 2
+
+
+def _outcomes(target: str, batch: int) -> Counter[str]:
     outcomes: Counter[str] = Counter()
     for some in batches(target, range(batch * 2 * SIZE, (batch + 1) * 2 * SIZE), QUICK, SIZE):
         verdicts = play(some)
         wrong = [(each, one) for each, one in zip(some.programs, verdicts, strict=True) if one.is_wrong]
         assert not wrong, "\n".join(f"{some.line(each.seed)}: {one.outcome}: {one.told}" for each, one in wrong)
         outcomes.update(each.outcome for each in verdicts)
-    assert outcomes["equal"] >= SIZE, outcomes
+    return outcomes
 
 
 def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:

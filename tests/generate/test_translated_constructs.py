@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum, IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from helpers.generating import needs_a_compiler
+from helpers.side_by_side import Played
 from helpers.written_programs import Cases, Program
 
 CASES = Cases()
@@ -430,6 +433,76 @@ class DictWithoutTheKey(Program):
         except KeyError:
             self.c = -1
         self.c += STEPS[self.n]
+
+
+@equal
+class BoolBesideAConstant(Program):
+    """Compilers warn of such a comparison, whose answer is known."""
+
+    def control(self) -> None:
+        self.yes = (self.u < 2.0) > -3
+        self.c = int((self.u < 2.0) == 1) + 2 * int((self.n > 1) < 0.5) + 4 * int((self.u > 0.0) != -1)
+
+
+class Halved:
+    def __init__(self) -> None:
+        self.whole = 4.0
+
+    @property
+    def half(self) -> float:
+        return self.whole / 2.0
+
+    @half.setter
+    def half(self, value: float) -> None:
+        self.whole = value * 2.0
+
+
+@equal
+class PropertyThatIsIncreased(Program):
+    def begin(self) -> None:
+        self.halved = Halved()
+
+    def control(self) -> None:
+        self.halved.half += 1.0
+        self.halved.half /= 2.0
+        self.k = self.halved.whole
+
+
+@equal
+class LoopThatIsLeftInFinally(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.n
+        finally:
+            for number in range(4):
+                if number == self.n:
+                    break
+                if number == 1:
+                    continue
+                self.c += 1
+
+
+@equal
+class OtherwiseInATuple(Program):
+    def begin(self) -> None:
+        self.pair = (1.0, 2.0)
+
+    def control(self) -> None:
+        self.pair = (self.maybe or 0.5, self.pair[0])
+        self.k = self.pair[1]
+
+
+@equal
+class SignOfANan(Program):
+    """It depends on the processor: the controller stops."""
+
+    def control(self) -> None:
+        self.k = math.copysign(2.0, self.u - 1.0)
+
+
+@needs_a_compiler
+def test_the_sign_of_a_nan_is_a_limit_of_the_controller(results: dict[Any, Played]) -> None:
+    assert results[SignOfANan].limits == 1
 
 
 test_it_is_what_python_does = CASES.test()

@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
 
-import pytest
-
-from helpers.generating import needs_a_compiler
-from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal
+from helpers.written_programs import Cases, Program
 
 CASES = Cases()
 equal = CASES.is_equal
@@ -155,12 +150,4 @@ class RingsWrittenByHand(Program):
         self.k = sum(self.ring[i] for i in range(self.filled)) / self.filled + self.ring[self.at - 1]
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
-    return CASES.played(tmp_path_factory.mktemp("c"))
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.equal)
-def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
-    check_equal(results[kind])
+test_it_is_what_python_does = CASES.test()

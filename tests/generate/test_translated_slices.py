@@ -6,11 +6,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
-from helpers.generating import needs_a_compiler
-from helpers.side_by_side import Played
-from helpers.written_programs import Cases, Program, check_equal
+from helpers.written_programs import Cases, Program
 
 CASES = Cases()
 equal = CASES.is_equal
@@ -105,12 +102,4 @@ class SlicesOfLists(Rows):
         self.list[:] = [self.u, 1.0, self.list[0], self.list[1]]
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
-    return CASES.played(tmp_path_factory.mktemp("c"))
-
-
-@needs_a_compiler
-@pytest.mark.parametrize("kind", CASES.equal)
-def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
-    check_equal(results[kind])
+test_it_is_what_python_does = CASES.test()

@@ -20,13 +20,15 @@ from collections.abc import Sequence
 from itertools import chain, zip_longest
 from time import monotonic
 
-from tools.fuzz.batches import OPTIMIZED, QUICK, SANITIZED, TARGETS, Batch, batches, played
+from tools.fuzz.batches import OPTIMIZED, QUICK, SANITIZED, SIZE, TARGETS, Batch, batches, played
 from tools.fuzz.mutants import measure
 from tools.fuzz.program import program
 from tools.fuzz.shrink import body_of, shrunk
 from tools.fuzz.verdict import WRONG
 
 USUAL = "host", "compiled"
+FEW = 8
+"""Programs in one library where the first that is wrong is the end."""
 SHOWN = 12
 """Reasons of refusals that are shown."""
 
@@ -63,7 +65,9 @@ def run(targets: Sequence[str], seeds: range, flags: tuple[str, ...] | None, job
     outcomes: dict[str, Counter[str]] = {each: Counter() for each in targets}
     sums: dict[str, Counter[str]] = {each: Counter() for each in targets}
     reasons: Counter[str] = Counter()
-    in_turns = chain.from_iterable(zip_longest(*(batches(each, seeds, flags) for each in targets)))
+    in_turns = chain.from_iterable(
+        zip_longest(*(batches(each, seeds, flags, FEW if until_wrong else SIZE) for each in targets))
+    )
     for batch, one, verdict in played(filter(None, in_turns), jobs):
         outcomes[batch.target][verdict.outcome] += 1
         sums[batch.target].update(periods=verdict.periods, faults=verdict.faults, limits=verdict.limits)

@@ -183,7 +183,7 @@ class Side:
         """The object at a path; None: there is none."""
         found = self.m
         for part in filter(None, path.split(".")):
-            found = found[int(part)] if part.isdigit() and isinstance(found, list) else getattr(found, part, None)
+            found = found[int(part)] if part.isdigit() else getattr(found, part, None)
         return found
 
     def inhibited(self, slot: int) -> bool:

@@ -45,7 +45,7 @@ from umo.generate.law_library import (
     library_of,
     source_of_laws,
 )
-from umo.generate.lower.lowered_rings import Ring
+from umo.generate.lower.lowered_rings import DequeFields
 from umo.generate.lower.text_makers import error_as_written
 from umo.generate.struct_memory import WRONG
 from umo.generate.translation import Translation
@@ -141,7 +141,7 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
 def _not_on_columns(translation: Translation) -> Iterator[str]:
     """What is translated, and cannot work on Python's memory."""
     for struct in translation.structs:
-        if isinstance(struct.owner, Ring):
+        if isinstance(struct.owner, DequeFields):
             yield f"{struct.path} is a deque: what others read of it, and change in it, is Python's"
         elif isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             yield f"{struct.path} is no object whose attributes can be elsewhere"

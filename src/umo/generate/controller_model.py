@@ -140,7 +140,7 @@ class ControllerModel:
     outputs: list[int]
     """The slots of the actuators, by their places in what is sent."""
     stop_order: list[int]
-    """Places of the actuators in the order in which they go to their defaults."""
+    """TruePlaces of the actuators in the order in which they go to their defaults."""
     timer: int
     interlocks: list[ControllerInterlock]
     equipment: list[ControllerEquipment]

@@ -252,7 +252,7 @@ class CallStatement(Statement):
 
 
 @dataclass(frozen=True)
-class Tell(Statement):
+class TellStatement(Statement):
     """Python makes the text of this number, of these variables: nothing of the form reads it. It may fail."""
 
     number: int

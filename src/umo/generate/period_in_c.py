@@ -113,7 +113,7 @@ class PeriodInC(Capability):
         self.reasons, self._kept, self._awaited, self._laws = {}, [], [], self._group.laws
         inputs, outputs = self._moved(self._image.inputs, False), self._moved(self._image.outputs, True)
         conditions, acting = self._conditions(), self._acting()
-        tick = None if inputs is None or outputs is None else self._tick()
+        tick = self._tick(is_all_in_c=inputs is not None and outputs is not None)
         looks = {
             "TICK": self._of_tick() if tick else None,
             "SAMPLE": None if inputs is None else [*self._of_inputs()],
@@ -174,11 +174,11 @@ class PeriodInC(Capability):
 
     # TICK ----------------------------------------------------------------------------------------------
 
-    def _tick(self) -> tuple[Any, ...] | None:
-        """What period.c takes of the timer; None: Python reads it."""
+    def _tick(self, is_all_in_c: bool) -> tuple[Any, ...] | None:
+        """What period.c takes of the timer; None: Python reads it. `is_all_in_c`: whether it moves all blocks."""
         image, slot = self._image, self._image.timer
         wire = image.wires[slot]
-        found = transfer_in_c(wire.driver, (wire.channel,), False)
+        found = transfer_in_c(wire.driver, (wire.channel,), False) if is_all_in_c else "it warms the caches for that"
         found = self._unless_away(found, self._is_ticking)
         if isinstance(found, str):
             self.reasons["TICK"] = found

@@ -33,8 +33,8 @@ NO_HOST = 1 + [name for name, _, _ in RUNTIME_FAULTS].index("UMO_NO_HOST")
 
 
 class ControllerLimit(OverflowError):
-    """Python goes on, and a controller cannot: a whole number leaves 32 bits, or a power is a complex number. No
-    `except` catches it, as there would be none to catch in Python."""
+    """Python goes on, and a controller cannot: a whole number leaves 32 bits, a power is a complex number, or
+    the sign of a NaN is asked for. No `except` catches it, as there would be none to catch in Python."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from umo.generate.controller_folder import NotTranslated, check, faults_of
 from umo.generate.controller_model import ControllerModel, NotGenerated, model_of
 from umo.generate.emit.machine_source import header_of, source_of
 from umo.generate.known_setters import root_of, settings_of
-from umo.generate.lower.lowered_rings import Ring
+from umo.generate.lower.lowered_rings import DequeFields
 from umo.generate.translation import CodeFault, ControllerTarget, Translation
 from umo.generate.translator import translate
 from umo.objects import Compound, walk
@@ -178,7 +178,7 @@ def plan_of(
     with part_laid_out(part, wired, driver, period) as model:
         translation = translate(part, model.conditions, model.steps, target)
         translation.problems += settings_of(translation.known, root_of(part))
-        rings = [each.path for each in translation.structs if isinstance(each.owner, Ring)]
+        rings = [each.path for each in translation.structs if isinstance(each.owner, DequeFields)]
         model.problems += [NotGenerated(each, "it is a deque, which the host does not see", "a list") for each in rings]
         check(model, translation)
         owners = {(each.path, each.struct, each.name): each.owner for each in translation.layout}

@@ -10,5 +10,5 @@ class SeveralElementsAreAddedTo(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: this does not translate; numbers, states, comparisons, arithmetic, calls of functions
+        # refused: a slice of something that is not an array; its elements, one by one
         self.row[0:2] += self.u

@@ -28,7 +28,7 @@ from umo.generate.form import (
     ObjectOf,
     Return,
     Statement,
-    Tell,
+    TellStatement,
     Temporary,
     Try,
     Value,
@@ -72,7 +72,7 @@ def leaves(label: str, statements: Iterable[Statement]) -> bool:
 
 def may_fail(statements: Iterable[Statement]) -> bool:
     """Whether a failure comes out of these statements. One that is caught goes on where no handler is for it."""
-    return any(isinstance(each, Fail | CallStatement | Checked | Tell) for each in walk(*statements))
+    return any(isinstance(each, Fail | CallStatement | Checked | TellStatement) for each in walk(*statements))
 
 
 def returns(statements: Iterable[Statement]) -> bool:

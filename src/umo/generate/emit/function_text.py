@@ -40,7 +40,7 @@ from umo.generate.form import (
     Return,
     Statement,
     Statements,
-    Tell,
+    TellStatement,
     Temporary,
     Try,
     TupleOf,
@@ -249,7 +249,7 @@ class FunctionText:
     def called(self, each: CallStatement) -> None:
         self._tried(self.call(each))
 
-    def tells(self, each: Tell) -> None:
+    def tells(self, each: TellStatement) -> None:
         given = ", ".join(f"&{self.values.text(one)}" for one in each.given) or "NULL"
         self._tried(f"umo_tell(m, {each.number}, (const void *const[]){{{given}}})")
 
@@ -336,7 +336,7 @@ PRINTED: dict[type[Statement], Callable[[FunctionText, Any], None]] = {
     Begin: FunctionText.begin,
     Do: FunctionText.do,
     CallStatement: FunctionText.called,
-    Tell: FunctionText.tells,
+    TellStatement: FunctionText.tells,
     Checked: FunctionText.checked,
     Choose: FunctionText.choose,
     If: FunctionText.if_,

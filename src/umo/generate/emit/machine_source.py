@@ -26,11 +26,11 @@ HEADER = """\
 enum {{ MACHINE_INPUTS = {inputs}, MACHINE_OUTPUTS = {outputs}, MACHINE_OBJECTS = {objects} }};
 enum {{ MACHINE_EQUIPMENT = {equipment} }}; /* parts that fail alone */
 
-/* Places in raws_in and failed_in. */
+/* TruePlaces in raws_in and failed_in. */
 enum machine_inputs {{
 {input_names}}};
 
-/* Places in raws_out and failed_out. */
+/* TruePlaces in raws_out and failed_out. */
 enum machine_outputs {{
 {output_names}}};
 

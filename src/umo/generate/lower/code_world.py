@@ -31,7 +31,7 @@ from umo.generate.form import (
     Return,
     Statement,
     Struct,
-    Tell,
+    TellStatement,
     Temporary,
     Value,
     WholeMachine,
@@ -45,7 +45,7 @@ from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
 from umo.generate.lower.function_lowering import FunctionLowering
 from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
 from umo.generate.lower.lowered_values import only_asked
-from umo.generate.lower.terms import NO_VALUE, Code, Known, Many, Present, Term, Truth, UnknownText, View
+from umo.generate.lower.terms import NO_VALUE, Code, Known, Many, Present, SliceView, Term, Truth, UnknownText
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier
 from umo.generate.translation import (
@@ -142,7 +142,7 @@ class CodeWorld:
         if isinstance(statement, CallStatement):
             called = next((each.form for each in self.functions.values() if each.name == statement.function), None)
             return called is not None and statement.out is None and self.only_tells(called.body)
-        return isinstance(statement, Tell) or statement == Return()
+        return isinstance(statement, TellStatement) or statement == Return()
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
         """A result; None: there is none."""
@@ -176,7 +176,7 @@ class CodeWorld:
         shared = [term for term in terms.values() if isinstance(term, Code)]
         found = self.translated(source, given, node, caller)
         for term in shared:
-            place = term.base if isinstance(term, View) else term.value
+            place = term.base if isinstance(term, SliceView) else term.value
             if isinstance(plain(term.type), ArrayType) and whole(place) in found.changes:
                 raise NoTranslation(node, "the function changes an array that it has under another name, too", "a copy")
         caller.aliases.changes |= {each for each in found.changes if isinstance(root(each), Field)}

@@ -17,7 +17,7 @@ from umo.generate.form import (
 )
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Many, Term, View
+from umo.generate.lower.terms import Code, Elementwise, Many, SliceView, Term
 
 
 class LoweredAliases(LoweredSubject):
@@ -58,7 +58,7 @@ class LoweredAliases(LoweredSubject):
 
     def is_sole(self, term: Term) -> bool:
         """Whether nobody else has an array."""
-        if isinstance(term, View):
+        if isinstance(term, SliceView):
             return False
         is_list = isinstance(term, Code) and isinstance(plain(term.type), ArrayType)
         if not (is_list or self.f.arrays.is_array(term)) or isinstance(term, Elementwise):
@@ -67,7 +67,7 @@ class LoweredAliases(LoweredSubject):
 
     def is_copied(self, term: Term) -> bool:
         """Whether this is computed, and no other name for what there is."""
-        return not isinstance(term, Code) or (isinstance(term, Elementwise) and not isinstance(term, View))
+        return not isinstance(term, Code) or (isinstance(term, Elementwise) and not isinstance(term, SliceView))
 
     def is_new(self, term: Term) -> bool:
         """Whether an array was made here, and has no name yet."""
@@ -78,7 +78,7 @@ class LoweredAliases(LoweredSubject):
         if isinstance(term, Many):
             for each in term.terms:
                 self.share(each)
-        if isinstance(term, View):
+        if isinstance(term, SliceView):
             term = Code(term.type, term.base)
         if not (isinstance(term, Code) and isinstance(plain(term.type), ArrayType)) or isinstance(term, Elementwise):
             return

@@ -53,7 +53,7 @@ from umo.generate.form import (
 from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, Term, Truth, View
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, SliceView, Term, Truth
 from umo.generate.lower.whole_powers import MOST_POWER
 from umo.generate.translation import ControllerLimit
 
@@ -160,7 +160,7 @@ class LoweredArrays(LoweredSubject):
         code = self.array(term, node)
         place, of = self.kept_place(code), code.type
         at, count = self._places(of, part, node)
-        return View(array(self.of(code), count), Element(place, at(Here())), place, at)
+        return SliceView(array(self.of(code), count), Element(place, at(Here())), place, at)
 
     def _places(self, of: CType, part: slice, node: ast.AST) -> tuple[Callable[[Value], Value], int]:
         """Where the elements of a slice are, and how many."""
@@ -392,7 +392,7 @@ class LoweredArrays(LoweredSubject):
             return self.listed(term, node)
         code = self.array(term, node)
         n, of = self.length((code,), node), self.of(code)
-        if target is np.asarray and (isinstance(code, View) or not isinstance(code, Elementwise)):
+        if target is np.asarray and (isinstance(code, SliceView) or not isinstance(code, Elementwise)):
             return code
         each = self.at(code, of, n)
         return Elementwise(

@@ -136,8 +136,6 @@ class LoweredAssignments(LoweredSubject):
         if self.f.arrays.is_array(right):
             self.store(node.target, self.f.arrays.of_arrays(node.op, left, right, node), node)
             return
-        if not isinstance(node.target, ast.Name | ast.Attribute):
-            raise self.f.refused(node, "it cannot be assigned to this", "names, attributes, elements")
         left, right = as_number(self.f, left, node.target), as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (node.target, node.value), node)
         self.store(node.target, result, node)
@@ -173,11 +171,9 @@ class LoweredAssignments(LoweredSubject):
         before = self.f.world.memory.locals.get(key)
         if of is None or (of == NOTHING and before is None):
             texts = isinstance(term, Known) and isinstance(term.value, str)
-            if isinstance(term, Known) and (before is None or before == term or texts):
+            if isinstance(term, Known) and (before is None or texts):
                 self.f.flow.names[name] = term
                 return
-            raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
-        if isinstance(before, Known):
             raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
         of = self.f.world.memory.learn(self.f.world.memory.locals, key, of, lambda: self._odd(name, node))
         self.f.flow.names[name] = of

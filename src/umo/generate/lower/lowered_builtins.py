@@ -48,7 +48,7 @@ from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Known, Many, Places, Term, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Term, TruePlaces, UnknownText
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -183,6 +183,9 @@ class LoweredBuiltins(LoweredSubject):
             return rounded(self.f, arguments[0], arguments[1], node)
         if target is math.copysign:
             a, b = (self.f.values.as_type(self.f.values.number(each, node), REAL, node) for each in arguments)
+            if not isinstance(b, Literal):
+                b = self.f.values.kept(Code(REAL, b)).value
+                self.f.raises(ControllerLimit, node, _is_nan(b), "the sign of a NaN")
             return Code(REAL, Runtime("umo_copysign", (a, b)))
         if target is math.atan2:
             self.f.world.note_inexact("atan2")
@@ -222,7 +225,7 @@ class LoweredBuiltins(LoweredSubject):
             return self.f.rings.count(arguments[0], node)
         if target is len and (length := self._length(arguments[0], node)) is not None:
             return Known(length)
-        if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Places):
+        if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, TruePlaces):
             found = self.f.arrays.of_numpy(np.count_nonzero, [arguments[0].value.array], {}, node)
             assert found is not None
             return found

@@ -53,7 +53,7 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, Places, RingMethod, Term
+from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, RingMethod, Term, TruePlaces
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -148,7 +148,7 @@ class LoweredCalls(LoweredSubject):
         if isinstance(func.owner, Vector):
             return self.f.vectors.method_of_vector(func.owner, func.name, arguments, named, node)
         if target is np.flatnonzero:
-            return Known(Places(self.f.arrays.array(self.f.values.settled(arguments[0]), node)))
+            return Known(TruePlaces(self.f.arrays.array(self.f.values.settled(arguments[0]), node)))
         if (of_numpy := self.f.arrays.of_numpy(target, arguments, named, node)) is not None:
             return of_numpy
         if str(getattr(target, "__module__", "")).partition(".")[0] == "numpy":

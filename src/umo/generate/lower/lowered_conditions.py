@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import deque
 from dataclasses import is_dataclass
 from enum import Enum
 from typing import Any
@@ -51,8 +52,8 @@ from umo.generate.lower.text_states import as_text, compared_texts, is_text_stat
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, is_ring, refuse_comparison
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
-ELEMENTS = (tuple, list, set, frozenset, dict, range)
-"""Containers whose elements are found by Python itself."""
+ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
+"""Containers whose elements are found by Python itself; of deques those that have no `maxlen`."""
 
 
 class LoweredConditions(LoweredSubject):
@@ -149,6 +150,8 @@ class LoweredConditions(LoweredSubject):
         if isinstance(sign, ast.Eq | ast.NotEq) and (_is_tuple(left) or _is_tuple(right)):
             return self._of_tuples(equal, left, right, left_node, right_node)
         a, b = self.f.values.number(left, left_node), self.f.values.number(right, right_node)
+        if (decided := _of_bool(sign, left, right)) is not None:
+            return decided
         of = REAL if REAL in (a.type, b.type) else INT
         if a.value == b.value:  # compilers warn of a comparison with itself
             a = self.f.values.copied(a)
@@ -245,7 +248,7 @@ class LoweredConditions(LoweredSubject):
 
     def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
         options: list[Term] | None = None
-        if isinstance(among, Known) and type(among.value) in ELEMENTS:
+        if isinstance(among, Known) and type(among.value) in ELEMENTS and getattr(among.value, "maxlen", None) is None:
             self.f.world.memory.place_known(among.value)
             options = list(map(Known, among.value))
         elif isinstance(among, Many) and among.kind in (None, list):
@@ -401,6 +404,23 @@ class LoweredConditions(LoweredSubject):
             return joined_type(*types)
         except TypeError:
             raise self.f.refused(node, "two values of different types", "one type for both") from None
+
+
+def _of_bool(sign: ast.cmpop, left: Term, right: Term) -> Term | None:
+    """A bool of Python compared with a number that is known: what it is for each of the two; None: it is another one.
+    Compilers warn of a bool beside such a constant."""
+    bools = [isinstance(each, Code) and each.type == BOOL for each in (left, right)]
+    numbers = [each.value if isinstance(each, Known) else None for each in (left, right)]
+    if True not in bools or not any(type(each) in NUMBERS for each in numbers):
+        return None
+    of_false, of_true = (
+        bool(FOLDED[type(sign)](*(number if number is not None else each for number in numbers)))
+        for each in (False, True)
+    )
+    if of_false is of_true:
+        return Known(of_true)
+    value = next(each.value for each in (left, right) if isinstance(each, Code))
+    return Code(BOOL, value if of_true else negated(value))
 
 
 def _all_or_none(tests: list[Value], sign: str, yes: bool) -> Term:

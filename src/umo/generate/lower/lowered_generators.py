@@ -189,9 +189,7 @@ class LoweredGenerators(LoweredSubject):
 
     def _type_so_far(self, generator: Generator) -> CType:
         """The type of what is made of the elements, as far as it is known; a whole number at first."""
-        found = self.f.world.memory.locals.get(self._key(generator), INT)
-        assert isinstance(found, CType)
-        return found
+        return self.f.world.memory.locals.get(self._key(generator), INT)
 
     def _learnt(self, generator: Generator, of: CType) -> CType:
         """The same, after an element of this type."""

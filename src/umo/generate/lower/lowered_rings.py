@@ -39,7 +39,7 @@ TAKES = {"append": 1, "appendleft": 1, "extend": 1, "rotate": 1}
 """Arguments of methods; the others have none."""
 
 
-class Ring:
+class DequeFields:
     """A deque as its fields in C."""
 
     __slots__ = ("held",)
@@ -62,7 +62,7 @@ class Ring:
 class RingPlace:
     """Where the elements of a deque are, and how many it has."""
 
-    ring: Ring
+    ring: DequeFields
     at: Field
     count: Field
     of: CType
@@ -78,7 +78,7 @@ class LoweredRings(LoweredSubject):
         memory, length = self.f.world.memory, term.value.maxlen
         if length is None or not 0 < length <= MOST_ELEMENTS:
             raise self.f.refused(node, "a deque without a length", f"deque(maxlen=n), at most {MOST_ELEMENTS} numbers")
-        ring = memory.rings.setdefault(id(term.value), Ring(term.value))
+        ring = memory.rings.setdefault(id(term.value), DequeFields(term.value))
         for each in term.value:
             self._learn(ring, self.f.world.fields.type_of_value(each), node)
         of = memory.fields.get((id(ring), "of"), INT)
@@ -89,7 +89,7 @@ class LoweredRings(LoweredSubject):
         at, count = fields.field(ring, "at", list_of(of, length), path), fields.field(ring, "count", INT, path)
         return RingPlace(ring, at, count, of, length)
 
-    def _learn(self, ring: Ring, of: CType | None, node: ast.AST) -> CType:
+    def _learn(self, ring: DequeFields, of: CType | None, node: ast.AST) -> CType:
         """The class of its elements, after one more."""
         if of not in (REAL, INT, BOOL):
             raise self.f.refused(node, "a deque of other things than numbers of Python", "float(...), int(...)")

@@ -15,7 +15,7 @@ from umo.generate.form import ONE, Element, Literal, Operator, Statement, Value
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term, Turns, View
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, SliceView, Term, Turns
 from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
@@ -114,7 +114,7 @@ class LoweredSequences(LoweredSubject):
         """What the turns of a loop over this find."""
         if isinstance(term, Known) and is_ring(term.value):
             return self.f.rings.turns(term, node)
-        if isinstance(term, View):
+        if isinstance(term, SliceView):
             of = of_element(term.type)  # type: ignore[arg-type]
 
             def find_at(at: Value) -> Term:

@@ -9,19 +9,19 @@ from functools import partial
 from typing import Any, TypeAlias
 
 from umo.generate.c_types import NOTHING, CType
-from umo.generate.form import Local, Tell, Value
+from umo.generate.form import Local, TellStatement, Value
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import LocalFunction
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import TEXT, ArrayMethod, Known, Places, Term, UnknownText
+from umo.generate.lower.terms import TEXT, ArrayMethod, Known, Term, TruePlaces, UnknownText
 from umo.generate.lower.text_makers import error_as_written, evaluated, is_certain
 from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
 from umo.generate.translation import Teller
 
 TELLS = "a text that is made at run time, or a caught error"
 """Why a condition does not translate that a text decides."""
-NOT_OF_PYTHON = ArrayMethod | LocalFunction | Places | StateMethod
+NOT_OF_PYTHON = ArrayMethod | LocalFunction | TruePlaces | StateMethod
 """What a local name may stand for while code is translated, and that Python does not have."""
 Made: TypeAlias = tuple[Callable[..., Any], Sequence[tuple[CType, Value]]]
 REASON = "it is not proved that the text has no effect and cannot fail"
@@ -132,7 +132,7 @@ class LoweredTelling(LoweredSubject):
 
     def _tell(self, make: Callable[..., Any], given: Sequence[tuple[CType, Value]], **to: Any) -> None:
         number = self.f.world.teller(Teller(make, [of for of, _ in given], **to))
-        self.f.add(Tell(number, tuple(place for _, place in given)))
+        self.f.add(TellStatement(number, tuple(place for _, place in given)))
 
     def _made(self, node: ast.expr) -> Made | None:
         """What evaluates an expression, of which variables; None: Python does not have all that it needs."""

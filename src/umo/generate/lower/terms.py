@@ -25,7 +25,7 @@ class Elementwise(Code):
 
 
 @dataclass(frozen=True)
-class View(Elementwise):
+class SliceView(Elementwise):
     """A slice of an array, which has its elements under other names."""
 
     base: Value
@@ -42,7 +42,7 @@ class ArrayMethod:
 
 
 @dataclass(frozen=True)
-class Places:
+class TruePlaces:
     """The places of the elements of an array that are true: how many there are is of run time."""
 
     array: Code

@@ -22,7 +22,7 @@ from umo.generate.c_types import (
     TupleType,
     plain_number,
 )
-from umo.generate.lower.terms import Code, Many, Places, Present, Term, Truth, UnknownText
+from umo.generate.lower.terms import Code, Many, Present, Term, TruePlaces, Truth, UnknownText
 from umo.generate.value_kinds import is_plain_enum, own_methods
 
 NUMBERS = frozenset({bool, int, float})
@@ -30,7 +30,7 @@ PLAIN = NUMBERS | {str, bytes, NoneType, complex}
 
 
 @dataclass(frozen=True)
-class Live:
+class LiveKind:
     """An object of the machine, or what a name of a module stands for."""
 
     value: Any
@@ -44,7 +44,7 @@ class Some:
 
 
 @dataclass(frozen=True)
-class Row:
+class RowKind:
     """An array or a list of numbers; `count`: how many; None: it is not known."""
 
     of: type
@@ -59,7 +59,7 @@ class Several:
     names: tuple[str, ...] = ()
 
 
-Kind: TypeAlias = Live | Some | Row | Several
+Kind: TypeAlias = LiveKind | Some | RowKind | Several
 TEXT = Some(frozenset({str}))
 
 
@@ -75,7 +75,7 @@ def kind_of_type(of: CType) -> Kind:
     if isinstance(of, ArrayType):
         element = kind_of_type(of.of)
         (kind,) = element.kinds if isinstance(element, Some) and len(element.kinds) == 1 else (object,)
-        return Row(kind, None if of.loose else of.length)
+        return RowKind(kind, None if of.loose else of.length)
     if isinstance(of, TupleType):
         names, types = zip(*of.members, strict=True)
         return Several(tuple(map(kind_of_type, types)), names)
@@ -96,9 +96,9 @@ def kind_of_term(term: Term) -> Kind:
         return some(str, NoneType)
     if isinstance(term, Truth):
         return some(object)
-    if isinstance(term.value, Places):
-        return Row(int, None)
-    return TEXT if isinstance(term.value, UnknownText) else Live(term.value)
+    if isinstance(term.value, TruePlaces):
+        return RowKind(int, None)
+    return TEXT if isinstance(term.value, UnknownText) else LiveKind(term.value)
 
 
 def is_plain(value: Any) -> bool:
@@ -112,7 +112,7 @@ def plain_kinds(kind: Kind) -> frozenset[type] | None:
     """The classes that a plain value has; None: it is an object of its own."""
     if isinstance(kind, Some):
         return kind.kinds
-    return frozenset({type(kind.value)}) if isinstance(kind, Live) and is_plain(kind.value) else None
+    return frozenset({type(kind.value)}) if isinstance(kind, LiveKind) and is_plain(kind.value) else None
 
 
 def is_bare(kind: type) -> bool:

@@ -28,8 +28,8 @@ from umo.generate.lower.text_kinds import (
     PLAIN,
     TEXT,
     Kind,
-    Live,
-    Row,
+    LiveKind,
+    RowKind,
     Several,
     Some,
     are_one_enum,
@@ -135,12 +135,12 @@ class TextProof:
     def text(self, node: ast.AST) -> Some:
         """That this is a text."""
         kind = self.of(node)
-        if kind != TEXT and not (isinstance(kind, Live) and type(kind.value) is str):
+        if kind != TEXT and not (isinstance(kind, LiveKind) and type(kind.value) is str):
             raise self.unproved(node, "it is not always a text")
         return TEXT
 
     def constant(self, node: ast.Constant) -> Kind:
-        return Live(node.value)
+        return LiveKind(node.value)
 
     def joined(self, node: ast.JoinedStr) -> Kind:
         for each in node.values:
@@ -175,7 +175,7 @@ class TextProof:
     def _classes(self, kind: Kind) -> set[type]:
         if isinstance(kind, Some):
             return {float if issubclass(each, np.generic) else each for each in kind.kinds}
-        return {type(kind.value)} if isinstance(kind, Live) else {object}
+        return {type(kind.value)} if isinstance(kind, LiveKind) else {object}
 
     def name(self, node: ast.Name) -> Kind:
         if node.id in self._names:
@@ -185,7 +185,7 @@ class TextProof:
             return kind_of_term(term)
         if self._source.is_local(node.id) or (value := self._source.meaning(node.id)) is ABSENT:
             raise self.unproved(node, "it is used before it has a value on every way")
-        return Live(value)
+        return LiveKind(value)
 
     def attribute(self, node: ast.Attribute) -> Kind:
         if isinstance(node.value, ast.Call) and _is_super(node.value):
@@ -193,9 +193,9 @@ class TextProof:
         return self.attribute_of(self.of(node.value), node.attr, node)
 
     def attribute_of(self, base: Kind, name: str, node: ast.AST) -> Kind:
-        if isinstance(base, Live):
+        if isinstance(base, LiveKind):
             return self._of_live(base.value, name, node)
-        if isinstance(base, Row) and name == "size":
+        if isinstance(base, RowKind) and name == "size":
             return some(int)
         if isinstance(base, Several) and name in base.names:
             return base.parts[base.names.index(name)]
@@ -223,7 +223,7 @@ class TextProof:
         if isinstance(owner, Compound) and name in ("dt", "now"):
             return some(float)
         if isinstance(owner, Compound) and name == "cycle":
-            return Live(owner.cycle)
+            return LiveKind(owner.cycle)
         static = inspect.getattr_static(type(owner), name, None)
         if isinstance(static, property):
             if static in PROPERTIES:
@@ -231,7 +231,7 @@ class TextProof:
             if static.fget is None:
                 raise self.unproved(node)
             self._take(type(owner), name, node)
-            return self._called(static.fget, [Live(owner)], {}, node)
+            return self._called(static.fget, [LiveKind(owner)], {}, node)
         if not isinstance(owner, ModuleType | type) and attribute_kind(owner, name) not in ("value", "function"):
             raise self.unproved(node)
         found = getattr(owner, name, ABSENT)
@@ -247,7 +247,7 @@ class TextProof:
             return kind_of_type(of)
         if isinstance(owner, ModuleType | type | Enum) or not is_plain(found):
             self._take(owner, name, node)
-            return Live(found)
+            return LiveKind(found)
         return some(type(found))
 
     def _take(self, owner: Any, name: str, node: ast.AST) -> None:
@@ -258,7 +258,7 @@ class TextProof:
 
     def _of_super(self, node: ast.Attribute) -> Kind:
         me, kind = next(iter(self._names.values()), None), self._source.meaning("__class__")
-        if not isinstance(me, Live) or not isinstance(kind, type):
+        if not isinstance(me, LiveKind) or not isinstance(kind, type):
             raise self.unproved(node)
         mro = type(me.value).__mro__
         static = next((vars(each)[node.attr] for each in mro[mro.index(kind) + 1 :] if node.attr in vars(each)), None)
@@ -279,33 +279,33 @@ class TextProof:
         """The elements of what has as many as it has now."""
         if isinstance(kind, Several):
             return kind.parts
-        if isinstance(kind, Live) and is_container(kind.value) and not isinstance(kind.value, dict | set):
-            return [Live(each) for each in kind.value]
-        if isinstance(kind, Row) and kind.count is not None:
+        if isinstance(kind, LiveKind) and is_container(kind.value) and not isinstance(kind.value, dict | set):
+            return [LiveKind(each) for each in kind.value]
+        if isinstance(kind, RowKind) and kind.count is not None:
             return [some(kind.of)] * kind.count
         raise self.unproved(node)
 
     def _each(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
         """What is gone through; of numbers one for all."""
-        return [some(kind.of)] if isinstance(kind, Row) else self._parts(kind, node)
+        return [some(kind.of)] if isinstance(kind, RowKind) else self._parts(kind, node)
 
     def subscript(self, node: ast.Subscript) -> Kind:
         base = self.of(node.value)
         if isinstance(node.slice, ast.Slice):
             ends = [each for each in (node.slice.lower, node.slice.upper) if each is not None]
             if node.slice.step is None and all(self._classes(self.of(each)) == {int} for each in ends):
-                if isinstance(base, Row):
-                    return Row(base.of, None)
+                if isinstance(base, RowKind):
+                    return RowKind(base.of, None)
                 if self._classes(base) == {str}:
                     return TEXT
             raise self.unproved(node)
         place = self.of(node.slice)
-        if isinstance(place, Live) and isinstance(base, Live) and type(base.value) in (tuple, dict):
+        if isinstance(place, LiveKind) and isinstance(base, LiveKind) and type(base.value) in (tuple, dict):
             entries = base.value if isinstance(base.value, dict) else dict(enumerate(base.value))
             if place.value in entries:
-                return Live(entries[place.value])
-        if isinstance(place, Live) and type(place.value) is int and not isinstance(base, Some):
-            parts = [] if isinstance(base, Row) and base.count is None else self._parts(base, node)
+                return LiveKind(entries[place.value])
+        if isinstance(place, LiveKind) and type(place.value) is int and not isinstance(base, Some):
+            parts = [] if isinstance(base, RowKind) and base.count is None else self._parts(base, node)
             if -len(parts) <= place.value < len(parts):
                 return parts[place.value]
         raise self.unproved(node, "it may have no such element")
@@ -343,7 +343,7 @@ class TextProof:
             return some(bool)
         kinds = self._classes(kind)
         good = all(each in PLAIN or issubclass(each, tuple | list | dict) or is_bare(each) for each in kinds)
-        if isinstance(kind, Row) or not good:
+        if isinstance(kind, RowKind) or not good:
             raise self.unproved(node, "whether it is true is decided by code")
         return some(bool)
 
@@ -360,10 +360,10 @@ class TextProof:
         if isinstance(node.op, ast.Not):
             return self.asked(node.operand)
         kind = self.of(node.operand)
-        if isinstance(node.op, ast.Invert) and isinstance(kind, Row) and kind.of is bool:
+        if isinstance(node.op, ast.Invert) and isinstance(kind, RowKind) and kind.of is bool:
             return kind
-        if isinstance(node.op, ast.USub) and isinstance(kind, Live) and type(kind.value) in NUMBERS:
-            return Live(-kind.value)
+        if isinstance(node.op, ast.USub) and isinstance(kind, LiveKind) and type(kind.value) in NUMBERS:
+            return LiveKind(-kind.value)
         if isinstance(node.op, ast.USub) and self._classes(kind) <= NUMBERS:
             return Some(frozenset({int if each is bool else each for each in self._classes(kind)}))
         raise self.unproved(node)
@@ -374,7 +374,7 @@ class TextProof:
             if isinstance(sign, ast.Is | ast.IsNot):
                 continue
             inner = self._parts(other, node) if isinstance(sign, ast.In | ast.NotIn) else [other]
-            if any(isinstance(each, Row) for each in (one, *inner)):
+            if any(isinstance(each, RowKind) for each in (one, *inner)):
                 return self._compared_rows(one, other, node)
             kinds = set[type]().union(*map(self._classes, (one, *inner)))
             ordered = not isinstance(sign, ast.Eq | ast.NotEq | ast.In | ast.NotIn)
@@ -385,12 +385,12 @@ class TextProof:
     def _compared_rows(self, one: Kind, other: Kind, node: ast.Compare) -> Kind:
         if len(node.ops) > 1 or isinstance(node.ops[0], ast.In | ast.NotIn):
             raise self.unproved(node)
-        return Row(bool, self._common_count([one, other], node))
+        return RowKind(bool, self._common_count([one, other], node))
 
     def _common_count(self, kinds: Sequence[Kind], node: ast.AST) -> int:
         """The length of arrays of one length, beside numbers."""
-        counts = {each.count for each in kinds if isinstance(each, Row)}
-        rest = [each for each in kinds if not isinstance(each, Row)]
+        counts = {each.count for each in kinds if isinstance(each, RowKind)}
+        rest = [each for each in kinds if not isinstance(each, RowKind)]
         if len(counts) != 1 or None in counts or any(not self._classes(each) <= NUMBERS for each in rest):
             raise self.unproved(node)
         (count,) = counts
@@ -405,24 +405,24 @@ class TextProof:
             times = kinds[1] if kinds[0] == {str} else kinds[0]
             if times <= {int, bool}:
                 return TEXT
-        if isinstance(one, Row) or isinstance(other, Row):
+        if isinstance(one, RowKind) or isinstance(other, RowKind):
             return self._of_rows(node, one, other)
         if all(each <= NUMBERS for each in kinds):
             whole = all(each <= {int, bool} for each in kinds)
             if isinstance(node.op, ast.Add | ast.Sub | ast.Mult):
                 return some(int if whole else float)
             divides = isinstance(node.op, ast.Div | ast.FloorDiv | ast.Mod)
-            if divides and isinstance(other, Live) and other.value:
+            if divides and isinstance(other, LiveKind) and other.value:
                 return some(int if whole and not isinstance(node.op, ast.Div) else float)
         raise self.unproved(node)
 
     def _of_rows(self, node: ast.BinOp, one: Kind, other: Kind) -> Kind:
         count = self._common_count([one, other], node)
-        kinds = {each.of for each in (one, other) if isinstance(each, Row)}
+        kinds = {each.of for each in (one, other) if isinstance(each, RowKind)}
         if kinds == {bool} and isinstance(node.op, ast.BitAnd | ast.BitOr):
-            return Row(bool, count)
+            return RowKind(bool, count)
         if bool not in kinds and isinstance(node.op, ast.Add | ast.Sub | ast.Mult):
-            return Row(float, count)
+            return RowKind(float, count)
         raise self.unproved(node)
 
     # Calls -----------------------------------------------------------------------------------------------
@@ -432,10 +432,10 @@ class TextProof:
             base = self.of(node.func.value)
             if self._classes(base) == {str}:
                 return self._method_of_text(base, node.func.attr, node)
-            if isinstance(base, Row):
+            if isinstance(base, RowKind):
                 return self._method_of_row(base, node.func.attr, node)
         func = self.of(node.func)
-        if not isinstance(func, Live):
+        if not isinstance(func, LiveKind):
             raise self.unproved(node)
         if func.value in FUNCTIONS and not isinstance(func.value, MethodType):
             return FUNCTIONS[func.value](self, node)
@@ -448,7 +448,7 @@ class TextProof:
     def _called(self, target: Any, given: Sequence[Kind], named: Mapping[str, Kind], node: ast.AST) -> Kind:
         """A function of Python, whose body is proved."""
         if isinstance(target, MethodType):
-            target, given = target.__func__, [Live(target.__self__), *given]
+            target, given = target.__func__, [LiveKind(target.__self__), *given]
         if not isinstance(target, FunctionType) or self._depth > DEEPEST:
             raise self.unproved(node, "it is not known what the function does")
         try:
@@ -462,13 +462,13 @@ class TextProof:
             if each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD):
                 raise self.unproved(node)
             if each.name not in bound.arguments:
-                bound.arguments[each.name] = Live(each.default)
+                bound.arguments[each.name] = LiveKind(each.default)
         return TextProof(source, bound.arguments, self._ways, self._depth + 1).function()
 
     def _method_of_text(self, base: Kind, name: str, node: ast.Call) -> Kind:
         if name == "join" and len(node.args) == 1 and not node.keywords:
             self._elements(node.args[0])
-        elif name == "format" and isinstance(base, Live):
+        elif name == "format" and isinstance(base, LiveKind):
             self._format(base.value, node)
         elif name in METHODS and not node.keywords:
             for argument in node.args:
@@ -484,9 +484,9 @@ class TextProof:
         elif isinstance(node, ast.Tuple | ast.List):
             for each in node.elts:
                 self.text(each)
-        elif isinstance(node, ast.Call) and self.of(node.func) == Live(map) and len(node.args) == 2:
+        elif isinstance(node, ast.Call) and self.of(node.func) == LiveKind(map) and len(node.args) == 2:
             maker, over = self.of(node.args[0]), self.of(node.args[1])
-            if not (isinstance(maker, Live) and maker.value in MAKERS):
+            if not (isinstance(maker, LiveKind) and maker.value in MAKERS):
                 raise self.unproved(node)
             for part in self._each(over, node):
                 self._show(part, node)
@@ -533,7 +533,7 @@ class TextProof:
         if node.keywords:
             raise self.unproved(node)
 
-    def _method_of_row(self, base: Row, name: str, node: ast.Call) -> Kind:
+    def _method_of_row(self, base: RowKind, name: str, node: ast.Call) -> Kind:
         if name in REDUCING and base.count and not node.args and not node.keywords:
             return some(base.of if REDUCING[name] is float and base.of is not bool else REDUCING[name])
         raise self.unproved(node)
@@ -555,9 +555,9 @@ class TextProof:
 
     def length(self, node: ast.Call) -> Kind:
         kind = self.of(node.args[0])
-        if isinstance(kind, Row | Several) or self._classes(kind) == {str}:
+        if isinstance(kind, RowKind | Several) or self._classes(kind) == {str}:
             return some(int)
-        if isinstance(kind, Live) and (is_container(kind.value) or isinstance(kind.value, Vector)):
+        if isinstance(kind, LiveKind) and (is_container(kind.value) or isinstance(kind.value, Vector)):
             return some(int)
         raise self.unproved(node)
 
@@ -606,9 +606,9 @@ class TextProof:
 
     def places(self, node: ast.Call) -> Kind:
         """`np.flatnonzero` of an array."""
-        if len(node.args) != 1 or not isinstance(self.of(node.args[0]), Row):
+        if len(node.args) != 1 or not isinstance(self.of(node.args[0]), RowKind):
             raise self.unproved(node)
-        return Row(int, None)
+        return RowKind(int, None)
 
     def chosen(self, node: ast.Call) -> Kind:
         """`np.where` of three."""
@@ -616,8 +616,10 @@ class TextProof:
             raise self.unproved(node)
         kinds = [self.of(each) for each in node.args]
         count = self._common_count(kinds, node)
-        found = set[type]().union(*({each.of} if isinstance(each, Row) else self._classes(each) for each in kinds[1:]))
-        return Row(float if float in found else max(found, key=[bool, int].index), count)
+        found = set[type]().union(
+            *({each.of} if isinstance(each, RowKind) else self._classes(each) for each in kinds[1:])
+        )
+        return RowKind(float if float in found else max(found, key=[bool, int].index), count)
 
     def counted(self, node: ast.Call) -> Kind:
         """`np.count_nonzero` of an array."""
@@ -632,18 +634,18 @@ class TextProof:
 
     def _show(self, kind: Kind, node: ast.AST) -> None:
         """That a text shows this without an effect, and without a failure."""
-        if isinstance(kind, Row):
+        if isinstance(kind, RowKind):
             return
         if isinstance(kind, Several):
             for each in kind.parts:
                 self._show(each, node)
             return
-        if isinstance(kind, Live) and is_container(kind.value) and not isinstance(kind.value, str | np.ndarray):
+        if isinstance(kind, LiveKind) and is_container(kind.value) and not isinstance(kind.value, str | np.ndarray):
             values = kind.value.items() if isinstance(kind.value, dict) else kind.value
             for value in values:
-                self._show(Live(value), node)
+                self._show(LiveKind(value), node)
             return
-        for of in [type(kind.value)] if isinstance(kind, Live) else kind.kinds:
+        for of in [type(kind.value)] if isinstance(kind, LiveKind) else kind.kinds:
             self._show_object(of, kind, node)
 
     def _show_object(self, kind: type, value: Kind, node: ast.AST) -> None:
@@ -659,7 +661,7 @@ class TextProof:
                 self._show_fields(kind, value, node)
                 continue
             more: list[Kind] = [TEXT] if name == "__format__" else []
-            one = value if isinstance(value, Live) else some(kind)
+            one = value if isinstance(value, LiveKind) else some(kind)
             if self._classes(self._called(method, [one, *more], {}, node)) != {str}:
                 raise self.unproved(node)
 
@@ -676,14 +678,14 @@ class TextProof:
         assert isinstance(self._source.tree, ast.FunctionDef)
         found: list[Kind] = []
         if self._body(self._source.tree.body, found):
-            found.append(Live(None))
+            found.append(LiveKind(None))
         return self._one_of(found, self._source.tree)
 
     def _body(self, statements: Sequence[ast.stmt], found: list[Kind]) -> bool:
         """Whether what stands after the statements is reached."""
         for each in statements:
             if isinstance(each, ast.Return):
-                found.append(Live(None) if each.value is None else self.of(each.value))
+                found.append(LiveKind(None) if each.value is None else self.of(each.value))
                 return False
             if isinstance(each, ast.If):
                 if not self._if(each, found):

@@ -11,7 +11,7 @@ import numpy as np
 
 from umo.generate.c_types import CType, TextType, joined
 from umo.generate.form import Value
-from umo.generate.lower.terms import Known, UnknownText
+from umo.generate.lower.terms import UnknownText
 from umo.generate.names import identifier
 
 MOST_PASSES = 12
@@ -35,7 +35,7 @@ class TranslationMemory:
     shared: set[Any] = field(default_factory=set)
     """Arrays that may have several names: fields; function and name of local ones, where it is in a loop."""
     fields: dict[tuple[int, str], CType] = field(default_factory=dict)
-    locals: dict[tuple[Any, str], CType | Known] = field(default_factory=dict)
+    locals: dict[tuple[Any, str], CType] = field(default_factory=dict)
     results: dict[Any, CType] = field(default_factory=dict)
     of_numpy: set[tuple[int, str]] = field(default_factory=set)
     """Fields that numbers of numpy are assigned to."""

@@ -119,7 +119,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
             i = wrong[0]
             of = f" in the block {', '.join(texts)}" if len(texts) > 1 else ""
             why = f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}"
-            raise RuleBroken(why, f"reading of {texts[i]}")
+            raise RuleBroken(why, f"reading of {texts[i]} in a block")
         sleep(LOOK_INTERVAL * 2**look)
 
 
@@ -276,7 +276,7 @@ def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
         for text, raw in zip(block, out.tolist(), strict=True):
             if text not in named and text in context.known and not context.alike(text, raw, expected[text]):
                 why = f"read_many failed for {', '.join(named)}; {text} is {raw} in place of {expected[text]}"
-                raise RuleBroken(why, f"reading of {text}")
+                raise RuleBroken(why, f"reading of {text}", f"reading of {text} in a block")
 
 
 def _write_with(context: RuleContext, probe: Probe, bad: str) -> None:

@@ -36,14 +36,16 @@ class Placeholders:
         """The first call that closed one; empty if none did."""
         self._held: set[int] = set()
         self._null = os.stat(os.devnull)
-        self._highest = max(_numbers(), default=-1)
+        self._before = set(_numbers())
+        self._highest = -1
+        """The highest number that has been in use since."""
 
     def look(self, call: str) -> None:
         """Called behind each call of the driver."""
         for number in [each for each in self._held if not self._is_there(each)]:
             self._held.discard(number)
             self.closed_by = self.closed_by or call
-        self._highest = max(self._highest, *_numbers(), -1)
+        self._highest = max({self._highest, *_numbers()} - self._before)
         while (number := os.open(os.devnull, os.O_RDONLY)) <= self._highest:
             self._held.add(number)
         os.close(number)
@@ -61,5 +63,11 @@ class Placeholders:
 
 def _numbers() -> Iterator[int]:
     """Numbers of the descriptors that are open, without the kit's own."""
-    with suppress(OSError):
-        yield from (number for number in map(int, os.listdir(OPEN)) if number < OUT_OF_THE_WAY)
+    try:
+        listed = [number for number in map(int, os.listdir(OPEN)) if number < OUT_OF_THE_WAY]
+    except OSError:
+        return
+    for number in listed:
+        with suppress(OSError):  # the descriptor by which they were listed is closed again
+            os.fstat(number)
+            yield number

@@ -24,7 +24,8 @@ def readings(context: RuleContext) -> None:
         probe.read_many(context.readable)
     if context.watch.wrong_type:
         beyond = context.watch.beyond
-        raise RuleBroken(context.watch.wrong_type, *([] if beyond is None else [f"reading of {beyond}"]))
+        causes = [f"reading of {beyond}", f"reading of {beyond} in a block"] if beyond else []
+        raise RuleBroken(context.watch.wrong_type, *causes)
 
 
 @rule(Cost(calls=4, connects=2, waits=2))

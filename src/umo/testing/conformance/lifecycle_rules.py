@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
+from umo.drivers.optional import look_for
 from umo.errors import text_of
 from umo.testing.conformance.probe import Probe, failed
 from umo.testing.conformance.pulses import looks_for_pulses
@@ -237,7 +238,7 @@ def _use(context: RuleContext, probe: Probe, text: str) -> None:
         probe.read(text)
 
 
-@rule(Cost(opens=14, each=10, calls=10, connects=2, waits=1))
+@rule(Cost(opens=15, each=10, calls=4, connects=2, waits=1))
 def reopen(context: RuleContext) -> str | None:
     """A closed driver can be opened again, and one that is not open can be closed. Outputs come up at their defaults
     again, also if they were driven in the meantime. No descriptor is closed twice: its number may be another's by
@@ -247,6 +248,8 @@ def reopen(context: RuleContext) -> str | None:
     with context.watch.placeholders() as held:
         for number in range(3):
             _opened_again(context, probe, number)
+        if context.subject.line is not None:
+            _lose_connections(context, probe, context.subject.line)
     if held.closed_by:
         why = "that had been closed before, and whose number was another's"
         raise RuleBroken(f"{held.closed_by} closed a descriptor {why}", "descriptor closed twice")
@@ -265,22 +268,23 @@ def _opened_again(context: RuleContext, probe: Probe, number: int) -> None:
                 _use(context, probe, text)
         except OSError as error:
             raise RuleBroken(f"opened again, {failed(error)}") from error
-        if number == 0 and context.subject.line is not None:
-            _lose_connections(context, probe, context.subject.line)
     probe.close()
     for output in context.subject.outputs[:1]:
         _leave_at(context, output, output.other())
 
 
 def _lose_connections(context: RuleContext, probe: Probe, line: Tap) -> None:
-    """Each in another way: it ends, or an answer gets lost, and then the device is looked for."""
+    """One ends, the answer of another gets lost, and then the device is looked for; what fails is judged by others."""
+    context.bring_up(probe)
     call = context.transfers(probe)[0]
     line.drop()
-    context.insist(call)
+    context.failure(context.insist, call)
     with context.in_haste(probe):
         context.unanswered(call)
-        context.look(probe)
-    context.insist(call)
+        context.failure(probe.call, "look", look_for, probe.driver)
+    context.failure(context.insist, call)
+    context.failure(context.leave, probe)
+    context.failure(probe.close)
 
 
 def _open_watched(context: RuleContext, probe: Probe, driven: Sequence[Output]) -> None:

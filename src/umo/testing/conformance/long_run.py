@@ -167,7 +167,7 @@ class LongRun:
         for text, expected in self._steady.items():
             for now in (found[text], alone.get(text, expected)):
                 if now != expected:
-                    self._wrong(text, now, expected, f"reading of {text}")
+                    self._wrong(text, now, expected, f"reading of {text}", f"reading of {text} in a block")
         for i, output in self._shown.items():
             view, raw = self.context.view(output), int(self._raws[i])
             if view in self._lags and number % WARMING_CYCLES:

@@ -110,7 +110,7 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=6, calls=35, connects=5, more=10))
+@rule(Cost(opens=6, calls=35, connects=6, more=10))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else. The driver can still
     be used after that, as outputs are reset then; so it can once it was asked to end a wait (`stop_waiting`)."""
@@ -118,7 +118,7 @@ def interrupt(context: RuleContext) -> str | None:
     kinds = len(context.transfers(context.new()))
     _asked_to_stop(context)
     waited = [number for number in range(kinds) if _interrupted(context, number)]
-    for number in context.as_time_allows(waited[::2], 0, "kinds of calls that are interrupted later"):
+    for number in context.as_time_allows(waited[::2], 1, "kinds of calls that are interrupted later"):
         _interrupted_later(context, number)
     if not waited:
         raise NotTried("no call waits in a function that can be interrupted")

@@ -194,9 +194,10 @@ class RuleContext(OutputObserver):
         return False
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
-        """A call that may fail once: only then the driver may find out what the calls before have left behind."""
-        with suppress(OSError):
-            return call(*arguments)
+        """A call that may fail twice: only then the driver may find out what the calls before have left behind."""
+        for _ in range(2):
+            with suppress(OSError):
+                return call(*arguments)
         return call(*arguments)
 
     def look(self, probe: Probe) -> bool | None:

@@ -71,6 +71,8 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
             for text in texts:
                 if text not in plain and spoiled_read(context, probe, watcher, text, way):
                     tried.add("reads")
+                if speaks:
+                    context.try_out(probe)  # of what it sends by itself a part may be found to be wrong only now
             if speaks and way.change(COUNTED):
                 continue  # what is changed may be something else than the answer to a write
             if context.subject.outputs and "writes" not in plain:
