@@ -35,7 +35,6 @@ from umo.generate.law_library import (
     BESIDE_PYTHON,
     CHANGED,
     HOST_CALL,
-    NOT_ON_COLUMNS,
     READ,
     TELL,
     WRITE,
@@ -154,8 +153,6 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
             yield f"{name} of a {type(owner).__name__} is a function that only Python can call"
-    if any(map(translation.calls.get, NOT_ON_COLUMNS)):
-        yield "control code resets or references an object, or asks for its time or offset"
 
 
 def _inside(of: CType) -> list[CType]:

@@ -115,7 +115,7 @@ class LoweredAttributes(LoweredSubject):
                 raise self.f.refused(
                     node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
                 )
-            if isinstance(value, tuple) and hasattr(value, "_fields") and {*map(type, value)} <= {int, float, bool}:
+            if _is_record_of_numbers(value) and self.f.world.fields.type_of_value(value) is None:
                 told = f"{name} has a value of another class than {type(value).__name__} declares"
                 raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
             if hasattr(value, "__dict__"):
@@ -170,6 +170,7 @@ class LoweredAttributes(LoweredSubject):
     def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
         place = self.object(owner, node)
         if name == "time":
+            self.check_in_c(name, node)
             return Code(REAL, Runtime("umo_time", (place,)))
         if name == "quality":
             return Code(state(Quality), Runtime("umo_quality", (place,)))
@@ -185,10 +186,20 @@ class LoweredAttributes(LoweredSubject):
             return self.got_by("umo_velocity", place, of=REAL)
         if isinstance(owner, DigitalSensor) and owner.incremental:  # homing changes it
             if name == "zero_offset":
+                self.check_in_c(name, node)
                 return Code(REAL, OfObject(place, "zero_offset"))
             if name == "calibration":
                 raise self.f.refused(node, "homing changes it", "minimum, maximum, resolution, zero_offset")
         return self._known(owner, name, node)
+
+    def check_in_c(self, name: str, node: ast.AST) -> None:
+        """That the runtime in C has what is asked of an object: beside Python it has not."""
+        if self.f.world.target.tells:
+            raise self.f.refused(
+                node,
+                f"`{name}` of an object is done by Python where laws are compiled",
+                "read, write, quality, pending",
+            )
 
     def object(self, owner: Atomic, node: ast.AST) -> Value:
         """The object; a controller samples those that are synchronous."""
@@ -207,6 +218,10 @@ class LoweredAttributes(LoweredSubject):
         name = self.f.temporary(of)
         self.f.called(function, *arguments, out=name)
         return Code(of, name)
+
+
+def _is_record_of_numbers(value: Any) -> bool:
+    return isinstance(value, tuple) and hasattr(value, "_fields") and {*map(type, value)} <= {int, float, bool}
 
 
 def _of_clock(name: str) -> Code:
