@@ -176,20 +176,6 @@ def test_what_is_set_is_computed_with_as_in_python_or_gives_the_laws_back(name: 
             assert act(run.m) == act(alone)
 
 
-class Asking(Pump):
-    def control(self) -> None:
-        self.motor.write(1.0 if isinstance(self.gain, int) else 2.0)
-
-
-@pytest.mark.parametrize(("kind", "state"), [(Pump, "compiled"), (Asking, "python")])
-def test_a_whole_number_is_a_real_unless_code_asks_for_its_class(kind: type[Pump], state: str) -> None:
-    with running(pump(kind)) as run:
-        run.m.gain = 3
-        run.step()
-        assert run.laws.state == state
-        assert run.m.motor.pending == (10.0 if kind is Pump else 1.0)
-
-
 def scaled(gains: list[float], value: float, by: float = 1.0) -> float:
     return gains[0] * value * by
 

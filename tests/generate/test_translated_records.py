@@ -200,4 +200,19 @@ class SettingsThatTwoShare(Program):
             self.k += each.gain
 
 
+SCHEDULE = (Pair(20.0, 4.0), Pair(60.0, 2.0), Pair(900.0, 0.8))
+
+
+@equal
+class KnownNamedTuples(Program):
+    LIMITS = Pair(1.0, 2.0)
+
+    def control(self) -> None:
+        for number, each in enumerate(SCHEDULE):
+            if self.u * 10.0 < each.first:
+                self.k = number + each.second
+                break
+        self.k += SCHEDULE[-1].second + self.LIMITS.first + SCHEDULE[0].both + self.LIMITS.times(self.u)
+
+
 test_it_is_what_python_does = CASES.test()

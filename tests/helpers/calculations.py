@@ -82,4 +82,4 @@ class CompiledMethods:
             yield Calculation(law, memory, lambda: self._kinds[self._compiled.step(1, [])])
         finally:
             law.chosen = False
-            memory.push()
+            memory.write("chosen", False)

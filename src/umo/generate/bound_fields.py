@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, MutableSequence
+from collections.abc import Callable, Iterator
 from types import CodeType
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TextType, TupleType
+from umo.generate.c_types import MASK, ArrayType, CType, StateType
 from umo.generate.function_source import shown_file
-from umo.generate.struct_memory import PLAIN, StructMemory
-from umo.generate.value_kinds import parts_of
-
-WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
-"""Errors of a value that a field cannot have."""
-EXACT = 2**53
-"""Whole numbers up to this one are the same as reals."""
-
+from umo.generate.struct_memory import PLAIN, WRONG, StructMemory, Unfitting, require
 
 OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
 """What each class of ABCMeta has of its own."""
@@ -34,59 +27,85 @@ ALONE = _references()
 """References to a value that has one name, as this Python counts them where it is asked."""
 
 
-class BoundList(MutableSequence[Any]):
-    """A list whose elements are in the memory of a compiled library. Its length does not change: where somebody changes
-    it, `refused` is called, and the list of the object is changed."""
+class BoundList(list[Any]):
+    """A list whose elements are in the memory of a compiled library. It has them itself as they were when somebody
+    last asked it. Its length does not change: where somebody changes it, `refused` is called, and the list of the
+    object is changed."""
 
-    def __init__(
-        self, memory: StructMemory, name: str, length: int, refused: Callable[[], list[Any]], exact: bool
-    ) -> None:
-        """`exact`: code asks for the class of its elements."""
-        self._exact = exact
-        self._memory, self._name, self._length, self._refused = memory, name, length, refused
+    def __init__(self, memory: StructMemory, name: str, refused: Callable[[], list[Any]]) -> None:
+        super().__init__(memory.read(name))
+        self._memory, self._name, self._refused = memory, name, refused
         self._own: list[Any] | None = None
         """The list of the object, once its elements are no longer in the memory."""
 
     def unbind(self) -> list[Any]:
         """The list of the object again; whoever has this one goes on with the same elements."""
         if self._own is None:
-            self._own = list(self)
+            self._own = self.copy()
         return self._own
 
-    def __len__(self) -> int:
-        return self._length if self._own is None else len(self._own)
+    def renew(self) -> BoundList:
+        """It has the elements that are in the memory now."""
+        list.__setitem__(self, slice(None), self._memory.read(self._name) if self._own is None else self._own)
+        return self
 
-    def __getitem__(self, place: Any) -> Any:
-        if self._own is not None:
-            return self._own[place]
-        if isinstance(place, slice):
-            return [self[each] for each in range(*place.indices(self._length))]
-        return self._memory.element(self._name, range(self._length)[place])
-
-    def __setitem__(self, place: Any, value: Any) -> None:
-        if self._own is not None:
-            self._own[place] = value
-            return
-        of = self._memory.fields[self._name]
-        assert isinstance(of, ArrayType)
+    def take(self, values: list[Any]) -> None:
+        """It has these elements from now on."""
         try:
-            places = range(self._length)[place]
-            values = list(value) if isinstance(place, slice) else [value]
-            for one in values:
-                require(of.of, one, self._exact)
-            for each, one in zip(places if isinstance(place, slice) else [places], values, strict=True):
-                self._memory.set_element(self._name, each, one)
+            if self._own is None:
+                require(self._memory.fields[self._name], values)
+                self._memory.write(self._name, values)
         except WRONG:
-            self._refused()[place] = value
+            self._own = self._refused()
+        if self._own is not None:
+            self._own[:] = values
+        self.renew()
 
-    def __delitem__(self, place: Any) -> None:
-        del (self._refused() if self._own is None else self._own)[place]
+    def __iter__(self) -> Iterator[Any]:
+        place = 0
+        while place < len(self):
+            yield self[place]
+            place += 1
 
-    def insert(self, place: int, value: Any) -> None:
-        (self._refused() if self._own is None else self._own).insert(place, value)
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        return list, (self.copy(),)
 
-    def __repr__(self) -> str:
-        return repr(list(self))
+
+def _reading(name: str) -> Callable[..., Any]:
+    """A method of a list that changes nothing."""
+    of_lists = getattr(list, name)
+
+    def read(self: BoundList, *given: Any, **named: Any) -> Any:
+        return of_lists(self.renew(), *given, **named)
+
+    return read
+
+
+def _joining(self: BoundList, others: list[Any]) -> Any:
+    """`others + self`, which a list would find out by itself, and with old elements."""
+    return others + self.copy() if isinstance(others, list) else NotImplemented
+
+
+def _changing(name: str) -> Callable[..., Any]:
+    """A method of a list that changes it."""
+    of_lists = getattr(list, name)
+
+    def change(self: BoundList, *given: Any, **named: Any) -> Any:
+        values = self.copy()
+        result = of_lists(values, *given, **named)
+        self.take(values)
+        return result if result is not values else self if self._own is None else self._own
+
+    return change
+
+
+for _name in ("__len__", "__getitem__", "__contains__", "__reversed__", "__repr__", "__add__", "__mul__", "__rmul__",
+              "__eq__", "__ne__", "__lt__", "__le__", "__gt__", "__ge__", "copy", "count", "index"):  # fmt: skip
+    setattr(BoundList, _name, _reading(_name))
+for _name in ("__setitem__", "__delitem__", "__iadd__", "__imul__", "append", "clear", "extend", "insert", "pop",
+              "remove", "reverse", "sort"):  # fmt: skip
+    setattr(BoundList, _name, _changing(_name))
+BoundList.__radd__ = _joining  # type: ignore[attr-defined]
 
 
 Get: TypeAlias = Callable[[Any], Any]
@@ -105,13 +124,10 @@ class BoundFields:
         states: set[str],
         refused: Callable[[str], None],
         taken: frozenset[str] = frozenset(),
-        exact: frozenset[str] = frozenset(),
     ) -> None:
-        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known;
-        `exact`: the fields whose class it asks for. TypeError if an object of this class cannot be bound."""
-        self._taken, self._exact = taken, exact
-        self._label = memory.path or type(owner).__name__
-        """What the object is called in messages."""
+        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known.
+        TypeError if an object of this class cannot be bound."""
+        self._taken, self._label = taken, memory.label
         self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
         self._own = set[str]()
         """The fields that are attributes of the object itself, not of its class."""
@@ -179,10 +195,10 @@ class BoundFields:
         have too gives the laws back to Python: what they change in it would not be seen."""
         for name in tuple(self._given):
             try:
-                require(self._memory.fields[name], self._given[name], name in self._exact)
+                self._memory.check(name, self._given[name])
                 self._memory.write(name, self._given[name])
-            except WRONG:
-                self._refused(f"{self._label}.{name} is set to {self._given[name]!r:.60}")
+            except Unfitting as error:
+                self._refused(str(error))
                 return
             if not self._is_rebound(name) and is_shared(self._given, name):
                 self._refused(f"{self._label}.{name} is set to a list or an array that others have, too")
@@ -225,11 +241,12 @@ class BoundFields:
 
         def checked(owner: Any, value: Any) -> None:
             try:
-                require(of, value, name in self._exact)
-                put(owner, value)
-            except WRONG:
-                self._refused(f"{self._label}.{name} is set to {value!r:.60}")
+                self._memory.check(name, value)
+            except Unfitting as error:
+                self._refused(str(error))
                 setattr(owner, name, value)
+            else:
+                put(owner, value)
 
         return get, checked
 
@@ -267,8 +284,8 @@ class BoundFields:
             return _of_state(self._memory.view(name, "B"), list(of.kind))
         if of == MASK:
             return self._of_mask(name)
-        if isinstance(of, ArrayType) and isinstance(getattr(self.owner, name), list):
-            return self._of_list(name, of)
+        if isinstance(of, ArrayType) and of.listed:
+            return self._of_list(name)
         if isinstance(of, ArrayType):
             return self._of_array(name, of)
         return self._of_others(name)
@@ -283,20 +300,18 @@ class BoundFields:
 
         return (lambda _: given[0]), put
 
-    def _of_list(self, name: str, of: ArrayType) -> tuple[Get, Set]:
+    def _of_list(self, name: str) -> tuple[Get, Set]:
         def refused() -> Any:
             self._refused(f"{self._label}.{name} has another length, or an element of another kind")
             return getattr(self.owner, name)
 
-        self._lists[name] = found = BoundList(self._memory, name, of.length, refused, name in self._exact)
+        self._lists[name] = found = BoundList(self._memory, name, refused)
 
         def put(_: Any, value: Any) -> None:
-            if type(value) is not list or len(value) != of.length:
-                raise ValueError
             self._memory.write(name, value)
             self._give(name, value)
 
-        return (lambda _: self._given.get(name, found)), put
+        return (lambda _: self._given[name] if name in self._given else found.renew()), put
 
     def _of_array(self, name: str, of: ArrayType) -> tuple[Get, Set]:
         """One that compiled code assigns is given as a copy that nobody changes: it is a new one in each period."""
@@ -314,12 +329,6 @@ class BoundFields:
             return copy
 
         def put(_: Any, value: Any) -> None:
-            if type(value) is not np.ndarray or value.dtype.kind != view.dtype.kind:
-                raise TypeError
-            if value.shape not in ((1,), view.shape) or (of.of == REAL and value.dtype != view.dtype):
-                raise ValueError
-            if of.of == INT and not np.array_equal(value, value.astype(view.dtype)):
-                raise ValueError
             view[:] = value
             self._give(name, value)
 
@@ -330,35 +339,6 @@ class BoundFields:
             self._memory.write(name, value)
 
         return (lambda _: self._memory.read(name)), put
-
-
-def require(of: CType, value: Any, exact: bool) -> None:
-    """TypeError or ValueError for a value with which C would not compute as Python does: a number of numpy or a bool in
-    the place of a number, a whole number where reals are that has a zero without a sign, or that no real is. `exact`:
-    code asks for its class, so no whole number is a real."""
-    kind = type(value)
-    if of == REAL:
-        wrong = kind is not float and (exact or not (kind is int and 0 < abs(value) <= EXACT))
-    elif of == INT:
-        wrong = kind is not int or not -(2**31) <= value < 2**31
-    elif of == BOOL:
-        wrong = kind is not bool
-    elif isinstance(of, StateType):
-        wrong = kind is not (str if isinstance(of, TextType) else of.kind)
-    elif isinstance(of, TupleType):
-        parts = parts_of(value) if kind is (of.kind or tuple) else ()
-        wrong = len(parts) != len(of.members)
-        for (_, each), part in zip(of.members, () if wrong else parts, strict=not wrong):
-            require(each, part, exact)
-    else:
-        wrong = False
-        if isinstance(of, OptionalType) and value is not None:
-            require(of.of, value, exact)
-        elif isinstance(of, ArrayType) and kind is list:
-            for part in value:
-                require(of.of, part, exact)
-    if wrong:
-        raise TypeError(f"{value!r:.60} is not of this kind")
 
 
 class _Untold:

@@ -190,7 +190,7 @@ def unmixed(of: CType) -> CType:
     """The type as one of a field."""
     if isinstance(of, OptionalType):
         return OptionalType(of.name, plain_number(of.of))
-    return of.of if isinstance(of, MixedNumber) else of
+    return plain_number(of)
 
 
 def may_be_bool(of: CType) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 from umo.cycle.clock import Clock
 from umo.cycle.conversion import extension
 from umo.cycle.inhibition import Inhibition
-from umo.generate.law_library import BESIDE_PYTHON, NOT_ON_COLUMNS, TRUE, LawLibrary
+from umo.generate.law_library import BESIDE_PYTHON, TRUE, LawLibrary
 from umo.generate.translation import Translation
 from umo.generate.translator import translate
 from umo.objects import Compound
@@ -25,7 +25,6 @@ ONLY_PYTHON = {
     "umo_digital_write": WRITES,
     "umo_binary_write": WRITES,
     "umo_write_many": WRITES,
-    **dict.fromkeys(NOT_ON_COLUMNS, "asks an object for its time or offset, or changes it"),
 }
 """What a condition would not do in C as in Python, by the function of the runtime."""
 Asked = Callable[[], Any]

@@ -25,7 +25,7 @@ from umo.cycle.conversion import extension
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
-from umo.generate.bound_fields import WRONG, BoundFields
+from umo.generate.bound_fields import BoundFields
 from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_model import ControllerModel, laid_out, model_of, too_many
@@ -35,7 +35,6 @@ from umo.generate.law_library import (
     BESIDE_PYTHON,
     CHANGED,
     HOST_CALL,
-    NOT_ON_COLUMNS,
     READ,
     TELL,
     WRITE,
@@ -47,6 +46,7 @@ from umo.generate.law_library import (
 )
 from umo.generate.lower.lowered_rings import DequeFields
 from umo.generate.lower.text_makers import error_as_written
+from umo.generate.struct_memory import WRONG
 from umo.generate.translation import Translation
 from umo.generate.translator import translate
 from umo.objects import Compound, Quality, Vector
@@ -153,8 +153,6 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
             yield f"{name} of a {type(owner).__name__} is a function that only Python can call"
-    if any(map(translation.calls.get, NOT_ON_COLUMNS)):
-        yield "control code resets or references an object, or asks for its time or offset"
 
 
 def _inside(of: CType) -> list[CType]:
@@ -196,7 +194,6 @@ class CompiledLaws(Capability):
                 {name for name in struct.fields if (struct.path, name) in states},
                 self.give_up,
                 self._known.names_of(struct.owner),
-                self._known.exact(struct.fields),
             )
             for memory, struct in zip(self._memories, structs, strict=True)
         ]
@@ -292,7 +289,7 @@ class CompiledLaws(Capability):
             try:
                 memory.push()
             except WRONG as error:
-                self.give_up(f"{memory.path}: {text_of(error)}")
+                self.give_up(text_of(error))
                 return False
         return True
 
@@ -340,6 +337,8 @@ class CompiledLaws(Capability):
         self._tell("the laws are compiled: they were the same as in Python so far")
         if self._translation.notes:
             self._tell(f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
+        if mixed := [f"{each.label}.{name}" for each in self._memories for name in each.mixed]:
+            self._tell(f"a number that in Python changes its class is read as one class: {', '.join(mixed)}")
         if self._conditions.left_out:
             self._tell(f"the conditions of interlocks run in Python: {self._conditions.left_out}")
         self._machine.acting_laws.replace([self._compiled(number, law) for number, law in enumerate(self._python)])

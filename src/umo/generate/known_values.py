@@ -180,18 +180,6 @@ class KnownValues:
         """The code of the functions that are translated."""
         return (value for owner, name, value, _ in self.attributes.values() if name == "__code__")
 
-    def exact(self, names: Iterable[str]) -> frozenset[str]:
-        """Those of the names of which translated code may ask for the class: where code of the user does so at all,
-        each of them; in code of umo those that stand beside the question."""
-        asking = [
-            (owner, value)
-            for owner, name, value, _ in self.attributes.values()
-            if name == "__code__" and not {"isinstance", "type"}.isdisjoint(value.co_names)
-        ]
-        if any(not is_installed(owner.__module__ or "") for owner, _ in asking):
-            return frozenset(names)
-        return frozenset(name for name in names if any(name in code.co_names for _, code in asking))
-
     def names_of(self, owner: Any) -> frozenset[str]:
         """The attributes of one object that are taken as known."""
         return frozenset(name for each, name in self.names if each == id(owner))

@@ -39,8 +39,6 @@ from umo.generate.translation import CFunction, Translation
 ON_HOST = Path(__file__).parent / "on_host"
 SHARED = "umo.h", "umo_scaling.h", "umo_python.h", "umo_digits.h", "umo_access.c", "umo_sums.c"
 """The files of the runtime of controllers that laws beside Python have, too."""
-NOT_ON_COLUMNS = "umo_object_reset", "umo_referenced", "umo_set_reading", "umo_time", "zero_offset"
-"""What translated code cannot call, or read of an object, on the memory of Python."""
 TAKEN = POINTER(c_bool)
 CHANGED = CFUNCTYPE(None, c_int32, c_double)
 WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)

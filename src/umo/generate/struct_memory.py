@@ -18,10 +18,13 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     CType,
+    MixedNumber,
     NumpyNumber,
     OptionalType,
     StateType,
+    TextType,
     TupleType,
+    plain,
     plain_number,
 )
 from umo.generate.lower.live_fields import LiveStruct, mask_of
@@ -32,6 +35,48 @@ PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
 
 CHANGEABLE = set, np.ndarray
 """Types whose values are changed in place, besides lists."""
+WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
+"""Errors of a value that a field cannot have."""
+EXACT = 2**53
+"""Whole numbers up to this one are the same as reals."""
+
+
+class Unfitting(ValueError):
+    """A live object has a value with which C would not compute as Python does."""
+
+
+def require(of: CType, value: Any) -> None:
+    """TypeError or ValueError for a value with which C would not compute as Python does: a number of another class,
+    or that no real is, and an array of another length."""
+    kind = type(value)
+    if isinstance(of, MixedNumber):
+        wrong = kind not in (int, float, *((bool,) if of.is_bool else ())) or (kind is int and abs(value) > EXACT)
+    elif isinstance(of, NumpyNumber):
+        require(of.of, value.item() if isinstance(value, np.generic) else value)
+        return
+    elif of == REAL:
+        wrong = kind is not float
+    elif of == INT:
+        wrong = kind is not int or not -(2**31) <= value < 2**31
+    elif of == BOOL:
+        wrong = kind is not bool
+    elif isinstance(of, StateType):
+        wrong = kind is not (str if isinstance(of, TextType) else of.kind)
+    elif isinstance(of, TupleType):
+        parts = parts_of(value) if kind is (of.kind or tuple) else ()
+        wrong = len(parts) != len(of.members)
+        for (_, each), part in zip(of.members, () if wrong else parts, strict=not wrong):
+            require(each, part)
+    elif isinstance(of, ArrayType):
+        wrong = not _is_array(of, value)
+        for each in value if of.listed and not wrong else ():
+            require(of.of, each)
+    else:
+        wrong = False
+        if isinstance(of, OptionalType) and value is not None:
+            require(of.of, value)
+    if wrong:
+        raise TypeError(f"{value!r:.60} is not of this kind")
 
 
 def _of_numpy(of: CType, value: Any) -> Any:
@@ -44,6 +89,17 @@ def _of_numpy(of: CType, value: Any) -> Any:
 def _listed(values: Any) -> list[Any] | None:
     """The numbers of an array as Python's own."""
     return values if values is None else [each.item() if isinstance(each, np.generic) else each for each in values]
+
+
+def _is_array(of: ArrayType, value: Any) -> bool:
+    """Whether this is a list or an array of this length; the elements of a list are not looked at."""
+    if of.listed:
+        return type(value) is list and len(value) == of.length
+    if type(value) is not np.ndarray or value.shape not in ((of.length,), (1 if of.loose else of.length,)):
+        return False
+    if of.of == INT:
+        return value.dtype.kind == "i" and bool((value == value.astype(np.int32)).all())
+    return bool(value.dtype == (np.float64 if of.of == REAL else np.bool_))
 
 
 class StructMemory:
@@ -76,6 +132,23 @@ class StructMemory:
     @property
     def path(self) -> str:
         return self._struct.path
+
+    @property
+    def label(self) -> str:
+        """What the object is called in messages."""
+        return self._struct.path or type(self._struct.owner).__name__
+
+    @property
+    def mixed(self) -> list[str]:
+        """The fields that in Python are of another class at one time than at another."""
+        return [name for name, of in self._struct.kinds.items() if isinstance(plain(of), MixedNumber)]
+
+    def check(self, name: str, value: Any) -> None:
+        """Unfitting if the live object cannot have this value."""
+        try:
+            require(self._struct.kinds[name], value)
+        except WRONG:
+            raise Unfitting(f"{self.label}.{name} is set to {value!r:.60}") from None
 
     def _bytes(self, name: str) -> Any:
         return memoryview(self._memory).cast("B")[self._slices[name]]
@@ -133,11 +206,12 @@ class StructMemory:
         return _of_numpy(of, self._value(plain_number(of), place.from_address(address).value))  # type: ignore[attr-defined]
 
     def push(self) -> None:
-        """The fields have the values of the live object. What is there already is not written again."""
+        """The fields have the values of the live object. What is there already is not written again. Unfitting."""
         there = bytes(self._memory)
         for name in self._struct.fields:
             value = getattr(self._struct.owner, name)
             if not self._is_kept(name, value, there):
+                self.check(name, value)
                 self.write(name, value)
                 self._pushed[name] = [*value] if isinstance(value, list) else value
         self._before = bytes(self._memory)
@@ -171,14 +245,14 @@ class StructMemory:
                 there = mask_of(there)
             elif isinstance(of, ArrayType) or isinstance(there, np.ndarray):
                 here, there = _listed(here), _listed(there)
-                if there is not None and here is not None and len(there) == 1:
-                    there = there * len(here)  # one element is taken for each
+                if isinstance(of, ArrayType) and of.loose and there is not None and len(there) == 1:
+                    there = there * of.length  # one element is taken for each
             elif of == REAL:
                 there = float(there)
             if repr(here) != repr(there) and not (
                 isinstance(of, TupleType) and repr(parts_of(here)) == repr(parts_of(there))
             ):
-                yield f"{self._struct.path}.{name}: Python has {there}, C has {here}"
+                yield f"{self.label}.{name}: Python has {_told(there)}, C has {_told(here)}"
 
     def _type(self, of: CType) -> Any:
         if isinstance(of, ArrayType):
@@ -236,6 +310,11 @@ class StructMemory:
         if isinstance(of, StateType):
             return [*of.kind].index(value)
         return value
+
+
+def _told(value: Any) -> str:
+    """A value, and the class of a number."""
+    return f"{value!r} of {type(value).__name__}" if isinstance(value, int | float | np.generic) else repr(value)
 
 
 def _member(name: str) -> str:

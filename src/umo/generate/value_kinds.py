@@ -56,6 +56,7 @@ WITHOUT_FIELDS = (
 REFUSING = (TwoState, Node)
 """Classes whose objects are equal to themselves only, and refuse to be compared with numbers, texts, other states."""
 OWN_MODULES = ("builtins", "enum", "typing", "collections")
+PLAIN_READING: tuple[Any, ...] = (object.__getattribute__, tuple.__getattribute__)
 NUMPY_NUMBERS = (np.float64, np.int64, np.bool_)
 
 
@@ -171,7 +172,7 @@ def attribute_kind(owner: Any, name: str) -> str:
     """What reading this attribute is: "property", "function", "value", or why it does not translate."""
     kind = type(owner)
     static = inspect.getattr_static(kind, name, None)
-    if kind.__getattribute__ is not object.__getattribute__:  # type: ignore[comparison-overlap]
+    if kind.__getattribute__ not in PLAIN_READING:
         return f"{kind.__name__} has a __getattribute__"
     if type(static) is property:
         return "property" if static.fget is not None else f"{name} has no getter"

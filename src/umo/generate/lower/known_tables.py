@@ -15,6 +15,7 @@ from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.value_kinds import is_container, is_plain_enum
 
 MOST_ENTRIES = 256
+OF_OBJECTS = "for n, each in enumerate(...): if n == place: ..."
 
 
 def is_table(value: Any) -> bool:
@@ -126,6 +127,8 @@ def _type_of_all(f: FunctionBuilder, values: Sequence[Any], node: ast.AST) -> CT
     kinds = {type(each) for each in values}
     good = first is not None and (is_number(first) or isinstance(first, StateType | TupleType))
     if len(types) != 1 or len(kinds) != 1 or not good or not all(map(_is_plain, values)):
+        if any(hasattr(each, "__dict__") and not isinstance(each, Enum) for each in values):
+            raise f.refused(node, "which of several objects it is, is not known when the code is generated", OF_OBJECTS)
         told = "a table whose values are not numbers, states or tuples of one class"
         raise f.refused(node, told, "0.0 in the place of 0, one class for all")
     assert first is not None

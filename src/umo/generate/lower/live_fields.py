@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ForwardRef, Union, get_args, get_origin
 
 import numpy as np
 
@@ -57,6 +57,8 @@ class LiveStruct:
     member: str
     """The member of the machine's struct."""
     fields: dict[str, CType] = field(default_factory=dict)
+    kinds: dict[str, CType] = field(default_factory=dict)
+    """The types of the fields as Python has them: a number may be of another class than in C."""
 
 
 class LiveFields:
@@ -166,7 +168,7 @@ class LiveFields:
     def field(self, owner: Any, name: str, of: CType, path: str) -> Field:
         """The field of an attribute."""
         found = self.known(owner, path)
-        found.fields[name] = unmixed(of)
+        found.fields[name], found.kinds[name] = unmixed(of), of
         return Field(found.member, name)
 
     def use(self, of: CType) -> None:
@@ -273,12 +275,17 @@ def _hinted(owner: Any, name: str) -> CType | None:
     """The type that a class declares for an attribute, if it is a number, a state, or one of these or None."""
     for each in owner.__mro__:
         if name in getattr(each, "__annotations__", {}):
-            try:
-                hint = get_type_hints(each, vars(sys.modules[each.__module__]), include_extras=False).get(name)
-            except Exception:  # names that exist for type checkers only
-                return None
-            return _type_of_hint(hint)
+            return _type_of_hint(_evaluated(each.__annotations__[name], vars(sys.modules[each.__module__])))
     return None
+
+
+def _evaluated(hint: Any, names: dict[str, Any]) -> Any:
+    """An annotation as what it stands for; None: it has names that exist for type checkers only."""
+    hint = hint.__forward_arg__ if isinstance(hint, ForwardRef) else hint
+    try:
+        return eval(hint, names) if isinstance(hint, str) else hint
+    except Exception:
+        return None
 
 
 def _type_of_hint(hint: Any) -> CType | None:
@@ -295,10 +302,4 @@ def _type_of_hint(hint: Any) -> CType | None:
 
 def _hinted_parameter(function: Any, name: str) -> CType | None:
     """The type that a function declares for a parameter."""
-    hint = function.__annotations__.get(name)
-    if isinstance(hint, str):
-        try:
-            hint = eval(hint, function.__globals__)
-        except Exception:  # names that exist for type checkers only
-            return None
-    return _type_of_hint(hint)
+    return _type_of_hint(_evaluated(function.__annotations__.get(name), function.__globals__))

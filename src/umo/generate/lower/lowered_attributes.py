@@ -30,7 +30,7 @@ from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
-from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_ring
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_record, is_ring
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
@@ -76,6 +76,8 @@ class LoweredAttributes(LoweredSubject):
             return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Enum):
             return self._of_state(owner, name, node)
+        if isinstance(owner, tuple) and name in getattr(owner, "_fields", ()) and is_plain_record(type(owner)):
+            return Known(getattr(owner, name), owner, name)
         found = attribute_kind(owner, name)
         if found == "property":
             self.f.takes(type(owner), name, node)
@@ -113,7 +115,7 @@ class LoweredAttributes(LoweredSubject):
                 raise self.f.refused(
                     node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
                 )
-            if isinstance(value, tuple) and hasattr(value, "_fields") and {*map(type, value)} <= {int, float, bool}:
+            if _is_record_of_numbers(value) and self.f.world.fields.type_of_value(value) is None:
                 told = f"{name} has a value of another class than {type(value).__name__} declares"
                 raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
             if hasattr(value, "__dict__"):
@@ -123,12 +125,12 @@ class LoweredAttributes(LoweredSubject):
         self.f.takes_class(owner, name, node)
         if type(value) is int and abs(value) > MOST_INT:
             raise self.f.refused(node, f"{name} is {value}, and does not fit 32 bits", "a smaller number, or a float")
+        if (id(owner), name) in memory.of_numpy or isinstance(value, np.generic):
+            of = perhaps_of_numpy(of)
         place = self.f.world.fields.field(owner, name, of, self._path(owner, base, ""))
         if isinstance(plain(of), ArrayType) and value is not None:
             self._check_numbers(value, name, node)
         self.f.world.memory.place_arrays(place, value)
-        if (id(owner), name) in self.f.world.memory.of_numpy or isinstance(value, np.generic):
-            return Code(perhaps_of_numpy(of), place)
         return Code(of, place)
 
     def _check_numbers(self, value: Any, name: str, node: ast.AST) -> None:
@@ -168,6 +170,7 @@ class LoweredAttributes(LoweredSubject):
     def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
         place = self.object(owner, node)
         if name == "time":
+            self.check_in_c(name, node)
             return Code(REAL, Runtime("umo_time", (place,)))
         if name == "quality":
             return Code(state(Quality), Runtime("umo_quality", (place,)))
@@ -183,10 +186,20 @@ class LoweredAttributes(LoweredSubject):
             return self.got_by("umo_velocity", place, of=REAL)
         if isinstance(owner, DigitalSensor) and owner.incremental:  # homing changes it
             if name == "zero_offset":
+                self.check_in_c(name, node)
                 return Code(REAL, OfObject(place, "zero_offset"))
             if name == "calibration":
                 raise self.f.refused(node, "homing changes it", "minimum, maximum, resolution, zero_offset")
         return self._known(owner, name, node)
+
+    def check_in_c(self, name: str, node: ast.AST) -> None:
+        """That the runtime in C has what is asked of an object: beside Python it has not."""
+        if self.f.world.target.tells:
+            raise self.f.refused(
+                node,
+                f"`{name}` of an object is done by Python where laws are compiled",
+                "read, write, quality, pending",
+            )
 
     def object(self, owner: Atomic, node: ast.AST) -> Value:
         """The object; a controller samples those that are synchronous."""
@@ -205,6 +218,10 @@ class LoweredAttributes(LoweredSubject):
         name = self.f.temporary(of)
         self.f.called(function, *arguments, out=name)
         return Code(of, name)
+
+
+def _is_record_of_numbers(value: Any) -> bool:
+    return isinstance(value, tuple) and hasattr(value, "_fields") and {*map(type, value)} <= {int, float, bool}
 
 
 def _of_clock(name: str) -> Code:

@@ -252,6 +252,8 @@ class LoweredCalls(LoweredSubject):
             return self.f.attributes.got_by("umo_digital_read", place, of=REAL)
         if name == "write" and len(terms) == 1:
             return self._write(owner, place, terms[0], node)
+        if name in ("reset", "referenced"):
+            self.f.attributes.check_in_c(name, node)
         if name == "reset":
             self.f.called("umo_object_reset", place)
             return Known(None)

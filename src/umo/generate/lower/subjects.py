@@ -219,6 +219,9 @@ class AskedOfAttributes(Protocol):
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
         """An attribute that is a number is a field; another one is known."""
 
+    def check_in_c(self, name: str, node: ast.AST) -> None:
+        """That the runtime in C has what is asked of an object: beside Python it has not."""
+
     def object(self, owner: Atomic, node: ast.AST) -> Value:
         """The object; a controller samples those that are synchronous."""
 
