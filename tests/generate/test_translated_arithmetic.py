@@ -205,4 +205,12 @@ class Digits(Numbers):
         self.c = round(self.n, 2)
 
 
+@equal
+class QuotientsAndRemainders(Numbers):
+    def control(self) -> None:
+        self.c, self.i = divmod(self.n * 7 - 20, 6)
+        self.k, self.r = divmod(self.u - 3.0, 0.75)
+        self.s = divmod(self.u, self.v)[1]
+
+
 test_it_is_what_python_does = CASES.test()

@@ -215,4 +215,47 @@ class KnownNamedTuples(Program):
         self.k += SCHEDULE[-1].second + self.LIMITS.first + SCHEDULE[0].both + self.LIMITS.times(self.u)
 
 
+class Filter:
+    """An object that is called."""
+
+    def __init__(self) -> None:
+        self.value = 0.0
+
+    def __call__(self, new: float, share: float = 0.5) -> float:
+        self.value += share * (new - self.value)
+        return self.value
+
+
+@equal
+class CalledObjects(Program):
+    def begin(self) -> None:
+        self.filter, self.mode = Filter(), Mode.ON
+
+    def control(self) -> None:
+        self.k = self.filter(self.u) + self.filter(self.k, share=0.25)
+
+
+@equal
+class StatesOfValues(Program):
+    def begin(self) -> None:
+        self.mode = Mode.ON
+
+    def control(self) -> None:
+        self.mode = Mode(1 + self.n % 2)
+        self.k = 1.0 if Mode(self.mode) is Mode.ON else 0.0
+        self.c = Mode(self.n).value
+
+
+@equal
+class StatesOfValuesThatAreCaught(Program):
+    def begin(self) -> None:
+        self.mode = Mode.ON
+
+    def control(self) -> None:
+        try:
+            self.mode = Mode(self.n)
+        except ValueError:
+            self.mode = Mode.OFF
+
+
 test_it_is_what_python_does = CASES.test()

@@ -12,7 +12,7 @@ from umo.generate.c_types import BOOL, INT, CType, OptionalType, StateType, Text
 from umo.generate.form import ZERO, Assign, Choose, Literal, Operator, TupleOf, Value, has, inside
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.terms import Code, Known, Term
-from umo.generate.value_kinds import is_container, is_plain_enum
+from umo.generate.value_kinds import is_container, is_plain_enum, own_methods
 
 MOST_ENTRIES = 256
 OF_OBJECTS = "for n, each in enumerate(...): if n == place: ..."
@@ -53,6 +53,18 @@ def value_of(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST
     """KeyError where it has no such key."""
     place = _place_of_key(f, table, key, node)
     f.raises(KeyError, node, Operator("<", place, ZERO))
+    return value_of_each(f, list(table.values()), place, node)
+
+
+def member_of(f: FunctionBuilder, kind: type[Enum], value: Term, node: ast.AST) -> Term:
+    """The member of an Enum that has this value: ValueError where there is none."""
+    if "_missing_" in own_methods(kind, ("_missing_",)) or not is_plain_enum(kind):
+        raise f.refused(node, f"{kind.__name__} decides which member a value stands for", "a dict of its members")
+    if isinstance(value, Code) and isinstance(value.type, StateType) and value.type.kind is kind:
+        return value
+    table = {each.value: each for each in kind}
+    place = _place_of_key(f, table, value, node)
+    f.raises(ValueError, node, Operator("<", place, ZERO))
     return value_of_each(f, list(table.values()), place, node)
 
 

@@ -90,6 +90,8 @@ class LoweredBuiltins(LoweredSubject):
             return self._extreme(target, arguments, node)
         if target is sum and len(arguments) == 2:
             return self.added(self.f.calls.parts(arguments[0], node), node, arguments[1])
+        if target is divmod and len(arguments) == 2:
+            return self._divided(arguments, node)
         one = arguments[0] if len(arguments) == 1 else None
         if one is not None and target in (sum, any, all) and not isinstance(one, Known):
             terms = self.f.calls.parts(one, node.args[0])
@@ -192,6 +194,13 @@ class LoweredBuiltins(LoweredSubject):
             a, b = (self.f.values.as_type(self.f.values.number(each, node), REAL, node) for each in arguments)
             return Code(REAL, Runtime("umo_atan2", (a, b)))
         return None
+
+    def _divided(self, arguments: list[Term], node: ast.Call) -> Many:
+        """The quotient, rounded down, and the remainder."""
+        left, right = map(self.f.values.settled, arguments)
+        nodes = node.args[0], node.args[1]
+        signs: tuple[ast.operator, ...] = ast.FloorDiv(), ast.Mod()
+        return Many(tuple(self.f.expressions.of_numbers(sign, left, right, nodes, node) for sign in signs))
 
     def _extreme(self, target: Any, arguments: list[Term], node: ast.Call, default: Term | None = None) -> Term:
         terms = self.f.calls.parts(arguments[0], node) if len(arguments) == 1 else arguments

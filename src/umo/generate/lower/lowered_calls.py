@@ -8,6 +8,7 @@ import inspect
 import logging
 import typing
 from collections.abc import Callable, Sequence
+from enum import Enum
 from functools import partial
 from types import FunctionType, MethodType
 from typing import Any
@@ -46,7 +47,7 @@ from umo.generate.form import (
     negated,
 )
 from umo.generate.function_source import NoSource, bound
-from umo.generate.lower.known_tables import of_dict
+from umo.generate.lower.known_tables import member_of, of_dict
 from umo.generate.lower.local_functions import LocalFunction, terms_around
 from umo.generate.lower.lowered_attributes import asks_host, dropped
 from umo.generate.lower.lowered_expressions import of_element, record_kind
@@ -187,6 +188,12 @@ class LoweredCalls(LoweredSubject):
             return self._host(func.owner, func.name, arguments, node)
         if isinstance(target, FunctionType | MethodType | partial):
             return self.function(target, arguments, named, node)
+        if isinstance(target, type) and issubclass(target, Enum) and len(arguments) == 1 and not named:
+            return member_of(self.f, target, arguments[0], node)
+        own = inspect.getattr_static(type(target), "__call__", None)
+        if isinstance(own, FunctionType) and not isinstance(target, type):
+            self.f.takes(type(target), "__call__", node)
+            return self.function(own, [func, *arguments], named, node)
         raise self.f.refused(
             node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
         )
