@@ -136,7 +136,7 @@ class Tank(Compound):
         if self.state is OnOff.ON:
             total += 0.5
         total += self.table[1] + float(self.weights[0])
-        self.table[0] = total
+        self.table[0] = float(total)
         self.total += total
         for each in self.enabled:
             each.write(-total)

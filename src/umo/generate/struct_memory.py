@@ -60,8 +60,10 @@ def require(of: CType, value: Any) -> None:
         wrong = kind is not int or not -(2**31) <= value < 2**31
     elif of == BOOL:
         wrong = kind is not bool
+    elif isinstance(of, TextType):
+        wrong = kind is not str or value not in of.kind
     elif isinstance(of, StateType):
-        wrong = kind is not (str if isinstance(of, TextType) else of.kind)
+        wrong = kind is not of.kind
     elif isinstance(of, TupleType):
         parts = parts_of(value) if kind is (of.kind or tuple) else ()
         wrong = len(parts) != len(of.members)

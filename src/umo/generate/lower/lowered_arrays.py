@@ -95,6 +95,8 @@ class LoweredArrays(LoweredSubject):
         types = [each.type for each in codes if isinstance(each.type, ArrayType)]
         found = {each.length for each in types}
         more = found - {1}
+        if not found:
+            raise self.f.refused(node, "an array of one number", "np.array([x])")
         if len(more) > 1:
             raise self.f.refused(node, f"arrays of {' and '.join(map(str, sorted(more)))} elements")
         length = next(iter(more or found))

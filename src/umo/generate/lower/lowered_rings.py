@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -42,20 +42,24 @@ TAKES = {"append": 1, "appendleft": 1, "extend": 1, "rotate": 1}
 class DequeFields:
     """A deque as its fields in C."""
 
-    __slots__ = ("held",)
+    __slots__ = ("held", "zero")
 
     def __init__(self, held: deque[Any]) -> None:
         self.held = held
+        self.zero: float = 0
+        """What is in the places that have no element: of the class of the elements."""
 
     @property
     def at(self) -> list[Any]:
-        """The elements, and 0 in the places that have none."""
-        zero = type(self.held[0])(0) if self.held else 0
-        return [*self.held, *[zero] * ((self.held.maxlen or 0) - len(self.held))]
+        """The elements, and `zero` in the places that have none."""
+        return [*self.held, *[self.zero] * ((self.held.maxlen or 0) - len(self.held))]
 
     @property
     def count(self) -> int:
         return len(self.held)
+
+
+ZEROS: Mapping[CType, float] = {REAL: 0.0, INT: 0, BOOL: False}
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ class LoweredRings(LoweredSubject):
         for each in term.value:
             self._learn(ring, self.f.world.fields.type_of_value(each), node)
         of = memory.fields.get((id(ring), "of"), INT)
+        ring.zero = ZEROS[of]
         for name in ("at", "count"):
             memory.assign(ring, name)
         fields = self.f.world.fields

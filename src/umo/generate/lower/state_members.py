@@ -9,6 +9,8 @@ from enum import Enum, IntEnum
 from types import FunctionType
 from typing import Any
 
+import numpy as np
+
 from umo.generate.c_types import StateType, is_number, plain, plain_number
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.known_tables import value_of_each
@@ -56,9 +58,12 @@ def number_of(f: FunctionBuilder, term: Term, node: ast.AST) -> Term | None:
 
 
 def as_number(f: FunctionBuilder, term: Term, node: ast.AST) -> Term:
-    """A member of an IntEnum as its number, where arithmetic or a place asks for it; everything else as it is."""
+    """A member of an IntEnum as its number, and a known number of numpy as a value of its type, where arithmetic or a
+    place asks for it; everything else as it is."""
     if isinstance(term, Known) and _is_number(type(term.value)):
         return Known(int(term.value))
+    if isinstance(term, Known) and isinstance(term.value, np.generic):
+        return f.values.code(term, node)
     if isinstance(term, Code) and isinstance(of := plain(term.type), StateType) and _is_number(of.kind):
         return value_of_state(f, f.values.present(term, node), node)
     return term
