@@ -86,6 +86,12 @@ def test_what_c_would_compute_otherwise_ends_the_comparison(name: str, value: An
         memory.push()
 
 
+def test_a_whole_number_for_a_real_one_is_told_with_what_to_write() -> None:
+    with run() as compiled:
+        compiled.m.speed = 3
+        assert "Mixer.speed is set to 3, where the laws have a real number; 3.0" in compiled.events
+
+
 def test_a_number_of_two_classes_may_be_set_to_either_and_is_told() -> None:
     with run() as compiled:
         assert "a number that in Python changes its class is read as one class: Mixer" in compiled.events

@@ -104,6 +104,13 @@ def _is_array(of: ArrayType, value: Any) -> bool:
     return bool(value.dtype == (np.float64 if of.of == REAL else np.bool_))
 
 
+def _own(value: Any) -> Any:
+    """A number, or those of a list, as Python's own: its laws may have one of numpy, which the comparison judges."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return _listed(value) if isinstance(value, list) else value
+
+
 class StructMemory:
     """One struct. Its fields have the types of Python: a state is a member of its Enum, None is None."""
 
@@ -150,7 +157,9 @@ class StructMemory:
         try:
             require(self._struct.kinds[name], value)
         except WRONG:
-            raise Unfitting(f"{self.label}.{name} is set to {value!r:.60}") from None
+            is_whole = type(value) is int and plain(self._struct.kinds[name]) == REAL
+            near = f", where the laws have a real number; {float(value)!r}" if is_whole else ""
+            raise Unfitting(f"{self.label}.{name} is set to {value!r:.60}{near}") from None
 
     def _bytes(self, name: str) -> Any:
         return memoryview(self._memory).cast("B")[self._slices[name]]
@@ -213,7 +222,7 @@ class StructMemory:
         for name in self._struct.fields:
             value = getattr(self._struct.owner, name)
             if not self._is_kept(name, value, there):
-                self.check(name, value)
+                self.check(name, _own(value))
                 self.write(name, value)
                 self._pushed[name] = [*value] if isinstance(value, list) else value
         self._before = bytes(self._memory)
