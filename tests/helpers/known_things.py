@@ -107,6 +107,8 @@ class Tank(Compound):
         self.table: Any = [1.0, 2.0]
         self.weights: Any = np.array([1.0, 2.0])
         self.total = 0.0
+        self.mine: Any = [0.0, 0.0]
+        self.spare: Any = None
 
     @property
     def mode(self) -> float:
@@ -251,7 +253,6 @@ def _kept_array(module: Any, m: Any) -> None:
 
 def _changed_later(module: Any, m: Any) -> None:
     """What was set before is had by others as well."""
-    m.mine = getattr(m, "mine", [0.0, 0.0])
     m.mine[0], m.mine[1] = 8.0, 9.0
 
 
@@ -322,7 +323,7 @@ WAYS: dict[str, Callable[[Any, Any], object]] = {
     "method of an object, in __dict__": _swapped,
     "property": lambda module, m: setattr(module.Tank, "mode", property(lambda self: 6.0)),
     "upper case": lambda module, m: setattr(m, "PV", 8.0),
-    "new attribute": lambda module, m: setattr(m, "extra", True),
+    "new attribute": lambda module, m: vars(m).update(extra=True),
     "new attribute of the class": lambda module, m: setattr(module.Tank, "extra", True),
     "state": lambda module, m: setattr(m, "state", OnOff.OFF),
     "state, then a text": lambda module, m: setattr(m, "state", "on"),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import builtins
 import sys
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
@@ -20,11 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.generate.function_source import shown_file
+from umo.generate.value_kinds import is_fixed_ring
 from umo.objects import Node
 
 ABSENT = object()
 """The value of a name that is not there."""
-MUTABLE = list, dict, set, MappingProxyType, bytearray, np.ndarray
+MUTABLE = list, dict, set, deque, MappingProxyType, bytearray, np.ndarray
 """Containers whose elements are compared one by one."""
 PLAIN = str, bytes, bool, int, float, complex, type(None)
 """Types of values that are equal where they are written alike."""
@@ -231,7 +233,7 @@ class KnownValues:
                 self.attributes[id(value), name] = value, name, part, known
                 self._content(part, known, depth + 1)
             return
-        if isinstance(value, MUTABLE):
+        if isinstance(value, MUTABLE) and not is_fixed_ring(value):
             if id(value) in self.contents:
                 return
             elements = elements_of(value)

@@ -149,6 +149,11 @@ def is_ring(value: Any) -> bool:
     return type(value) is deque
 
 
+def is_fixed_ring(value: Any) -> bool:
+    """Whether this is a deque with a `maxlen`: its elements are fields; those of others are known."""
+    return is_ring(value) and value.maxlen is not None
+
+
 def is_immutable(value: Any) -> bool:
     """Whether a comparison of this value is the same at any time."""
     if isinstance(value, Enum):

@@ -49,7 +49,14 @@ from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import number_of
 from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText
 from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
-from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, is_ring, refuse_comparison
+from umo.generate.value_kinds import (
+    compares_by_identity,
+    is_bare_enum,
+    is_fixed_ring,
+    is_immutable,
+    is_ring,
+    refuse_comparison,
+)
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
 ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
@@ -248,7 +255,7 @@ class LoweredConditions(LoweredSubject):
 
     def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
         options: list[Term] | None = None
-        if isinstance(among, Known) and type(among.value) in ELEMENTS and getattr(among.value, "maxlen", None) is None:
+        if isinstance(among, Known) and type(among.value) in ELEMENTS and not is_fixed_ring(among.value):
             self.f.world.memory.place_known(among.value)
             options = list(map(Known, among.value))
         elif isinstance(among, Many) and among.kind in (None, list):
