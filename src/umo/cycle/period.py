@@ -134,7 +134,9 @@ class Period:
         self._image.before_tick = preceded(self.before_tick, self.finish)
         send = preceded(self.before_send, self.send)
         self.sample_all = self._guarded(self._image.sample)
-        sample = self._begun(self._guarded(self.read))
+        sample = self._guarded(self.read)
+        if self._image.timer < 0:
+            sample = partial(begun, self.finish, cast(WallClock, self._clock).look, sample)
         if self.late:
             waiting = LateOutputs(send, self.guards.expire)
             send, sample = waiting.note, partial(waiting.send_and_sample, sample)
@@ -160,19 +162,6 @@ class Period:
         """RECEIVE and GUARD around a SAMPLE, as far as the machine has them."""
         sample = preceded(self.receiving, sample)
         return partial(then_guard, sample, self.guards.evaluate) if self.guards.any else sample
-
-    def _begun(self, sample: Callable[[], bool]) -> Callable[[], bool]:
-        """The `sample` of a machine without a timer: with it the period begins."""
-        if self._image.timer >= 0:
-            return sample
-        look = cast(WallClock, self._clock).look
-
-        def timeless() -> bool:
-            self.finish()
-            look()
-            return sample()
-
-        return timeless
 
     # control() -----------------------------------------------------------------------------------------
 
@@ -272,6 +261,13 @@ def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Ca
         return last()
 
     return in_turn
+
+
+def begun(finish: Callable[[], object], look: Callable[[], object], sample: Callable[[], bool]) -> bool:
+    """The `sample` of a machine without a timer: with it the period begins."""
+    finish()
+    look()
+    return sample()
 
 
 def then_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
