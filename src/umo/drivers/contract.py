@@ -16,7 +16,7 @@ import numpy.typing as npt
 from typing_extensions import TypeVar
 
 from umo.drivers.optional import check_named
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, text_of
+from umo.errors import ChannelsFailed, DriverError, text_of
 from umo.user_code import check_overrides, incomplete
 
 IntArray = npt.NDArray[np.int64]
@@ -33,6 +33,10 @@ stop and the guardian wait for them."""
 
 QUICK_SHARE = 0.01
 """Share of the timeout within which the single transfers of a block are quick: the timeout is not made shorter then."""
+
+LEAST_SHARE = 0.01
+"""Share of the timeout that a single transfer has at least: a circuit that answers at once, as a simulated one does,
+does not fail because the computer was busy meanwhile. One that has to be waited for times out."""
 
 
 class Direction(Flag):
@@ -225,16 +229,14 @@ class Driver(ABC, Generic[C]):
 
 def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:
     """A block in single transfers. The timeout is that of the block: each transfer has what those before it have left,
-    and DeviceTimeout says that nothing is. ChannelsFailed names the channels that failed without a timeout."""
+    and `LEAST_SHARE` of it where nothing is left. ChannelsFailed names the channels that failed without a timeout."""
     failed: dict[str, str] = {}  # texts: a frame that keeps its own errors is never freed
     timeout, began = driver.timeout, monotonic()
     quick = began + QUICK_SHARE * timeout
     try:
         for i, channel in enumerate(channels):
             if (now := monotonic()) > quick:
-                driver.timeout = began + timeout - now
-                if driver.timeout <= 0:
-                    raise DeviceTimeout(f"the timeout of {timeout:g} s was over before {channel.text}")
+                driver.timeout = max(began + timeout - now, LEAST_SHARE * timeout)
             try:
                 transfer(i, channel)
             except TimeoutError:  # the device does not answer: the others would only wait as long
