@@ -81,6 +81,31 @@ class Texts(Program):
     def of_what_may_be_none(self) -> None:
         print(f"{self.found:.1f}")
 
+    def with_another_value(self, found: float | None) -> str:
+        if found is not None:
+            found = self.found
+            return f"{found:.1f}"
+        return ""
+
+    def with_another_value_by_a_condition(self, found: float | None) -> str:
+        if found is None:
+            return ""
+        if self.k > 0.0:
+            found = self.found
+        return f"{found:.1f}"
+
+    def of_a_name_that_has_another_value(self) -> None:
+        print(self.with_another_value(self.found))
+
+    def of_a_name_that_may_have_another_value(self) -> None:
+        print(self.with_another_value_by_a_condition(self.found))
+
+    def of_a_call_with_too_few_arguments(self) -> None:
+        print(f"{abs()}")  # type: ignore[call-arg]
+
+    def of_a_method_with_too_few_arguments(self) -> None:
+        print(self.title.replace("a"))  # type: ignore[call-arg]
+
     def of_a_quotient(self) -> None:
         print(f"{self.k / self.u}")
 
@@ -102,6 +127,10 @@ REFUSED = {
     "of_a_place_that_may_be_missing": "it may have no such element",
     "of_an_element_beyond_the_end": "it may have no such element",
     "of_what_may_be_none": "does not fit what it may be",
+    "of_a_name_that_has_another_value": "does not fit what it may be",
+    "of_a_name_that_may_have_another_value": "does not fit what it may be",
+    "of_a_call_with_too_few_arguments": "it may change something, or fail",
+    "of_a_method_with_too_few_arguments": "replace expected",
     "of_a_quotient": "it may change something, or fail",
 }
 

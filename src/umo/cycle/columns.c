@@ -282,19 +282,19 @@ static PyObject *Outputs_commit(Block *self, PyObject *time)
     Py_RETURN_NONE;
 }
 
-static int is_of(PyObject *object, newfunc made_by)
+int is_made_by(PyObject *object, newfunc made_by)
 {
     return (newfunc)PyType_GetSlot(Py_TYPE(object), Py_tp_new) == made_by;
 }
 
 int is_inputs(PyObject *block)
 {
-    return is_of(block, Inputs_new);
+    return is_made_by(block, Inputs_new);
 }
 
 int is_outputs(PyObject *block)
 {
-    return is_of(block, Outputs_new);
+    return is_made_by(block, Outputs_new);
 }
 
 int64_t *moved_of(Block *self, Py_ssize_t *count)

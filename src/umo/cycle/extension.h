@@ -9,6 +9,8 @@
 #include <Python.h>
 #include <stdint.h>
 
+int is_made_by(PyObject *object, newfunc made_by); /* columns.c: whether this is the `new` of its type */
+
 typedef struct Block Block; /* Inputs or Outputs of columns.c */
 
 int is_inputs(PyObject *block); /* columns.c, as all of blocks */

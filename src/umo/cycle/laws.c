@@ -113,7 +113,7 @@ static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
 
 int is_law(PyObject *law)
 {
-    return (newfunc)PyType_GetSlot(Py_TYPE(law), Py_tp_new) == Law_new;
+    return is_made_by(law, Law_new);
 }
 
 int law_has_ended(const Law *self)

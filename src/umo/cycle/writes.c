@@ -47,7 +47,7 @@ static PyObject *Turn_new(PyTypeObject *type, PyObject *Py_UNUSED(args), PyObjec
 
 int turn_to(PyObject *turn, PyObject *law)
 {
-    if ((newfunc)PyType_GetSlot(Py_TYPE(turn), Py_tp_new) != Turn_new)
+    if (!is_made_by(turn, Turn_new))
         return -1;
     Turn *self = (Turn *)turn;
     PyObject *before = self->law;
@@ -136,7 +136,7 @@ static PyObject *Writes_new(PyTypeObject *type, PyObject *args, PyObject *named)
     if (!PyArg_ParseTupleAndKeywords(args, named, "OOOOOOO", names, &columns[0], &columns[1], &columns[2], &columns[3],
                                      &turn, &command, &changed))
         return NULL;
-    if ((newfunc)PyType_GetSlot(Py_TYPE(turn), Py_tp_new) != Turn_new) {
+    if (!is_made_by(turn, Turn_new)) {
         PyErr_SetString(PyExc_TypeError, "this is no Turn");
         return NULL;
     }

@@ -61,6 +61,16 @@ class BoundList(list[Any]):
             self._own[:] = values
         self.renew()
 
+    def __len__(self) -> int:
+        return super().__len__() if self._own is None else len(self._own)
+
+    def __getitem__(self, place: Any) -> Any:
+        if self._own is not None:
+            return self._own[place]
+        if type(place) is int and -len(self) <= place < len(self):
+            return self._memory.element(self._name, place)  # that of one place costs no look at the others
+        return list.__getitem__(self.renew(), place)
+
     def __iter__(self) -> Iterator[Any]:
         place = 0
         while place < len(self):
@@ -99,7 +109,7 @@ def _changing(name: str) -> Callable[..., Any]:
     return change
 
 
-for _name in ("__len__", "__getitem__", "__contains__", "__reversed__", "__repr__", "__add__", "__mul__", "__rmul__",
+for _name in ("__contains__", "__reversed__", "__repr__", "__add__", "__mul__", "__rmul__",
               "__eq__", "__ne__", "__lt__", "__le__", "__gt__", "__ge__", "copy", "count", "index"):  # fmt: skip
     setattr(BoundList, _name, _reading(_name))
 for _name in ("__setitem__", "__delitem__", "__iadd__", "__imul__", "append", "clear", "extend", "insert", "pop",

@@ -498,6 +498,11 @@ def joined(sign: str, values: Sequence[Value]) -> Value:
     return first
 
 
+def as_value(truth: Value | bool) -> Value:
+    """A condition, also one that is known already."""
+    return Literal(truth, BOOL) if isinstance(truth, bool) else truth
+
+
 def negated(value: Value) -> Value:
     return Unary("!", value)
 

@@ -199,11 +199,6 @@ class StructMemory:
         assert isinstance(of, ArrayType)
         return self._value(of.of, getattr(self._memory, _member(name))[number])
 
-    def set_element(self, name: str, number: int, value: Any) -> None:
-        of = self._struct.fields[name]
-        assert isinstance(of, ArrayType)
-        self._set_element(of.of, getattr(self._memory, _member(name)), number, value)
-
     def read(self, name: str) -> Any:
         return self._value(self._struct.fields[name], getattr(self._memory, _member(name)))
 

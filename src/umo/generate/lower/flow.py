@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from typing import NamedTuple, TypeAlias
 
 from umo.generate.c_types import (
@@ -53,7 +53,7 @@ class KnownFlow:
     def forget(self, target: ast.AST) -> None:
         """A name or an attribute has another value from here on, and so has what is found through it."""
         if isinstance(target, ast.Name):
-            self.known = {each for each in self.known if f"id='{target.id}'" not in each}
+            self.known = without_name(self.known, target.id)
         elif isinstance(target, ast.Attribute):
             self.known = {each for each in self.known if f"attr='{target.attr}'" not in each}
 
@@ -92,25 +92,30 @@ class KnownFlow:
         found = self._decided.pop(test, None)
         return found or (dict(self.names), dict(self.names))
 
-    # What a condition proves ---------------------------------------------------------------------------
 
-    def proved(self, test: ast.AST) -> set[str]:
-        """What is not None where the condition holds."""
-        if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And):
-            return set().union(*map(self.proved, test.values))
-        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
-            return self.disproved(test.operand)
-        if _compares_none(test, ast.IsNot):
-            return {ast.dump(test.left)}  # type: ignore[attr-defined]
-        return {ast.dump(test)} if isinstance(test, ast.Name | ast.Attribute) else set()
+def proved_by(test: ast.AST) -> set[str]:
+    """What is not None where a condition holds: expressions, as `ast.dump` writes them."""
+    if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And):
+        return set().union(*map(proved_by, test.values))
+    if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+        return disproved_by(test.operand)
+    if _compares_none(test, ast.IsNot):
+        return {ast.dump(test.left)}  # type: ignore[attr-defined]
+    return {ast.dump(test)} if isinstance(test, ast.Name | ast.Attribute) else set()
 
-    def disproved(self, test: ast.AST) -> set[str]:
-        """What is not None where it does not hold."""
-        if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
-            return set().union(*map(self.disproved, test.values))
-        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
-            return self.proved(test.operand)
-        return {ast.dump(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+
+def disproved_by(test: ast.AST) -> set[str]:
+    """What is not None where it does not hold."""
+    if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
+        return set().union(*map(disproved_by, test.values))
+    if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+        return proved_by(test.operand)
+    return {ast.dump(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+
+
+def without_name(known: Set[str], name: str) -> set[str]:
+    """Of these expressions those that have no such name in them."""
+    return {each for each in known if f"id='{name}'" not in each}
 
 
 def common(ways: Sequence[Names]) -> Names:

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from umo.generate.form import If, Return
+from umo.generate.lower.flow import disproved_by, proved_by
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import local_function
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -58,9 +59,7 @@ class LoweredBranches(LoweredSubject):
             self.f.world.note(f"{self.f.source.segment(node.test)} decides only what is told: it is left out")
             return None
         shown = not self.f.changed_since(at)
-        proved, disproved = (
-            (self.f.flow.proved(node.test), self.f.flow.disproved(node.test)) if shown else (set(), set())
-        )
+        proved, disproved = (proved_by(node.test), disproved_by(node.test)) if shown else (set(), set())
         names, otherwise_names = self.f.flow.names_if(node.test)
         if isinstance(truth, bool):
             self.f.flow.known |= proved if truth else disproved

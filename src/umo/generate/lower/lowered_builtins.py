@@ -40,6 +40,7 @@ from umo.generate.form import (
     Runtime,
     Unary,
     Value,
+    as_value,
     joined,
     negated,
 )
@@ -317,7 +318,7 @@ class LoweredBuiltins(LoweredSubject):
         return Code(numpy_number(total.type, sure=False), total.value) if of_numpy else total
 
     def _any_or_all(self, target: Any, terms: Sequence[Term], node: ast.Call) -> Term:
-        truths = [_as_value(self.f.values.truth(each, node)) for each in terms]
+        truths = [as_value(self.f.values.truth(each, node)) for each in terms]
         return Code(BOOL, joined("||" if target is any else "&&", truths)) if truths else Known(target(()))
 
 
@@ -327,10 +328,6 @@ def _is_finite(value: Value) -> Value:
 
 def _is_nan(value: Value) -> Value:
     return Runtime("umo_is_nan", (value,))
-
-
-def _as_value(truth: Value | bool) -> Value:
-    return Literal(truth, BOOL) if isinstance(truth, bool) else truth
 
 
 def _is_container(term: Term) -> bool:

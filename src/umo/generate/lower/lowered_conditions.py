@@ -42,7 +42,7 @@ from umo.generate.form import (
     joined,
     negated,
 )
-from umo.generate.lower.flow import Names, common
+from umo.generate.lower.flow import Names, common, disproved_by, proved_by
 from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of_numpy, record_kind
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import only_asked
@@ -290,7 +290,7 @@ class LoweredConditions(LoweredSubject):
             if isinstance(truth, bool):
                 first = self.f.term(each)
             else:
-                proof = self.f.flow.proved if both else self.f.flow.disproved
+                proof = proved_by if both else disproved_by
                 proved = proof(last) if not self.f.changed_since(at) else set()
                 decided.append(when_false if both else when_true)
                 first = self._joined(both, first, truth, last, each, proved)
@@ -371,7 +371,7 @@ class LoweredConditions(LoweredSubject):
         parts, ends = [], list[Names]()
         after = set(before)
         shown = not self.f.changed_since(start)
-        facts = (self.f.flow.proved(node.test), self.f.flow.disproved(node.test)) if shown else (set(), set())
+        facts = (proved_by(node.test), disproved_by(node.test)) if shown else (set(), set())
         for each, proved, names in zip((node.body, node.orelse), facts, of_both, strict=True):
             self.f.flow.known, self.f.flow.names = before | proved, names
             with self.f.one_of_two() as rest:

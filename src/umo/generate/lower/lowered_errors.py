@@ -10,7 +10,7 @@ from typing import Any
 from umo.generate.c_types import BOOL, INT
 from umo.generate.check.form_effects import may_fail, returns
 from umo.generate.form import TRUE, ErrorHandler, Fail, Finally, Statement, Temporary, Try, negated
-from umo.generate.lower.flow import Way
+from umo.generate.lower.flow import Way, proved_by
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import TEXT, Known, Many
@@ -59,7 +59,7 @@ class LoweredErrors(LoweredSubject):
         if truth is not True:
             self.f.telling.check_told([] if node.msg is None else [node.msg])
             self.f.raises(AssertionError, node, TRUE if truth is False else negated(truth))
-        self.f.flow.known |= self.f.flow.proved(node.test) if shown else set()
+        self.f.flow.known |= proved_by(node.test) if shown else set()
 
     def lower_try(self, node: ast.Try) -> bool | None:
         if any(map(_leaves, node.finalbody)):

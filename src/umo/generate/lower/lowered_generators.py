@@ -40,9 +40,10 @@ from umo.generate.form import (
     Runtime,
     Temporary,
     Value,
+    as_value,
     negated,
 )
-from umo.generate.lower.flow import Names, common
+from umo.generate.lower.flow import Names, common, proved_by
 from umo.generate.lower.lowered_builtins import MAKES_UP
 from umo.generate.lower.lowered_conditions import calls_in
 from umo.generate.lower.lowered_sequences import mark_of, with_own_names, without_own
@@ -130,7 +131,7 @@ class LoweredGenerators(LoweredSubject):
                         self.f.add_if(negated(self._truth(test)), Leave(on))
                         self.f.flow.names, otherwise = self.f.flow.names_if(test)
                         skipped.append(otherwise)
-                        self.f.flow.known |= self.f.flow.proved(test) if not calls_in(test) else set()
+                        self.f.flow.known |= proved_by(test) if not calls_in(test) else set()
                     truth = self._truth(own.elt)
                     found = Assign(result, Literal(target is any, BOOL)), Leave(end)
                     self.f.add_if(truth if target is any else negated(truth), *found)
@@ -158,8 +159,7 @@ class LoweredGenerators(LoweredSubject):
         return Code(BOOL, result)
 
     def _truth(self, node: ast.expr) -> Value:
-        truth = self.f.values.truth(self.f.term(node), node)
-        return Literal(truth, BOOL) if isinstance(truth, bool) else truth
+        return as_value(self.f.values.truth(self.f.term(node), node))
 
     def _loops(self, generator: Generator, act: Act, *then: ast.stmt) -> None:
         """The loops of a generator, with what is done with each element."""
@@ -299,8 +299,7 @@ class LoweredGenerators(LoweredSubject):
                 self.f.values.settled(term)
                 self.f.assign(result, Operator("+", result, ONE))
                 return
-            truth = self.f.values.truth(term, at)
-            test = Literal(truth, BOOL) if isinstance(truth, bool) else truth
+            test = as_value(self.f.values.truth(term, at))
             self.f.add_if(test if target is any else negated(test), Assign(result, Literal(target is any, BOOL)))
 
         self._loops(generator, take)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import is_dataclass
 from enum import Enum
 from string import Formatter
@@ -17,11 +17,10 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from umo.generate.c_types import (
-    CType,
-)
+from umo.generate.c_types import CType
 from umo.generate.function_source import ABSENT, NoSource, SourcedFunction, sourced
 from umo.generate.known_values import Unwatchable
+from umo.generate.lower.flow import disproved_by, proved_by, without_name
 from umo.generate.lower.terms import Term
 from umo.generate.lower.text_kinds import (
     NUMBERS,
@@ -109,7 +108,7 @@ class TextProof:
 
     def __init__(self, source: SourcedFunction, names: Mapping[str, Kind], ways: Ways, depth: int = 0) -> None:
         self._source, self._names, self._ways, self._depth = source, dict(names), ways, depth
-        self._present: frozenset[str] = frozenset()
+        self._present = set[str]()
         """Expressions that are not None here."""
 
     def unproved(self, node: ast.AST, why: str = "it may change something, or fail") -> Unproved:
@@ -315,9 +314,9 @@ class TextProof:
     def if_exp(self, node: ast.IfExp) -> Kind:
         self.asked(node.test)
         before = self._present
-        self._present = before | _proved(node.test, True)
+        self._present = before | proved_by(node.test)
         one = self.of(node.body)
-        self._present = before | _proved(node.test, False)
+        self._present = before | disproved_by(node.test)
         other = self.of(node.orelse)
         self._present = before
         return self._either(one, other, node)
@@ -352,7 +351,7 @@ class TextProof:
         for each in node.values:
             self.asked(each)
             found.append(self.of(each))
-            self._present |= _proved(each, isinstance(node.op, ast.And))
+            self._present = self._present | (proved_by if isinstance(node.op, ast.And) else disproved_by)(each)
         self._present = before
         return self._one_of(found, node)
 
@@ -437,7 +436,7 @@ class TextProof:
         func = self.of(node.func)
         if not isinstance(func, LiveKind):
             raise self.unproved(node)
-        if func.value in FUNCTIONS and not isinstance(func.value, MethodType):
+        if isinstance(func.value, Hashable) and func.value in FUNCTIONS and not isinstance(func.value, MethodType):
             return FUNCTIONS[func.value](self, node)
         if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):
             raise self.unproved(node)
@@ -473,6 +472,10 @@ class TextProof:
         elif name in METHODS and not node.keywords:
             for argument in node.args:
                 self.text(argument)
+            try:
+                getattr("", name)(*[""] * len(node.args))
+            except TypeError as error:
+                raise self.unproved(node, str(error)) from None
         else:
             raise self.unproved(node)
         return TEXT
@@ -509,6 +512,7 @@ class TextProof:
     def _bind(self, target: ast.AST, kind: Kind) -> None:
         if isinstance(target, ast.Name):
             self._names[target.id] = kind
+            self._present = without_name(self._present, target.id)
             return
         parts = self._parts(kind, target) if isinstance(target, ast.Tuple) else ()
         if not isinstance(target, ast.Tuple) or len(parts) != len(target.elts):
@@ -553,8 +557,14 @@ class TextProof:
                 raise self.unproved(each)
         return TEXT
 
+    def _argument(self, node: ast.Call, place: int = 0, count: int = 1) -> Kind:
+        """One argument of a function that takes so many."""
+        if len(node.args) != count or node.keywords:
+            raise self.unproved(node)
+        return self.of(node.args[place])
+
     def length(self, node: ast.Call) -> Kind:
-        kind = self.of(node.args[0])
+        kind = self._argument(node)
         if isinstance(kind, RowKind | Several) or self._classes(kind) == {str}:
             return some(int)
         if isinstance(kind, LiveKind) and (is_container(kind.value) or isinstance(kind.value, Vector)):
@@ -562,8 +572,8 @@ class TextProof:
         raise self.unproved(node)
 
     def absolute(self, node: ast.Call) -> Kind:
-        kinds = self._classes(self.of(node.args[0]))
-        if len(node.args) != 1 or not kinds <= NUMBERS:
+        kinds = self._classes(self._argument(node))
+        if not kinds <= NUMBERS:
             raise self.unproved(node)
         return Some(frozenset({int if each is bool else each for each in kinds}))
 
@@ -606,7 +616,7 @@ class TextProof:
 
     def places(self, node: ast.Call) -> Kind:
         """`np.flatnonzero` of an array."""
-        if len(node.args) != 1 or not isinstance(self.of(node.args[0]), RowKind):
+        if not isinstance(self._argument(node), RowKind):
             raise self.unproved(node)
         return RowKind(int, None)
 
@@ -628,7 +638,7 @@ class TextProof:
 
     def converted(self, node: ast.Call) -> Kind:
         """`cast` of typing: it does nothing."""
-        return self.of(node.args[1])
+        return self._argument(node, 1, 2)
 
     # What is shown ---------------------------------------------------------------------------------------
 
@@ -703,19 +713,18 @@ class TextProof:
 
     def _if(self, node: ast.If, found: list[Kind]) -> bool:
         self.asked(node.test)
-        names, before = dict(self._names), self._present
-        self._present = before | _proved(node.test, True)
-        one = self._names if self._body(node.body, found) else None
-        self._names, self._present = names, before | _proved(node.test, False)
-        other = self._names if self._body(node.orelse, found) else None
-        self._present = before
-        if one is None:
-            self._present = before | _proved(node.test, False)
-        if one is not None and other is not None:
+        before, ends = (self._names, self._present), list[tuple[dict[str, Kind], set[str]]]()
+        for body, shown in ((node.body, proved_by(node.test)), (node.orelse, disproved_by(node.test))):
+            self._names, self._present = dict(before[0]), before[1] | shown
+            if self._body(body, found):
+                ends.append((self._names, self._present))
+        if len(ends) == 2:
+            (one, known), (other, more) = ends
             self._names = {name: self._either(one[name], other[name], node) for name in one.keys() & other.keys()}
+            self._present = known & more
         else:
-            self._names = one or other or names
-        return one is not None or other is not None
+            self._names, self._present = ends[0] if ends else before
+        return bool(ends)
 
 
 EXPRESSIONS: Mapping[type[ast.AST], Callable[[TextProof, Any], Kind]] = {
@@ -756,16 +765,3 @@ def _is_super(node: ast.AST) -> bool:
 
 def _is_constant(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant)
-
-
-def _proved(test: ast.AST, holds: bool) -> frozenset[str]:
-    """The expressions that are not None where a condition holds, or does not."""
-    if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
-        return _proved(test.operand, not holds)
-    if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And if holds else ast.Or):
-        return frozenset().union(*(_proved(each, holds) for each in test.values))
-    if isinstance(test, ast.Compare) and len(test.ops) == 1:
-        sign = ast.IsNot if holds else ast.Is
-        none = isinstance(test.comparators[0], ast.Constant) and test.comparators[0].value is None
-        return frozenset({ast.dump(test.left)}) if none and isinstance(test.ops[0], sign) else frozenset()
-    return frozenset({ast.dump(test)}) if holds and isinstance(test, ast.Name | ast.Attribute) else frozenset()
