@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from functools import cache
 from math import inf
 from pathlib import Path
@@ -42,7 +43,7 @@ def program() -> Path:
     target = _cache() / name
     if not target.exists():
         flags = subprocess.run(["pkg-config", "--cflags", "--libs", "libmodbus"], capture_output=True, text=True)
-        new = target.with_name(f"{name}.{os.getpid()}")
+        new = target.with_name(f"{name}.{threading.get_native_id()}")  # the first tries begin at once
         subprocess.run(["gcc", "-O2", "-Wall", "-o", str(new), str(SOURCE), *flags.stdout.split()], check=True)
         new.replace(target)
     return target
