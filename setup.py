@@ -12,7 +12,11 @@ SEPARATE = [] if sys.platform == "win32" else ["-ffp-contract=off", "-O3"]
 COLUMNS = Extension(
     "umo.cycle._columns",
     [f"src/umo/cycle/{name}.c" for name in ("columns", "laws", "period", "watch", "writes")],
-    depends=["src/umo/cycle/extension.h", "src/umo/drivers/umo_driver.h", "src/umo/generate/runtime/umo_scaling.h"],
+    depends=[
+        "src/umo/cycle/extension.h",
+        "src/umo/drivers/umo_driver.h",
+        *(f"src/umo/generate/runtime/umo_{name}.h" for name in ("scaling", "curves")),
+    ],
     extra_compile_args=SEPARATE,
     py_limited_api=True,
     optional=True,

@@ -28,7 +28,9 @@ from helpers.conversions import BUILT
 from umo.cycle import conversion
 from umo.cycle.columns import LAST, NOW, TOLD, UNSEEN
 from umo.cycle.writes import PlainTurn
+from umo.objects.linearization import Linearizations, LookupTable
 from umo.objects.scaling import to_raws, to_value
+from umo.objects.thermocouple import Thermocouple
 
 TREE = Path(__file__).parents[1]
 SOURCES = sorted(file for room in ("cycle", "drivers") for file in (TREE / "src" / "umo" / room).glob("*.c"))
@@ -74,7 +76,7 @@ def test_an_input_block_is_converted_as_each_number_by_itself(objects: list[Any]
     moved = np.array([raw for raw, *_ in objects], np.int64)
     scales = np.array([(*scale, -low, high) for _, scale, low, high in objects]).reshape(-1, 4).T.copy()
     raws, values, times = np.zeros(count, np.int64), np.full(count, 3.0), np.full(count, 4.0)
-    outside = conversion.extension.Inputs((moved, *scales, raws, values, times), 7).convert(5.0)
+    outside = conversion.extension.Inputs((moved, *scales, raws, values, times), 7, (), ()).convert(5.0)
     expected, refused = [3.0] * count, []
     for place, (raw, scale, low, high) in enumerate(objects):
         value = to_value(raw, *scale)
@@ -88,6 +90,48 @@ def test_an_input_block_is_converted_as_each_number_by_itself(objects: list[Any]
     assert times.tolist() == [4.0 if refused else 5.0] * count
 
 
+CURVES = [None, LookupTable([-5.0, 0.0, 2.0, 9.0], [80.0, 30.0, 1.0, -3.0]), Thermocouple("K").over(-100.0, 1300.0)]
+
+
+@BUILT
+@given(st.lists(st.tuples(st.integers(-200, 200), st.sampled_from(CURVES), st.booleans()), max_size=6))
+def test_a_block_with_linearizations_and_invalid_readings_is_converted_as_each_number_by_itself(
+    objects: list[Any],
+) -> None:
+    resolution, low, high = 0.25, -3.0, 1200.0
+    columns = [np.full(len(objects), number) for number in (resolution, 0.0, low, high)]
+    moved = np.array([raw for raw, *_ in objects], np.int64)
+    raws, values, times = np.zeros(len(objects), np.int64), np.full(len(objects), 3.0), np.zeros(len(objects))
+    curves = Linearizations([each for _, each, _ in objects]).in_c
+    assert curves is not None
+    invalid = tuple((place, raw) for place, (raw, _, refused) in enumerate(objects) if refused)
+    of_block = (moved, *columns, raws, values, times), 0, tuple(map(conversion._for_c, curves)), invalid
+    outside = conversion.extension.Inputs(*of_block).convert(5.0)
+    found = [x if each is None else each.to_value(x) for x, each in ((raw * resolution, f) for raw, f, _ in objects)]
+    found = [math.nan if refused else value for value, (*_, refused) in zip(found, objects, strict=True)]
+    inside = [low <= value <= high for value in found]
+    expected = [value if yes else 3.0 for value, yes in zip(found, inside, strict=True)]
+    assert values.tobytes() == np.array(expected).tobytes()
+    refused = [(place, value) for place, (value, yes) in enumerate(zip(found, inside, strict=True)) if not yes]
+    assert [(slot, bits(value)) for slot, value in outside] == [(slot, bits(value)) for slot, value in refused]
+
+
+@BUILT
+@pytest.mark.parametrize(
+    ("curves", "invalid", "text"),
+    [
+        (((2, True, 1, 0.0, 1.0, bytes(120)),), (), "no such object"),
+        (((0, True, 1, 0.0, 1.0, bytes(112)),), (), "another length"),
+        (((0, False, 2, 0.0, 0.0, bytes(48)),), (), "another length"),
+        (((0, False, 1, 0.0, 0.0, bytes(16)),), (), "another length"),
+        ((), ((-1, 7),), "no such object"),
+    ],
+)
+def test_a_curve_that_does_not_fit_the_block_is_refused(curves: Any, invalid: Any, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        conversion.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0, curves, invalid)
+
+
 def bits(value: float) -> bytes:
     return b"nan" if math.isnan(value) else struct.pack("d", value)
 
@@ -97,7 +141,7 @@ def test_a_product_is_rounded_before_the_sum() -> None:
     """0.1 * 3 - 0.3 is 5.6e-17; in one operation, without rounding in between, 2.8e-17."""
     scales = (np.array([number]) for number in (0.1, -0.3, -1.0, 1.0))
     raws, values, times = arrays(1, 1, 1)
-    assert conversion.extension.Inputs((np.array([3]), *scales, raws, values, times), 0).convert(0.0) == ()
+    assert conversion.extension.Inputs((np.array([3]), *scales, raws, values, times), 0, (), ()).convert(0.0) == ()
     assert values[0] == 0.1 * 3 - 0.3
 
 
@@ -132,7 +176,7 @@ def test_a_block_takes_only_views_that_fit_together(wrong: int) -> None:
     views = arrays(*[2] * LENGTH["inputs"])
     views[wrong] = np.zeros(3)
     with pytest.raises(ValueError, match="differ in length"):
-        conversion.extension.Inputs(tuple(views), 0)
+        conversion.extension.Inputs(tuple(views), 0, (), ())
     with pytest.raises(ValueError, match="differ in length"):
         outputs((*views, *arrays(2, 2, 2, 2)))
     with pytest.raises(ValueError, match="differ in length"):
@@ -144,7 +188,7 @@ def test_a_block_takes_only_views_that_fit_together(wrong: int) -> None:
 @BUILT
 def test_a_block_takes_a_tuple_of_as_many_views_as_it_has() -> None:
     with pytest.raises(ValueError, match="a tuple of 8"):
-        conversion.extension.Inputs(tuple(arrays(2, 2)), 0)
+        conversion.extension.Inputs(tuple(arrays(2, 2)), 0, (), ())
     with pytest.raises(ValueError, match="a tuple of 12"):
         outputs(arrays(*[2] * LENGTH["outputs"]))
 
@@ -161,7 +205,7 @@ def test_a_block_is_not_made_of_views_that_cannot_be_written_to(place: int) -> N
 @BUILT
 def test_a_time_that_is_not_a_number_is_refused() -> None:
     for call in (
-        conversion.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0).convert,
+        conversion.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0, (), ()).convert,
         outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).commit,
         partial(outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).give, 0.0),
     ):
@@ -189,7 +233,7 @@ def test_views_are_let_go_of() -> None:
         outputs(tuple(views)).commit(1.0)
         conversion.extension.Body(*views[:2], 16)
         with pytest.raises(ValueError, match="differ"):
-            conversion.extension.Inputs((*views[:7], np.zeros(3)), 0)
+            conversion.extension.Inputs((*views[:7], np.zeros(3)), 0, (), ())
     assert [sys.getrefcount(view) for view in views] == before
 
 
@@ -197,7 +241,7 @@ def test_views_are_let_go_of() -> None:
 def test_values_out_of_bounds_leave_nothing_behind() -> None:
     scales = (np.full(3, number) for number in (1.0, 0.0, 5.0, 6.0))
     views = np.arange(3) + 100, *scales, *arrays(3, 3, 3)
-    convert = conversion.extension.Inputs(views, 1000).convert
+    convert = conversion.extension.Inputs(views, 1000, (), ()).convert
     assert kept(lambda: convert(1.5)) < 2000
 
 

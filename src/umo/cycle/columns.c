@@ -16,17 +16,31 @@
 #endif
 
 typedef double umo_real;
+#define umo_floor floor
+#define UMO_FLASH
+#include "../generate/runtime/umo_curves.h"
 #include "../generate/runtime/umo_scaling.h"
 
 /* Views of the block's part of each column: 8 bytes an object. */
 enum { MOVED, RESOLUTION, ZERO_OFFSET, LOW, HIGH, RAWS, VALUES, TIMES, INPUT_VIEWS };
 enum { LEAST = LOW, GREATEST, RATE = INPUT_VIEWS, PENDING, SENT, STEPPED, OUTPUT_VIEWS };
 
+/* Of one object of an input block: its linearization, or a raw integer that is an invalid reading though it is within
+ * the range. */
+typedef struct {
+    Py_ssize_t place;
+    umo_curve curve;
+    int64_t raw;
+} Special;
+
 struct Block {
     PyObject_HEAD
     Py_buffer views[OUTPUT_VIEWS];
     Py_ssize_t start, count;
     double *found; /* of an input block: room for a number of each object */
+    PyObject *tables; /* of an input block: what the curves point to */
+    Special *curves, *invalid;
+    Py_ssize_t curve_count, invalid_count;
     Py_buffer written; /* of an output block: a byte of each object (writes.c) */
     int limited; /* whether an output of the block has a rate */
 };
@@ -43,6 +57,9 @@ static void let_go(PyObject *self, Py_buffer *views, int count)
 static void Block_dealloc(Block *self)
 {
     PyMem_Free(self->found);
+    PyMem_Free(self->curves);
+    PyMem_Free(self->invalid);
+    Py_CLEAR(self->tables);
     PyBuffer_Release(&self->written);
     let_go((PyObject *)self, self->views, OUTPUT_VIEWS);
 }
@@ -94,23 +111,75 @@ static void stamp(Block *self, double now)
         times[i] = now;
 }
 
+/* (place, is_cubic, count, first, per_x, bytes of the table) */
+static int take_curve(PyObject *given, Special *curve, const char **table, Py_ssize_t *size)
+{
+    int cubic, count;
+    umo_curve *to = &curve->curve;
+    if (!PyArg_ParseTuple(given, "npiddy#", &curve->place, &cubic, &count, &to->first, &to->per_x, table, size))
+        return -1;
+    to->cubic = cubic;
+    to->count = count;
+    Py_ssize_t numbers = cubic ? 5 * ((Py_ssize_t)count + 2) : 3 * (Py_ssize_t)count - 1;
+    to->table = (const double *)*table;
+    if (count >= (cubic ? 1 : 2) && *size == 8 * numbers)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the table of a curve has another length");
+    return -1;
+}
+
+/* (place, raw integer) */
+static int take_invalid(PyObject *given, Special *invalid, const char **table, Py_ssize_t *size)
+{
+    (void)table, (void)size;
+    long long raw;
+    if (!PyArg_ParseTuple(given, "nL", &invalid->place, &raw))
+        return -1;
+    invalid->raw = raw;
+    return 0;
+}
+
+typedef int take_function(PyObject *, Special *, const char **, Py_ssize_t *);
+
+/* A tuple of tuples, each of an object of the block. */
+static int take_each(Block *self, PyObject *given, take_function *take, Special **found, Py_ssize_t *number)
+{
+    Py_ssize_t count = PyTuple_Size(given), size;
+    const char *table;
+    if (count < 0 || (*found = PyMem_Calloc((size_t)count + 1, sizeof **found)) == NULL)
+        return -1;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (take(PyTuple_GetItem(given, i), &(*found)[i], &table, &size) < 0)
+            return -1;
+        if ((*found)[i].place < 0 || (*found)[i].place >= self->count) {
+            PyErr_SetString(PyExc_ValueError, "no such object in the block");
+            return -1;
+        }
+    }
+    *number = count;
+    return 0;
+}
+
 static PyObject *Inputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
-    static char *names[] = {"views", "start", NULL};
-    PyObject *views;
+    static char *names[] = {"views", "start", "curves", "invalid", NULL};
+    PyObject *views, *curves, *invalid;
     Py_ssize_t start;
-    if (!PyArg_ParseTupleAndKeywords(args, named, "On", names, &views, &start))
+    if (!PyArg_ParseTupleAndKeywords(args, named, "OnO!O!", names, &views, &start, &PyTuple_Type, &curves,
+                                     &PyTuple_Type, &invalid))
         return NULL;
     Block *self = make(type, views, INPUT_VIEWS);
     if (self == NULL)
         return NULL;
     self->start = start;
+    self->tables = Py_NewRef(curves);
     self->found = PyMem_Malloc((size_t)self->views[MOVED].len);
-    if (self->found == NULL) {
-        Py_DECREF(self);
-        return PyErr_NoMemory();
-    }
-    return (PyObject *)self;
+    int failed = take_each(self, curves, take_curve, &self->curves, &self->curve_count) ||
+                 take_each(self, invalid, take_invalid, &self->invalid, &self->invalid_count);
+    if (!failed && self->found != NULL)
+        return (PyObject *)self;
+    Py_DECREF(self);
+    return PyErr_Occurred() ? NULL : PyErr_NoMemory();
 }
 
 static int append(PyObject *list, Py_ssize_t slot, double value)
@@ -131,8 +200,8 @@ static double small_to_double(int64_t whole)
     return shifted - 0x1.8p52;
 }
 
-/* The value of each reading into `found`; whether all are within their bounds. */
-static int find_values(Block *self)
+/* The value of each reading into `found`, scaled; whether all are within their bounds. */
+static int scale_values(Block *self)
 {
     const int64_t *moved = self->views[MOVED].buf;
     const double *resolution = column(self, RESOLUTION), *zero_offset = column(self, ZERO_OFFSET);
@@ -156,6 +225,29 @@ static int find_values(Block *self)
     return within;
 }
 
+/* Whether each value that was found is within its bounds, after those that are not only scaled were bent. */
+static int bend(Block *self)
+{
+    const int64_t *moved = self->views[MOVED].buf;
+    const double *low = column(self, LOW), *high = column(self, HIGH);
+    double *found = self->found;
+    for (Py_ssize_t i = 0; i < self->curve_count; i++)
+        found[self->curves[i].place] = umo_on_curve(&self->curves[i].curve, found[self->curves[i].place]);
+    for (Py_ssize_t i = 0; i < self->invalid_count; i++)
+        if (moved[self->invalid[i].place] == self->invalid[i].raw)
+            found[self->invalid[i].place] = NAN;
+    int within = 1;
+    for (Py_ssize_t i = 0; i < self->count; i++)
+        within &= (low[i] <= found[i]) & (found[i] <= high[i]);
+    return within;
+}
+
+/* The value of each reading into `found`; whether all are within their bounds. */
+static int find_values(Block *self)
+{
+    int within = scale_values(self);
+    return self->curve_count || self->invalid_count ? bend(self) : within;
+}
 /* Of values that were found, all within their bounds. */
 static void keep_found(Block *self, double now)
 {

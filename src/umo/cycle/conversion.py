@@ -2,8 +2,8 @@
 
 Inputs: raw integers to values, after their transfer. Outputs: pending values to raw integers, before their transfer.
 
-By the extension in C where it is built and nothing of the block needs more than a scale; otherwise by numpy. Tests
-prove the two equal to the bit.
+By the extension in C where it is built, and inputs have no linearization of the user's own, outputs none at all;
+otherwise by numpy. Tests prove the two equal to the bit.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy import add, greater_equal, negative, subtract
 
 from umo.cycle.columns import Block, Columns, Scales
 from umo.errors import RangeError
+from umo.objects.interpolation import CurveTable
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws, to_steps, to_values
 
@@ -36,12 +37,14 @@ def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mappi
     the block where it is an invalid reading although it lies within the range."""
     slots = block.slots
     linearizations = Linearizations(scales.linearizations[slots])
-    if extension is None or linearizations or hidden:
+    curves = linearizations.in_c
+    if extension is None or curves is None:
         block.convert = Inputs(block, columns, scales, linearizations, hidden).convert
     else:
         of_scales = scales.resolution, scales.zero_offset, scales.low, scales.high
-        of_image = columns.raws, columns.values, columns.times
-        block.convert = extension.Inputs(_views(block, *of_scales, *of_image), block.start).convert
+        views = _views(block, *of_scales, columns.raws, columns.values, columns.times)
+        invalid = tuple((place, raw) for raw, places in hidden.items() for place in places)
+        block.convert = extension.Inputs(views, block.start, tuple(map(_for_c, curves)), invalid).convert
 
 
 def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
@@ -62,6 +65,11 @@ def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
 
 def _views(block: Block, *columns: FloatArray | IntArray) -> tuple[memoryview, ...]:
     return block.raws.data, *(column[block.slots].data for column in columns)
+
+
+def _for_c(curve: tuple[int, CurveTable]) -> tuple[int, bool, int, float, float, bytes]:
+    place, (cubic, count, first, per_x, table) = curve
+    return place, cubic, count, first, per_x, np.concatenate(table).tobytes()
 
 
 class Inputs:

@@ -22,7 +22,7 @@ typedef struct {
 } Look;
 
 enum { TICK, SAMPLE, GUARD, COMMANDS, SEQUENCES, LAWS, SETTLE, SEND, SHOW, PHASES };
-enum { READ_TIMER, TICKED, SAMPLE_AND_GUARD, EVALUATE, ADVANCE, ACT, GO_ON, SETTLE_NOW, UPDATE, FINISH, CALLS };
+enum { READ_TIMER, TICKED, SAMPLE_NOW, EVALUATE, ADVANCE, ACT, GO_ON, SETTLE_NOW, UPDATE, FINISH, CALLS };
 enum { NOW, DT, TICKS, NUMBER, MISSED, MISSED_IN_ALL, OPEN, BEGAN, COMMANDING, BEFORE_LAWS, LAWS_OF_GROUP, NAMES };
 static const char *const names[NAMES] = {"now",           "dt",   "ticks", "number",     "missed",
                                          "missed_in_all", "open", "began", "commanding", "before_laws", "laws"};
@@ -443,7 +443,7 @@ static int sample_and_guard(Period *self)
 {
     int done = sample(self);
     if (done == 0)
-        return by_python(self, SAMPLE_AND_GUARD, NULL);
+        done = by_python(self, SAMPLE_NOW, NULL);
     done = done < 0 ? done : guard(self);
     return done == 0 ? by_python(self, EVALUATE, NULL) : done;
 }

@@ -272,12 +272,17 @@ def begun(finish: Callable[[], object], look: Callable[[], object], sample: Call
 
 def then_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
     """Guards are evaluated even if sensors failed."""
-    try:
-        good = sample()
-    except DriverError as unread:
-        go_on(unread, evaluate, "could not be read or reset")
+    good = or_guard(sample, evaluate)
     evaluate()
     return good
+
+
+def or_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
+    """Guards are evaluated if sensors failed."""
+    try:
+        return sample()
+    except DriverError as unread:
+        go_on(unread, evaluate, "could not be read or reset")
 
 
 def both(first: Callable[[], bool], second: Callable[[], bool]) -> bool:

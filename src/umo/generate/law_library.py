@@ -37,7 +37,7 @@ from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import CFunction, Translation
 
 ON_HOST = Path(__file__).parent / "on_host"
-SHARED = "umo.h", "umo_scaling.h", "umo_python.h", "umo_digits.h", "umo_access.c", "umo_sums.c"
+SHARED = "umo.h", "umo_scaling.h", "umo_curves.h", "umo_python.h", "umo_digits.h", "umo_access.c", "umo_sums.c"
 """The files of the runtime of controllers that laws beside Python have, too."""
 TAKEN = POINTER(c_bool)
 CHANGED = CFUNCTYPE(None, c_int32, c_double)

@@ -19,6 +19,7 @@ from umo.cycle.columns import Block
 from umo.cycle.conversion import extension
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.period import or_guard
 from umo.drivers.optional import TransferInC, transfer_in_c
 from umo.text import some
 
@@ -159,11 +160,12 @@ class PeriodInC(Capability):
     def _calls(self) -> tuple[Callable[..., object], ...]:
         """What Python does, in the order of period.c."""
         period, machine, image = self._period, self._machine, self._image
+        evaluate = period.guards.evaluate
         return (
             lambda: image.read_now(image.timer),
             image.ticked,
-            lambda: period.sample(),  # it may be bound again
-            period.guards.evaluate,
+            lambda: or_guard(period.read, evaluate),
+            evaluate,
             machine.sequences.advance,
             period.act,
             machine.acting_laws.act,

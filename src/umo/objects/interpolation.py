@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from math import floor
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -29,6 +29,19 @@ def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
     return result
 
 
+class CurveTable(NamedTuple):
+    """A curve as C has it (`generate/runtime/umo_curves.h`)."""
+
+    cubic: bool
+    size: int
+    """The number of points, or of cells."""
+    first: float
+    """Of cubics: where the first cell begins."""
+    per_x: float
+    """Of cubics: cells for one unit of x."""
+    columns: tuple[FloatArray, ...]
+
+
 class Segments:
     """Linear interpolation between points (x, y), x strictly monotonic."""
 
@@ -38,6 +51,10 @@ class Segments:
         self._slopes = np.diff(self._ys) / np.diff(self._xs)
         self._inner = self._xs[1:-1]
         self._lists = [each.tolist() for each in (self._inner, self._xs, self._ys, self._slopes)]
+
+    @property
+    def in_c(self) -> CurveTable:
+        return CurveTable(False, len(self._xs), 0.0, 0.0, (self._xs, self._ys, self._slopes))
 
     def one(self, x: float) -> float:
         inner, xs, ys, slopes = self._lists
@@ -82,6 +99,10 @@ class Cubics:
             values, steepness = function(found)
             found = found - (values - targets) / steepness
         return cls(xs, ys, slopes), cls(targets, found, 1.0 / function(found)[1])
+
+    @property
+    def in_c(self) -> CurveTable:
+        return CurveTable(True, self.cells, self.first, self.per_x, self.table)
 
     @cached_property
     def _rows(self) -> list[tuple[float, ...]]:

@@ -20,7 +20,7 @@ from typing import Any, Self, cast
 import numpy as np
 
 from umo.errors import DeclarationError
-from umo.objects.interpolation import Cubics, Segments, groups_of, horner
+from umo.objects.interpolation import Cubics, CurveTable, Segments, groups_of, horner
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
 from umo.presentation.value_text import span
@@ -187,11 +187,20 @@ class Linearizations:
     def __init__(self, each: Sequence[Linearization | None]) -> None:
         same = {one: one for one in each if one is not None}  # equal ones are one
         ones = [None if one is None else same[one] for one in each]
-        self._forward = groups_of([None if one is None else _forward_of(one) for one in ones])
+        self._each = [None if one is None else _forward_of(one) for one in ones]
+        self._forward = groups_of(self._each)
         self._inverse = groups_of([None if one is None else _inverse_of(one) for one in ones])
 
     def __bool__(self) -> bool:
         return bool(self._forward)
+
+    @property
+    def in_c(self) -> list[tuple[int, CurveTable]] | None:
+        """Each curve to values with its place, as C has them. None: there is a function of the user's own."""
+        curves = [(place, one) for place, one in enumerate(self._each) if one is not None]
+        if any(isinstance(one, _OneByOne) for _, one in curves):
+            return None
+        return [(place, cast(Cubics | Segments, one).in_c) for place, one in curves]
 
     def to_values(self, xs: FloatArray) -> FloatArray:
         """Electrical quantities to values, in a new array."""

@@ -38,18 +38,10 @@ def _curves(objects: Iterable[ControllerObject]) -> dict[int, _Curve]:
     for one in objects:
         if one.linearization is not None:
             curve, way = curves_of(one.linearization)[one.output], "to_input" if one.output else "to_value"
-            columns = curve.table if isinstance(curve, Cubics) else (curve._xs, curve._ys, curve._slopes)
+            *shape, columns = curve.in_c
             numbers = tuple(float(number) for column in columns for number in column)
-            key = way, *_shape(curve), numbers
-            of_slot[one.slot] = found.setdefault(key, _Curve(way, one.slot, curve, numbers))
+            of_slot[one.slot] = found.setdefault((way, *shape, numbers), _Curve(way, one.slot, curve, numbers))
     return of_slot
-
-
-def _shape(curve: Cubics | Segments) -> tuple[bool, int, float, float]:
-    """Whether it is cubic; how many cells or points; where the first cell begins, and cells per unit."""
-    if isinstance(curve, Cubics):
-        return True, curve.cells, float(curve.first), float(curve.per_x)
-    return False, len(curve._xs), 0.0, 0.0
 
 
 def large_tables(model: ControllerModel, target: ControllerTarget) -> Iterator[NotGenerated]:
@@ -86,7 +78,7 @@ def _whole(raw: int) -> str:
 
 def _curve_table(curve: _Curve, target: ControllerTarget) -> Iterator[str]:
     yield array("umo_real", f"{curve.name}_table", [real(number, target) for number in curve.numbers])
-    cubic, count, first, per_x = _shape(curve.curve)
+    cubic, count, first, per_x, _ = curve.curve.in_c
     yield f"static const UMO_FLASH umo_curve {curve.name} = {{\n"
     yield f"    .cubic = {truth(cubic)}, .count = {count}, "
     yield f".first = {real(first, target)}, .per_x = {real(per_x, target)},\n"

@@ -43,6 +43,7 @@ typedef double umo_real;
 #endif
 
 #include "umo_scaling.h"
+#include "umo_curves.h"
 
 /* Half to even, as Python's round and C's rint. */
 static inline umo_real umo_round_even(umo_real x)
@@ -78,14 +79,6 @@ typedef struct umo_object umo_object;
 typedef struct umo_core umo_core;
 typedef int64_t umo_tick; /* ticks since the start */
 #define UMO_NEVER (-1)
-
-/* A linearization: linear between points, or cubics in equal cells (umo.objects.interpolation). */
-typedef struct {
-    bool cubic;
-    int32_t count;           /* points, or cells */
-    umo_real first, per_x;   /* of cubics: the first point; cells for one unit of x */
-    const UMO_FLASH umo_real *table; /* xs, ys, slopes; or five columns of count + 2 cells */
-} umo_curve;
 
 enum umo_flags {
     UMO_OUTPUT = 1,        /* an actuator */

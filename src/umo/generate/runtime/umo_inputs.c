@@ -208,34 +208,7 @@ umo_real umo_conditioned(umo_object *o, umo_real value, bool is_inside)
 
 /* Linearization ------------------------------------------------------------------------------------------ */
 
-/* Segments.one */
-static umo_real segments_at(const UMO_FLASH umo_curve *curve, umo_real x)
-{
-    int32_t count = curve->count, i = 0, end = count - 2;
-    const UMO_FLASH umo_real *xs = curve->table, *ys = xs + count, *slopes = ys + count;
-    while (i < end) { /* bisect_right in the inner points */
-        int32_t middle = (i + end) / 2;
-        if (x < xs[middle + 1])
-            end = middle;
-        else
-            i = middle + 1;
-    }
-    return ys[i] + slopes[i] * (x - xs[i]);
-}
-
-/* Cubics.one */
-static umo_real cubics_at(const UMO_FLASH umo_curve *curve, umo_real x)
-{
-    umo_real cells = (umo_real)curve->count, place = (x - curve->first) * curve->per_x;
-    place = place > -1 ? place : -1;
-    place = place < cells ? place : cells;
-    int32_t row = (int32_t)(umo_floor(place) + 1), rows = curve->count + 2;
-    const UMO_FLASH umo_real *at = curve->table + row;
-    umo_real away = x - at[0];
-    return ((at[4 * rows] * away + at[3 * rows]) * away + at[2 * rows]) * away + at[rows];
-}
-
 umo_real umo_curve_at(const UMO_FLASH umo_curve *curve, umo_real x)
 {
-    return curve->cubic ? cubics_at(curve, x) : segments_at(curve, x);
+    return umo_on_curve(curve, x);
 }

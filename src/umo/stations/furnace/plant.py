@@ -15,7 +15,7 @@ zone is about 3 minutes. `seed` decides the spread: power +-5 %, losses +-10 %, 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
@@ -26,6 +26,7 @@ from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.optional import Reports
 from umo.errors import ChannelError, DriverError, WiringError
 from umo.objects import Thermocouple
+from umo.objects.scaling import FloatArray
 from umo.text import did_you_mean
 
 IN, OUT = Direction.INPUT, Direction.OUTPUT
@@ -119,7 +120,8 @@ class Plant(Driver[FurnaceChannel], Reports):
             if zone >= count:
                 raise DriverError(f"fault {kind}:{zone}: the furnace has {count} zones")
         self._random = np.random.default_rng(self._seed)
-        self._power, self._loss = (self._random.uniform(1 - s, 1 + s, count) for s in (0.05, 0.1))
+        self._full_power = POWER * self._random.uniform(0.95, 1.05, count)
+        self._loss = LOSS * self._random.uniform(0.9, 1.1, count)
         self.temperatures = self._random.uniform(20.0, 30.0, count)
         self._sensed = self.temperatures.copy()
         self._time = self._energy = self._highest = 0.0
@@ -134,11 +136,11 @@ class Plant(Driver[FurnaceChannel], Reports):
 
     def _step(self, dt: float) -> None:
         self._time += dt
-        duty = np.clip(self._levels[HEATER] / 1000.0, 0.0, 1.0)
-        duty[self._failed("stuck-heater")], duty[self._failed("dead-heater")] = 1.0, 0.0
-        t, power = self.temperatures, POWER * self._power * duty
-        losses = LOSS * self._loss + FAN_LOSS * self._levels[FAN]
-        flow = np.diff(t) * CONDUCTION
+        duty = _within(self._levels[HEATER] / 1000.0, 0.0, 1.0)
+        self._fail(duty, {"stuck-heater": 1.0, "dead-heater": 0.0})
+        t, power = self.temperatures, self._full_power * duty
+        losses = self._loss + FAN_LOSS * self._levels[FAN]
+        flow = (t[1:] - t[:-1]) * CONDUCTION
         heat = power - losses * (t - AMBIENCE)
         heat[:-1] += flow
         heat[1:] -= flow
@@ -150,15 +152,19 @@ class Plant(Driver[FurnaceChannel], Reports):
     def _measure(self) -> None:
         """The converters' raw integers: 0.3 counts of noise, saturating below the mark of an open circuit."""
         sensed = self._sensed.copy()
-        sensed[self._failed("shorted-thermocouple")] = AMBIENCE
+        self._fail(sensed, {"shorted-thermocouple": AMBIENCE})
         counts = TYPE_K.to_inputs(sensed) / VOLTS + self._random.normal(0.0, 0.3, len(sensed))
-        self._levels[THERMOCOUPLE] = np.clip(np.rint(counts), -OPEN, OPEN - 1)
-        self._levels[THERMOCOUPLE, self._failed("broken-thermocouple")] = OPEN
+        counts = _within(np.rint(counts), -OPEN, OPEN - 1)
+        self._fail(counts, {"broken-thermocouple": OPEN})
         if self._time % 5.0 < 1.0:
-            self._levels[THERMOCOUPLE, self._failed("loose-thermocouple")] = OPEN
+            self._fail(counts, {"loose-thermocouple": OPEN})
+        self._levels[THERMOCOUPLE] = counts
 
-    def _failed(self, kind: str) -> list[int]:
-        return [zone for name, zone, start in self._faults if name == kind and self._time >= start]
+    def _fail(self, values: FloatArray, those: Mapping[str, float]) -> None:
+        """Give the zones that have one of these faults by now the value of it."""
+        for kind, zone, start in self._faults:
+            if kind in those and self._time >= start:
+                values[zone] = those[kind]
 
     # Truth, for tests and observers -------------------------------------------------------------
 
@@ -167,6 +173,13 @@ class Plant(Driver[FurnaceChannel], Reports):
         last = [round(float(end), 1) for end in (self.temperatures.min(), self.temperatures.max())]
         highest, energy = round(self._highest, 1), round(self._energy / 3.6e6, 1)
         return {"highest_degC": highest, "last_degC": last, "energy_kWh": energy}
+
+
+def _within(values: FloatArray, low: float, high: float) -> FloatArray:
+    """As np.clip, in a third of the time; they are changed."""
+    np.maximum(values, low, out=values)
+    np.minimum(values, high, out=values)
+    return values
 
 
 def _fault(text: str) -> tuple[str, int, float]:
