@@ -403,14 +403,17 @@ class CompiledLaws(Capability):
         slot = self._library.fault_object
         if fault in (BAD_INPUT, NEVER_READ) and slot >= 0:
             path, quality = self._image.items[slot].path, Quality(int(self._image.quality[slot]))
-            raise BadInput(path, quality, why="it was never read") if fault == NEVER_READ else BadInput(path, quality)
+            why = "it was never read" if fault == NEVER_READ else ""
+            _raise(BadInput(path, quality, why=why), *self._place(fault))
         kind, text = self._kind(fault), f"fault {fault} of a compiled law"
         text = next((each.text for each in self._translation.faults if each.number == fault), text)
         _raise(error_as_written(kind, OWN_TEXTS.get(kind, text)), *self._place(fault))
 
     def _place(self, fault: int) -> tuple[str, int]:
-        """The file and the line that raise a fault; none of those of the runtime."""
-        return next(((each.file, each.line) for each in self._translation.faults if each.number == fault), ("", 0))
+        """The file and the line that raise a fault, or call what raises it; none where Python makes a text."""
+        file, line = self._library.fault_place
+        of_runtime = (self._translation.files[file], line) if line else ("", 0)
+        return next(((each.file, each.line) for each in self._translation.faults if each.number == fault), of_runtime)
 
     # What only Python does -----------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
+from functools import cache, cached_property
 from operator import is_
 from typing import Any
 
@@ -549,3 +549,13 @@ class MachineForm:
     """The names of the faults of the functions, by number."""
     handled: Mapping[tuple[type[BaseException], ...], Sequence[str]] = field(default_factory=dict)
     """The names of the faults that a handler of these classes catches."""
+
+    @cached_property
+    def files(self) -> list[str]:
+        """Of the functions, in their order."""
+        return list(dict.fromkeys(one.file for one in self.functions))
+
+    @cached_property
+    def own(self) -> frozenset[str]:
+        """The names of the functions; others are the runtime's."""
+        return frozenset(one.name for one in self.functions)

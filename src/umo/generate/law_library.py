@@ -89,6 +89,7 @@ int16_t law_call(umo_machine *m, int32_t law, double now, double dt, int32_t tic
     m->core.dt = dt;
     m->core.ticks = ticks;
     m->core.fault_object = -1;
+    columns_of(&m->core)->line = 0;
     umo_fault fault = UMO_OK;
     bool holds = false;
     switch (law) {{
@@ -130,6 +131,8 @@ class ColumnPointers(Structure):
         ("read_now", READ),
         ("host_call", HOST_CALL),
         ("tell", TELL),
+        ("file", c_int32),
+        ("line", c_int32),
     ]
 
 
@@ -265,6 +268,11 @@ class LawLibrary:
     def fault_object(self) -> int:
         """The slot of the object of the last fault; -1: none."""
         return int(self._library.law_fault_object(self._memory))
+
+    @property
+    def fault_place(self) -> tuple[int, int]:
+        """The number of the file, and the line, of the runtime's last fault in this call; line 0: there was none."""
+        return int(self._columns.file), int(self._columns.line)
 
 
 def _address(memory: Any) -> int:

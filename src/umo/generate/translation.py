@@ -139,6 +139,8 @@ class Translation:
     entry: Mapping[Any, CFunction] = field(default_factory=dict)
     """How each function is called."""
     faults: list[CodeFault] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    """Of the functions; where the runtime has a fault, it is told with one of them (`umo_at`)."""
     layout: list[StructField] = field(default_factory=list)
     structs: list[Any] = field(default_factory=list)
     """The structs of live objects (`umo.generate.lower.live_fields.LiveStruct`), by the numbers of machine_struct."""

@@ -40,6 +40,7 @@ def translate(
         calls=program_text.calls_of(program),
         entry=entry,
         faults=world.faults,
+        files=program.files,
         layout=world.fields.layout(),
         structs=world.fields.filled,
         host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],

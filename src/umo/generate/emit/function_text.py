@@ -87,6 +87,8 @@ class FunctionText:
     """The line of Python that is printed."""
     shown: int = 0
     """The one that was told last."""
+    tells_places: bool = False
+    """Whether Python is to know where the runtime had a fault."""
 
     def text(self) -> str:
         """The whole function."""
@@ -244,7 +246,10 @@ class FunctionText:
         arguments = [self.values.text(one) for one in each.arguments]
         if each.out is not None:
             arguments.append(self.values.text(each.out if isinstance(each.out, Elements) else Address(each.out)))
-        return f"{each.function}({', '.join(arguments)})"
+        called = f"{each.function}({', '.join(arguments)})"
+        if not self.tells_places or each.function in self.program.own:
+            return called
+        return f"umo_at(m, {self.program.files.index(self.function.file)}, {self.line}, {called})"
 
     def called(self, each: CallStatement) -> None:
         self._tried(self.call(each))
@@ -354,7 +359,7 @@ PRINTED: dict[type[Statement], Callable[[FunctionText, Any], None]] = {
 
 
 def function_text(function: FunctionForm, program: MachineForm, target: ControllerTarget) -> str:
-    return FunctionText(function, program, FormValues(target)).text()
+    return FunctionText(function, program, FormValues(target), tells_places=target.tells).text()
 
 
 def statements_text(statements: Sequence[Statement], target: ControllerTarget) -> list[str]:

@@ -22,11 +22,23 @@ typedef struct {
     umo_fault (*read_now)(int32_t slot, double *out);
     umo_fault (*host_call)(uint16_t call, double *numbers, uint16_t count);
     umo_fault (*tell)(uint16_t number, const void *const *given); /* a text is made of these variables */
+    int32_t file, line; /* where the runtime had its last fault: the number of the file; 0: nowhere yet */
 } umo_columns;
 
 static inline umo_columns *columns_of(const umo_core *c)
 {
     return (umo_columns *)(void *)c->outputs; /* it has no umo_output of its own */
+}
+
+/* The fault of a call of the runtime, which this line of Python has made. */
+static inline umo_fault umo_at(const umo_machine *m, int32_t file, int32_t line, umo_fault fault)
+{
+    const umo_core *c = (const umo_core *)(const void *)m; /* its first member */
+    if (fault != UMO_OK) {
+        columns_of(c)->file = file;
+        columns_of(c)->line = line;
+    }
+    return fault;
 }
 
 static inline umo_fault umo_tell(const umo_machine *m, uint16_t number, const void *const *given)
