@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, MutableSequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -361,21 +360,6 @@ def test_a_dataclass_is_read_and_set_as_before() -> None:
         assert (run.laws.state, run.m.limits, run.m.motor.pending) == ("compiled", Limits(1.0, 2.0), 2.0)
         run.m.limits = Limits(0, 3.0)
         assert run.laws.state == "python" and run.m.limits == Limits(0, 3.0)
-
-
-class WithADeque(Pump):
-    def setup(self) -> None:
-        self.window: deque[float] = deque(maxlen=4)
-
-    def control(self) -> None:
-        self.window.append(value_of(self.level))
-        self.motor.write(max(self.window) / 10.0)
-
-
-def test_a_deque_keeps_the_laws_in_python() -> None:
-    machine = pump(WithADeque)
-    with pytest.raises(DeclarationError, match="window is a deque: what others read of it"):
-        prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
 
 
 def test_a_difference_keeps_python(monkeypatch: pytest.MonkeyPatch) -> None:

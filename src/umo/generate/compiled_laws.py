@@ -25,6 +25,7 @@ from umo.cycle.conversion import extension
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
+from umo.generate.bound_deques import BoundDeque
 from umo.generate.bound_fields import BoundFields
 from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
@@ -46,7 +47,7 @@ from umo.generate.law_library import (
 )
 from umo.generate.lower.lowered_rings import DequeFields
 from umo.generate.lower.text_makers import error_as_written
-from umo.generate.struct_memory import WRONG
+from umo.generate.struct_memory import WRONG, Unfitting
 from umo.generate.translation import Translation
 from umo.generate.translator import translate
 from umo.objects import Compound, Quality, Vector
@@ -141,8 +142,8 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
     """What is translated, and cannot work on Python's memory."""
     for struct in translation.structs:
         if isinstance(struct.owner, DequeFields):
-            yield f"{struct.path} is a deque: what others read of it, and change in it, is Python's"
-        elif isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
+            continue
+        if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             yield f"{struct.path} is no object whose attributes can be elsewhere"
         for name, of in struct.fields.items():
             if any(map(_has_array, _inside(of))):
@@ -196,6 +197,12 @@ class CompiledLaws(Capability):
                 self._known.names_of(struct.owner),
             )
             for memory, struct in zip(self._memories, structs, strict=True)
+            if not isinstance(struct.owner, DequeFields)
+        ]
+        self._deques = [
+            BoundDeque(memory, struct.owner)
+            for memory, struct in zip(self._memories, structs, strict=True)
+            if isinstance(struct.owner, DequeFields)
         ]
         self._waiting: list[BoundFields] = []
         for each in self._fields:
@@ -223,8 +230,13 @@ class CompiledLaws(Capability):
             [MethodType(self._comparing(n, law), law.__self__) for n, law in enumerate(self._python)]
         )
 
+    @property
+    def has_deques(self) -> bool:
+        """Whether Python copies elements of deques before and after the laws."""
+        return bool(self._deques)
+
     def _use_watch(self) -> None:
-        self._look_first(self._watch.look)
+        self._look_first(self._look if self._deques else self._watch.look)
 
     def _look_first(self, look: Callable[[], bool]) -> None:
         """It is called before conditions and laws."""
@@ -248,7 +260,21 @@ class CompiledLaws(Capability):
         while self._waiting:
             self._waiting.pop().take_given()
             self._use_watch()
+        self._push_deques()
         return self.state != "python" and self._watch.look()
+
+    def _push_deques(self) -> None:
+        """The library has the elements of deques that somebody has changed."""
+        try:
+            for each in self._deques if self.state == "compiled" else ():
+                each.push()
+        except Unfitting as error:
+            self.give_up(str(error))
+
+    def _pull_deques(self) -> None:
+        """Python has the elements of deques that laws have changed."""
+        for each in self._deques:
+            each.pull()
 
     # Python drives, and C is compared ------------------------------------------------------------------
 
@@ -321,8 +347,10 @@ class CompiledLaws(Capability):
     def _bind(self) -> None:
         self._known.settle()
         try:
-            for each in self._fields:
-                each.bind()
+            for fields in self._fields:
+                fields.bind()
+            for held in self._deques:
+                held.bind()
         except WRONG as error:
             self.give_up(text_of(error))
             return
@@ -346,14 +374,17 @@ class CompiledLaws(Capability):
     def _compiled(self, number: int, law: MethodType) -> MethodType:
         clock = self._machine.clock
         native = getattr(extension, "Law", None)
-        if native is not None:
+        if native is not None and not self._deques:
             self._native.append(native(*self._library.addresses, number, clock, self._failed))
             return MethodType(self._native[-1].act, law.__self__)
 
         def act(_: Any) -> None:
             if self.state == "python":  # since the laws of this period have begun
                 law()
-            elif fault := self._library.call(number, clock):
+                return
+            fault = self._library.call(number, clock)
+            self._pull_deques()
+            if fault:
                 self._failed(fault)
 
         return MethodType(act, law.__self__)
@@ -444,12 +475,15 @@ class CompiledLaws(Capability):
         if self.state == "compared":
             self._asked = True
             return NO_HOST
+        self._pull_deques()
         try:
             work()
         except BaseException as error:  # a signal's, too: it is raised once the law has returned
             number = next((number for kind, number in NUMBERS if isinstance(error, kind)), NO_HOST)
             self._error = number, error
             return number
+        finally:
+            self._push_deques()
         return 0
 
     def _write(self, slot: int, value: float, taken: Any) -> int:

@@ -21,6 +21,7 @@ from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.period import or_guard
 from umo.drivers.optional import TransferInC, transfer_in_c
+from umo.generate.compiled_laws import CompiledLaws
 from umo.text import some
 
 IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
@@ -28,6 +29,7 @@ IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
 PhaseLook = tuple[object, str, int, object]
 MOST = 1_000
 """Periods in C after which Python looks, also where nothing has come in."""
+NOT_COMPILED = "they are not compiled"
 NO_TICK = (*(0,) * 8, None)
 """What period.c takes of a timer that Python reads."""
 PHASES = "TICK", "SAMPLE", "GUARD", "COMMANDS", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
@@ -151,7 +153,7 @@ class PeriodInC(Capability):
 
     def _tell(self) -> None:
         """Once, when C drives: what of the period Python carries out."""
-        if self._is_told or "LAWS" in self.reasons:
+        if self._is_told or self.reasons.get("LAWS") == NOT_COMPILED:
             return
         self._is_told = True
         left = "; ".join(f"{phase} ({why})" for phase, why in self.reasons.items())
@@ -274,5 +276,7 @@ class PeriodInC(Capability):
         found = [getattr(each, "__self__", None) for each in functions]
         if all(isinstance(each, extension.Law) for each in found):
             return found
-        self.reasons["LAWS"] = "they are not compiled"
+        laws = self._machine.find(CompiledLaws)
+        has_deques = laws is not None and laws.state == "compiled" and laws.has_deques
+        self.reasons["LAWS"] = "Python has the elements of their deques, too" if has_deques else NOT_COMPILED
         return None

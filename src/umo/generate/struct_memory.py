@@ -164,6 +164,10 @@ class StructMemory:
     def _bytes(self, name: str) -> Any:
         return memoryview(self._memory).cast("B")[self._slices[name]]
 
+    def content(self) -> bytes:
+        """All of it as it is now."""
+        return bytes(self._memory)
+
     def view(self, name: str, kind: Any) -> Any:
         """The memory of a field with one number, as a memoryview with this format."""
         return self._bytes(name).cast(kind)
