@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,6 +17,7 @@ from tools.fuzz.target import Beside, Refused, Target
 from tools.fuzz.verdict import same
 from umo.generate import law_library
 from umo.generate.compiled_laws import CompiledLaws, NotCompiled, PreparedLaws
+from umo.generate.lower.lowered_rings import DequeFields
 
 COLUMNS = "values", "quality", "pending", "raws", "restrictions"
 
@@ -57,10 +59,14 @@ class CompiledBeside(Beside):
         """By part: the object in Python, the one whose fields are in C, the name and the path of each field."""
         self._names: dict[int, set[str]] = {number: set() for number in slots}
         """Of fields, as a part has them."""
+        self._deques: dict[int, list[tuple[deque[Any], deque[Any], str]]] = {number: [] for number in slots}
+        """By part: those in Python, those whose elements C has, too, and their paths."""
         for struct in self._laws._translation.structs:
             words = struct.path.split(".")
             owner = python.at(struct.path)
-            if words[0] == "parts" and owner is not None:
+            if isinstance(struct.owner, DequeFields):
+                self._deques[int(words[1])].append((owner, struct.owner.held, struct.path))
+            elif words[0] == "parts" and owner is not None:
                 self._fields[int(words[1])] += [(owner, struct.owner, name, struct.path) for name in struct.fields]
                 self._names[int(words[1])] |= {".".join([*words[2:], name]) for name in struct.fields}
 
@@ -90,6 +96,9 @@ class CompiledBeside(Beside):
     def restore(self, number: int) -> None:
         for owner, other, name, _ in self._fields[number]:
             restored(owner, name, self._python.own(number, _plain(getattr(other, name))))
+        for held, beside, _ in self._deques[number]:
+            held.clear()
+            held.extend(beside)
 
     def difference(self, number: int) -> str:
         python, c = self._python, self._side
@@ -103,6 +112,9 @@ class CompiledBeside(Beside):
             one, two = getattr(owner, name), _plain(getattr(other, name))
             if not same(one, two):
                 return f"{path}.{name}: Python {one!r}, C {two!r}"
+        for held, beside, path in self._deques[number]:
+            if not same([*held], [*beside]):
+                return f"{path}: Python {held!r}, C {beside!r}"
         return ""
 
     def gave_up(self) -> str:

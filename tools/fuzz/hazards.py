@@ -273,6 +273,18 @@ def list_in_a_tuple(w: Writer) -> list[str]:
     return ["self.c = self.inner[0][0]"]
 
 
+def deques(w: Writer) -> list[str]:
+    """Refused on split parts, whose host does not see them."""
+    ring, other = w.field("window", "deque([0.0], maxlen=4)"), w.new("ring")
+    changed = w.pick(f"append({w.real(1)} * 1.0)", f"appendleft({w.real(1)} * 1.0)", "pop()", "popleft()", "clear()",
+                     "rotate(1)", f"extend([{w.real(0)} * 1.0, 2.0])")  # fmt: skip
+    return [f"{other} = {ring}", f"if {w.truth(1)}:", f"    {other}.{changed}", "else:",
+            f"    {ring}.append({w.real(1)} * 1.0)",
+            f"self.s = {w.pick('max({0}, default=0.5)', 'min({0})', 'sum({0})').format(ring)} * 1.0",
+            f"self.c = len({other})",
+            f"self.t = {ring}[{w.pick('0', '-1', '1', 'self.i')}]"]  # fmt: skip
+
+
 HAZARDS: Sequence[WriteLines] = [
     real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
     alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
@@ -282,5 +294,5 @@ HAZARDS: Sequence[WriteLines] = [
     class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
     numpy_bools, numpy_number, returned_array, constant_array, deleted, returned_in_try, array_in_a_list,
     list_of_the_module, returned_list, size_of_an_object, class_of_an_error, late_text, bool_as_a_number,
-    list_in_a_tuple,
+    list_in_a_tuple, deques,
 ]  # fmt: skip

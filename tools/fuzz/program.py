@@ -31,6 +31,7 @@ GRAMMAR = Grammar(
 TEXT = """\
 import functools
 import math
+from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
