@@ -58,11 +58,11 @@ class CompiledBeside(Beside):
         self._names: dict[int, set[str]] = {number: set() for number in slots}
         """Of fields, as a part has them."""
         for struct in self._laws._translation.structs:
-            words = struct.path.split(".")
-            owner = python.at(struct.path)
-            if words[0] == "parts" and owner is not None:
-                self._fields[int(words[1])] += [(owner, struct.owner, name, struct.path) for name in struct.fields]
-                self._names[int(words[1])] |= {".".join([*words[2:], name]) for name in struct.fields}
+            number, inner = side.place(struct.owner, struct.path)
+            path = f"parts.{number}.{inner}".rstrip(".")
+            if number >= 0 and (owner := python.at(path)) is not None:
+                self._fields[number] += [(owner, struct.owner, name, path) for name in struct.fields]
+                self._names[number] |= {f"{inner}.{name}" if inner else name for name in struct.fields}
 
     def set(self, number: int, name: str, value: Any) -> bool:
         if name not in self._names[number]:
