@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -49,6 +50,30 @@ class Text(Boiler):
 class Writing(Boiler):
     def condition(self) -> Any:
         return value_of(self.pressure) > self.most and self.burner.write(OnOff.OFF)
+
+
+class Sharing(Boiler):
+    """Its condition and its law call the same function, which writes."""
+
+    def closed(self) -> bool:
+        return self.burner.write(OnOff.OFF)
+
+    def condition(self) -> Any:
+        return value_of(self.pressure) > self.most and self.closed()
+
+    def control(self) -> None:
+        if value_of(self.pressure) > 90.0:
+            self.closed()
+
+
+class Remembering(Boiler):
+    """Its condition reads a deque, which is Python's."""
+
+    def setup(self) -> None:
+        self.recent = deque([0.0, 50.0], maxlen=2)
+
+    def condition(self) -> Any:
+        return value_of(self.pressure) > max(self.recent)
 
 
 class Limit:
@@ -104,6 +129,8 @@ def test_a_condition_that_cannot_be_evaluated_has_the_text_of_python() -> None:
         (Counting, "one changes an attribute"),
         (Text, "float(f"),
         (Writing, "one writes"),
+        (Sharing, "one writes"),
+        (Remembering, "is a deque"),
     ],
 )
 def test_what_is_not_plain_stays_in_python_and_is_told(kind: type[Boiler], why: str) -> None:
