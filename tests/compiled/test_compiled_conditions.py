@@ -51,6 +51,20 @@ class Writing(Boiler):
         return value_of(self.pressure) > self.most and self.burner.write(OnOff.OFF)
 
 
+class Sharing(Boiler):
+    """Its condition and its law call the same function, which writes."""
+
+    def closed(self) -> bool:
+        return self.burner.write(OnOff.OFF)
+
+    def condition(self) -> Any:
+        return value_of(self.pressure) > self.most and self.closed()
+
+    def control(self) -> None:
+        if value_of(self.pressure) > 90.0:
+            self.closed()
+
+
 class Limit:
     def __init__(self) -> None:
         self.most = 50.0
@@ -104,6 +118,7 @@ def test_a_condition_that_cannot_be_evaluated_has_the_text_of_python() -> None:
         (Counting, "one changes an attribute"),
         (Text, "float(f"),
         (Writing, "one writes"),
+        (Sharing, "one writes"),
     ],
 )
 def test_what_is_not_plain_stays_in_python_and_is_told(kind: type[Boiler], why: str) -> None:

@@ -73,6 +73,25 @@ class TupleBeforeACall(Program):
 
 
 @equal
+class PlaceInATupleThatChanges(WithNext):
+    """Python has the tuple before it computes the place."""
+
+    def begin(self) -> None:
+        super().begin()
+        self.pair = (1.0, 2.0)
+
+    def next(self) -> int:
+        self.k += 1.0
+        self.pair = (self.u, self.pair[0])
+        return super().next() % 2
+
+    def control(self) -> None:
+        self.a.write(abs((self.k, self.u, 0.0)[self.next()]))
+        self.k = (self.u, self.k)[self.next()]
+        self.k += self.pair[self.next()]
+
+
+@equal
 class ElementsOfATupleStay(Program):
     def control(self) -> None:
         for each in (self.k, self.u, self.k):

@@ -17,6 +17,7 @@ from helpers.peers.text_devices import CannotRun
 from helpers.tiers import first
 from tools.fuzz.batches import QUICK, Batch, batches, play
 from tools.fuzz.hazards import HAZARDS
+from tools.fuzz.mutants import PLANTED, Planted
 from tools.fuzz.program import Program, program
 from tools.fuzz.shrink import shrunk
 
@@ -61,6 +62,11 @@ def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:
     assert {each.hazard for each in programs} == {"", *(each.__name__ for each in HAZARDS)}
     for each in programs:
         ast.parse(each.text)
+
+
+@pytest.mark.parametrize("planted", PLANTED, ids=lambda planted: planted.what)
+def test_each_planted_fault_has_its_place(planted: Planted) -> None:
+    assert planted.place().is_file()
 
 
 @needs_a_compiler

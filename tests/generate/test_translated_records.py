@@ -122,6 +122,31 @@ class DataclassOrNone(Program):
         self.limits = Limits(0.0) if self.n > 1 else None
 
 
+class Both(NamedTuple):
+    first: float
+    second: float
+
+
+@equal
+class WhatIsThereInATuple(Program):
+    last: float | None
+
+    def begin(self) -> None:
+        self.last, self.both, self.recent = None, Both(0.0, 0.0), (0.0, 1.0)
+
+    def control(self) -> None:
+        self.both = Both(self.u, -1.0 if self.last is None else self.last)
+        self.last = self.maybe
+        if self.last is not None:
+            self.recent = (*self.recent[1:], self.last)
+            row = [1.0, self.last]
+            self.k = row[1] + self.both.second
+        value = self.maybe
+        if value is not None:
+            self.both = Both(value, 2.0)
+        self.k += self.recent[0] + self.both.first
+
+
 @equal
 class NoneHasNoFields(Program):
     limits: Limits | None

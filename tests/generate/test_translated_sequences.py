@@ -145,6 +145,29 @@ class Zip(Program):
 
 
 @equal
+class ListsThatChangeWhileTheRestIsComputed(Program):
+    """What a loop goes through is the list itself, whatever is computed after it."""
+
+    def begin(self) -> None:
+        self.row, self.cells = [1.0, 2.0, 4.0], [5, -6, 7]
+        self.array = np.zeros(2)
+
+    def next(self) -> float:
+        self.cells[0] = (self.cells[0] + 1) % 50
+        self.cells[2] += 1
+        return self.u
+
+    def control(self) -> None:
+        for n, x in zip(self.cells, (self.next(), sum(x for x in self.row), 2.0), strict=True):
+            self.k += n * x
+            self.cells[1] = self.n % 50
+        for n, x in zip(reversed(self.cells), (float(any(x > self.u for x in self.row)), self.next()), strict=False):
+            self.k -= n * x
+        self.array = np.minimum(self.array, sum(x for x in self.row))
+        self.array[0] = self.u
+
+
+@equal
 class Enumerate(Program):
     def begin(self) -> None:
         self.row, self.cells = [1.0, 2.0, 4.0], [5, -6, 7]

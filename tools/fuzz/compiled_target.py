@@ -62,13 +62,16 @@ class CompiledBeside(Beside):
         self._deques: dict[int, list[tuple[deque[Any], deque[Any], str]]] = {number: [] for number in slots}
         """By part: those in Python, those whose elements C has, too, and their paths."""
         for struct in self._laws._translation.structs:
-            words = struct.path.split(".")
-            owner = python.at(struct.path)
-            if isinstance(struct.owner, DequeFields):
-                self._deques[int(words[1])].append((owner, struct.owner.held, struct.path))
-            elif words[0] == "parts" and owner is not None:
-                self._fields[int(words[1])] += [(owner, struct.owner, name, struct.path) for name in struct.fields]
-                self._names[int(words[1])] |= {".".join([*words[2:], name]) for name in struct.fields}
+            held = struct.owner.held if isinstance(struct.owner, DequeFields) else struct.owner
+            number, inner = side.place(held, struct.path)
+            path = f"parts.{number}.{inner}".rstrip(".")
+            if number < 0 or (owner := python.at(path)) is None:
+                continue
+            if held is not struct.owner:
+                self._deques[number].append((owner, held, path))
+                continue
+            self._fields[number] += [(owner, struct.owner, name, path) for name in struct.fields]
+            self._names[number] |= {f"{inner}.{name}" if inner else name for name in struct.fields}
 
     def set(self, number: int, name: str, value: Any) -> bool:
         if name not in self._names[number]:

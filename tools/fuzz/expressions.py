@@ -81,7 +81,7 @@ LEAVES: dict[Kind, Sequence[Write]] = {
     ],
     "truth": [
         lambda w: w.local("truth", "self.on"),
-        lambda w: w.pick("self.on", "self.yes", "self.marks[0]", "self.maybe is None", "self.last is not None"),
+        lambda w: w.pick("self.on", "self.yes", "self.marks[0]", "(self.maybe is None)", "(self.last is not None)"),
     ],
 }
 EXPRESSIONS: dict[Kind, Sequence[Write]] = {
@@ -182,7 +182,7 @@ EXPRESSIONS: dict[Kind, Sequence[Write]] = {
         lambda w: f"(self.fan.pending is OnOff.{w.pick('ON', 'OFF')})",
         lambda w: f"(state_of(self.door) is PassFail.{w.pick('PASS', 'FAIL')})",
         lambda w: f"({w.pick('self.x', 'self.y')}.quality {w.pick('==', 'is', 'is not')} Quality.{quality(w)})",
-        lambda w: f"{w.pick('self.a', 'self.fan')}.inhibited is None",
+        lambda w: f"({w.pick('self.a', 'self.fan')}.inhibited is None)",
     ],
 }
 CALLS: dict[Kind, Sequence[Write]] = {

@@ -48,18 +48,25 @@ class HostBeside(Beside):
         self._place = {part: place for place, part in enumerate(self._equipment)}
         memories = [c.struct(number, each) for number, each in enumerate(translation.structs)]
         parts = range(len(python.parts))
-        self._memories = {
-            n: [(each, self.owner(each)) for each in memories if part_of(each.path)[0] == n] for n in parts
-        }
+        self._memories: dict[int, list[tuple[StructMemory, Any]]] = {n: [] for n in (-1, *parts)}
         """By part: the fields in C, and the object that has them in Python."""
+        self._fields: dict[int, dict[str, StructMemory]] = {n: {} for n in (-1, *parts)}
+        """By part, and by the name of a field as the part has it, such as `part.gain`."""
+        for each in memories:
+            number, inner = self.place(each)
+            self._memories[number].append((each, self.owner(each)))
+            self._fields[number] |= {f"{inner}.{name}" if inner else name: each for name in each.fields}
         self._slots = {each.path: slot for slot, each in enumerate(python.connection.image.items)}
         self._objects = {n: [one for one in model.objects if part_of(one.path)[0] == n] for n in parts}
-        self._fields = {n: _by_name(self._memories[n]) for n in parts}
         self._before = [0] * len(parts)
         self.begin()
 
     def begin(self) -> None:
         self._c.begin([0] * self._model.inputs)
+
+    def place(self, memory: StructMemory) -> tuple[int, str]:
+        """The number of the part that has these fields, and the path of their object in it."""
+        return self._python.place(memory._struct.owner, memory.path)
 
     def owner(self, memory: StructMemory) -> Any:
         """The object in Python that has these fields."""
@@ -136,12 +143,3 @@ def _differences(memories: Sequence[tuple[StructMemory, Any]]) -> Iterator[str]:
             python, c = getattr(owner, name), each.read(name)
             if not same(python, c):
                 yield f"{each.path}.{name}: Python {python!r}, C {c!r}"
-
-
-def _by_name(memories: Sequence[tuple[StructMemory, Any]]) -> dict[str, StructMemory]:
-    """The memory of each field, by its name as a part has it, such as `part.gain`."""
-    found = {}
-    for each, _ in memories:
-        inner = part_of(each.path)[1]
-        found |= {f"{inner}.{name}" if inner else name: each for name in each.fields}
-    return found

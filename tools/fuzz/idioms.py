@@ -77,10 +77,10 @@ def interpolated(w: Writer) -> list[str]:
 
 
 def selected(w: Writer) -> list[str]:
-    best, which = w.new("best"), w.new("which")
+    best, which, number, each = (w.new(stem) for stem in ("best", "which", "k", "e"))
     return [f"{best}, {which} = {w.pick('-math.inf', 'self.row[0]')}, -1",
-            f"for number, each in enumerate({w.pick('self.row', 'self.recent')}):", f"    if each > {best}:",
-            f"        {best}, {which} = each, number", f"self.c = {which}"]  # fmt: skip
+            f"for {number}, {each} in enumerate({w.pick('self.row', 'self.recent')}):", f"    if {each} > {best}:",
+            f"        {best}, {which} = {each}, {number}", f"self.c = {which}"]  # fmt: skip
 
 
 def latched(w: Writer) -> list[str]:
@@ -162,8 +162,8 @@ def alarm_word(w: Writer) -> list[str]:
 
 
 def checksum(w: Writer) -> list[str]:
-    total = w.new("crc")
-    return [f"{total} = 0", "for each in self.cells:", f"    {total} ^= each & 0xFF", "    for _ in range(4):",
+    total, each = w.new("crc"), w.new("e")
+    return [f"{total} = 0", f"for {each} in self.cells:", f"    {total} ^= {each} & 0xFF", "    for _ in range(4):",
             f"        {total} = ({total} >> 1) ^ 0x8C if {total} & 1 else {total} >> 1",
             f"self.d = {total}"]  # fmt: skip
 

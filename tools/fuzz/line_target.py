@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from tools.fuzz.host_target import HostBeside
-from tools.fuzz.machine import Side, part_of
+from tools.fuzz.machine import Side
 from tools.fuzz.program import Program
 from tools.fuzz.stimuli import Stimulus, ticks
 from tools.fuzz.target import Beside, Refused, Target
@@ -162,9 +162,12 @@ class LineBeside(HostBeside):
         self._hear()
         self._python.step()
 
+    def place(self, memory: StructMemory) -> tuple[int, str]:
+        return self._host.place(memory._struct.owner, memory.path)
+
     def owner(self, memory: StructMemory) -> Any:
-        number, inner = part_of(memory.path)
-        return self._python.at(f"parts.{number}.{inner}")
+        number, inner = self.place(memory)
+        return self._python.at(f"parts.{number}.{inner}") if number >= 0 else None
 
     def set(self, number: int, name: str, value: Any) -> bool:
         if name not in self._fields[number]:

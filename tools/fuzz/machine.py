@@ -9,7 +9,10 @@ from functools import reduce
 from types import MethodType, ModuleType
 from typing import Any
 
+import numpy as np
+
 from tools.fuzz.stimuli import ACTUATORS, SENSORS, Stimulus
+from tools.fuzz.verdict import same
 from umo import Compound, DigitalSensor
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
@@ -108,7 +111,14 @@ class Side:
     def __enter__(self) -> Side:
         self.connection.__enter__()
         self.numbers = {id(part): number for number, part in enumerate(self.parts)}
+        self._places = {id(each): (n, name) for n, part in enumerate(self.parts) for name, each in vars(part).items()}
         return self
+
+    def place(self, owner: Any, path: str) -> tuple[int, str]:
+        """The number of the part that has an object, and its path in that; -1: none has it. `path` is that of the
+        translation, which has only the class of what it found in a loop."""
+        found = part_of(path)
+        return self._places.get(id(owner), found) if found[0] < 0 else found
 
     def __exit__(self, *error: Any) -> None:
         self.connection.__exit__(None, None, None)
@@ -196,11 +206,14 @@ class Side:
 
 
 def restored(owner: Any, name: str, value: Any) -> None:
-    """A list or an array stays the one that it is."""
+    """A list stays the one that it is, and what is the same the attribute of its class. An array is a new one: that of
+    Python may have other names, or complex numbers, since the two went apart."""
     kept = getattr(owner, name)
-    if isinstance(kept, list) or hasattr(kept, "tolist"):
+    if isinstance(kept, np.ndarray):
+        setattr(owner, name, np.array(value))
+    elif isinstance(kept, list):
         kept[:] = value
-    else:
+    elif not same(kept, value):
         setattr(owner, name, value)
 
 

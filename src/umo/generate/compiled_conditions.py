@@ -13,48 +13,31 @@ from typing import Any
 from umo.cycle.clock import Clock
 from umo.cycle.conversion import extension
 from umo.cycle.inhibition import Inhibition
-from umo.generate.law_library import BESIDE_PYTHON, TRUE, LawLibrary
+from umo.generate.check.form_effects import ASSIGNS
+from umo.generate.law_library import TRUE, LawLibrary
 from umo.generate.translation import Translation
-from umo.generate.translator import translate
-from umo.objects import Compound
 from umo.user_code import attempt
 
-WRITES = "writes"
+WRITES, CHANGES = "writes", "changes an attribute"
 ONLY_PYTHON = {
     "umo_inhibited": "looks at interlocks, which are evaluated one after the other",
     "umo_digital_write": WRITES,
     "umo_binary_write": WRITES,
     "umo_write_many": WRITES,
+    ASSIGNS: CHANGES,
 }
-"""What a condition would not do in C as in Python, by the function of the runtime."""
+"""What a condition would not do in C as in Python, by its effects."""
 Asked = Callable[[], Any]
 
 
-def translated_conditions(
-    root: Compound, conditions: Sequence[Asked], laws: Sequence[Asked], without: Translation
-) -> tuple[Translation | None, str]:
-    """The translation of laws and conditions; None, and why: the conditions stay in Python. `without` is that of the
-    laws alone."""
-    if not conditions:
-        return None, ""
-    found = translate(root, conditions, laws, BESIDE_PYTHON)
-    if found.problems:
-        return None, str(found.problems[0])
-    for call, what in ONLY_PYTHON.items():
-        if found.calls.get(call, 0) > without.calls.get(call, 0):
-            return None, f"one {what}"
-    if _states(found) != _states(without) or _texts(found) != _texts(without):
-        return None, "one changes an attribute"
-    return found, ""
-
-
-def _states(translation: Translation) -> set[tuple[str, str]]:
-    return {(each.path, each.name) for each in translation.layout if each.owner == "STATE"}
-
-
-def _texts(translation: Translation) -> set[tuple[int, str]]:
-    """The attributes that texts are assigned to."""
-    return {(id(each.field[0]), each.field[1]) for each in translation.tellers if each.field is not None}
+def only_in_python(translation: Translation, conditions: Sequence[Asked]) -> str:
+    """Why translated conditions stay in Python; empty: they need not."""
+    if translation.problems:
+        return str(translation.problems[0]) if translation.refused_conditions else ""
+    effects = set[str | int]().union(*(translation.effects[translation.entry[each].name] for each in conditions))
+    told = {number for number, each in enumerate(translation.tellers) if each.field is not None}
+    what = [what for effect, what in ONLY_PYTHON.items() if effect in effects]
+    return f"one {[*what, CHANGES][0]}" if what or effects & told else ""
 
 
 class CompiledConditions:

@@ -28,7 +28,7 @@ from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, Ran
 from umo.generate.bound_deques import BoundDeque
 from umo.generate.bound_fields import BoundFields
 from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
-from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
+from umo.generate.compiled_conditions import CompiledConditions, only_in_python
 from umo.generate.controller_model import ControllerModel, laid_out, model_of, too_many
 from umo.generate.known_values import KnownName, is_installed
 from umo.generate.known_watch import KnownWatch
@@ -125,14 +125,14 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
         raise NotCompiled(["it has no laws"])
     if problems := list(too_many(model)):
         raise NotCompiled([str(each) for each in problems])
-    translation = translate(root, [], laws, BESIDE_PYTHON)
-    if translation.problems:
-        raise NotCompiled([str(each) for each in translation.problems])
-    if wrong := list(_not_on_columns(translation)):
+    asked = model.conditions
+    translation = translate(root, asked, laws, BESIDE_PYTHON)
+    if left_out := only_in_python(translation, asked) or next(_not_on_columns(translation), ""):
+        asked = []
+        translation = translate(root, asked, laws, BESIDE_PYTHON)
+    if wrong := [str(each) for each in translation.problems] or [*_not_on_columns(translation)]:
         raise NotCompiled(wrong)
-    with_conditions, left_out = translated_conditions(root, model.conditions, laws, translation)
-    translation = with_conditions or translation
-    conditions = [translation.entry[each] for each in model.conditions] if with_conditions else []
+    conditions = [translation.entry[each] for each in asked]
     model = replace(model, objects=[replace(each, linearization=None, invalid_raws=()) for each in model.objects])
     source = source_of_laws(model, translation, conditions)
     return TranslatedLaws(laws, translation, len(conditions), left_out, source)

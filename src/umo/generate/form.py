@@ -37,6 +37,8 @@ class Local(Value):
     """A local name of Python, or a parameter: it may be assigned again and again."""
 
     name: str
+    of_generator: bool = False
+    """Whether it is one of a generator, outside of which nothing reads it."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.period import or_guard
 from umo.drivers.optional import TransferInC, transfer_in_c
-from umo.generate.compiled_laws import CompiledLaws
+from umo.generate import compiled_laws
 from umo.text import some
 
 IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
@@ -276,7 +276,7 @@ class PeriodInC(Capability):
         found = [getattr(each, "__self__", None) for each in functions]
         if all(isinstance(each, extension.Law) for each in found):
             return found
-        laws = self._machine.find(CompiledLaws)
+        laws = self._machine.find(compiled_laws.CompiledLaws)
         has_deques = laws is not None and laws.state == "compiled" and laws.has_deques
         self.reasons["LAWS"] = "Python has the elements of their deques, too" if has_deques else NOT_COMPILED
         return None

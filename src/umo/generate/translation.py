@@ -6,7 +6,7 @@ does not translate is a `Untranslatable`, with its place and the nearest thing t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -130,8 +130,9 @@ class Translation:
     """The functions."""
     fault_names: str = ""
     """The names of the faults, an enum."""
-    calls: Mapping[str, int] = field(default_factory=dict)
-    """How often each function of the runtime is called, and each member of an object is read (`->zero_offset`)."""
+    effects: Mapping[str, Set[str | int]] = field(default_factory=dict)
+    """What each function and those that it calls do: functions that are called, members of objects that are read
+    (`zero_offset`), ASSIGNS, the numbers of `tellers`."""
     init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
     """The function that fills the structs with the live values."""
     access: str = ""
@@ -157,5 +158,7 @@ class Translation:
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)
+    refused_conditions: bool = False
+    """Whether the first of them is one of the conditions."""
     on_host: list[Untranslatable] = field(default_factory=list)
     """What works in C on this computer only, and not on a controller."""

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from umo.generate.check.form_effects import effects_of
 from umo.generate.check.shape import shaped
 from umo.generate.emit import program_text
 from umo.generate.lower.passes import lowered
@@ -37,7 +38,7 @@ def translate(
         fault_names=program_text.faults_text(world.faults),
         init=program_text.begin_text(program, target) if not world.problems else Translation().init,
         access=program_text.access_text(program),
-        calls=program_text.calls_of(program),
+        effects=effects_of(program),
         entry=entry,
         faults=world.faults,
         files=program.files,
@@ -50,5 +51,6 @@ def translate(
         known=world.known,
         notes=world.notes,
         problems=world.problems,
+        refused_conditions=world.refused_conditions,
         on_host=world.on_host,
     )

@@ -22,11 +22,15 @@ from umo.generate.form import (
     If,
     Labelled,
     Leave,
+    Local,
+    MachineForm,
     Member,
     NextTurn,
     Object,
     ObjectOf,
+    OfObject,
     Return,
+    Runtime,
     Statement,
     TellStatement,
     Temporary,
@@ -38,6 +42,8 @@ from umo.generate.form import (
     walk,
 )
 
+ASSIGNS = "an attribute is assigned"
+"""One of the effects of a function."""
 JUMPS = Return, Fail, Leave, NextTurn
 
 
@@ -48,11 +54,16 @@ def changes(statement: Statement) -> bool:
 
 def _changes(node: FormNode) -> bool:
     if isinstance(node, Assign | Checked | Choose):
-        return not isinstance(root(node.place), Temporary)
+        return not _is_own(root(node.place))
     if isinstance(node, Do):
         filled = [each.place for each in node.call.arguments if isinstance(each, Address)]
-        return not filled or not all(isinstance(root(each), Temporary) for each in filled)
+        return not filled or not all(_is_own(root(each)) for each in filled)
     return isinstance(node, CallStatement)
+
+
+def _is_own(place: Value) -> bool:
+    """Whether no expression before has seen it."""
+    return isinstance(place, Temporary) or (isinstance(place, Local) and place.of_generator)
 
 
 def changes_machine(statement: Statement) -> bool:
@@ -149,6 +160,32 @@ def _places(node: FormNode) -> Iterator[Value]:
         yield node.caught
     elif isinstance(node, Finally):
         yield from (each for each in (node.pending, node.returning) if each is not None)
+
+
+def effects_of(program: MachineForm) -> dict[str, set[str | int]]:
+    """What each function and those that it calls do: the functions of the runtime that are called, the members of
+    objects that are read, ASSIGNS, the numbers of texts that are told."""
+    forms = {each.name: each for each in program.functions}
+    found: dict[str, set[str | int]] = {}
+
+    def of(name: str) -> set[str | int]:
+        if name not in found:
+            own = {effect for each in walk(forms[name]) for effect in _effects(each)}
+            found[name] = own.union(*(of(each) for each in own & forms.keys()))  # type: ignore[arg-type]
+        return found[name]
+
+    return {name: of(name) for name in forms}
+
+
+def _effects(node: FormNode) -> Iterator[str | int]:
+    if isinstance(node, CallStatement):
+        yield node.function
+    elif isinstance(node, Runtime | OfObject):
+        yield node.name
+    elif isinstance(node, TellStatement):
+        yield node.number
+    if any(isinstance(root(each), Field) for each in _places(node)):
+        yield ASSIGNS
 
 
 def reads_machine(value: Value) -> bool:

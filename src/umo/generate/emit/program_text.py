@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from umo.generate.c_types import BOOL, ArrayType, CType, TupleType, optional
 from umo.generate.emit.c_text import array, comment
 from umo.generate.emit.fault_tests import tests_of
 from umo.generate.emit.function_text import function_text, statements_text
-from umo.generate.form import CallStatement, MachineForm, OfObject, Runtime, Struct, walk
+from umo.generate.form import MachineForm, Struct
 from umo.generate.names import member_name
 from umo.generate.translation import CodeFault, ControllerTarget
 
@@ -51,17 +50,6 @@ def access_text(program: MachineForm) -> str:
     cases = "".join(f"    case {n}:\n        return &m->{each.name};\n" for n, each in enumerate(program.structs))
     access = f"    switch (number) {{\n{cases}    default:\n        (void)m;\n        return NULL;\n    }}\n"
     return f"void *machine_struct(umo_machine *m, int16_t number)\n{{\n{access}}}\n"
-
-
-def calls_of(program: MachineForm) -> Counter[str]:
-    """How often each function is called, and each member of an object is read."""
-    found: Counter[str] = Counter()
-    for each in walk(*program.functions):
-        if isinstance(each, CallStatement):
-            found[each.function] += 1
-        elif isinstance(each, Runtime | OfObject):
-            found[each.name] += 1
-    return found
 
 
 def _record(of: CType) -> str:

@@ -93,6 +93,7 @@ class CodeWorld:
             n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
         }
         self.problems: list[Untranslatable] = []
+        self.refused_conditions = False
         self.notes: list[str] = []
         self.on_host: list[Untranslatable] = []
         self.hosts: list[tuple[Any, str]] = []

@@ -6,14 +6,9 @@ import ast
 from collections.abc import Sequence, Set
 from typing import NamedTuple, TypeAlias
 
-from umo.generate.c_types import (
-    CType,
-)
-from umo.generate.form import (
-    Field,
-    root,
-)
-from umo.generate.lower.terms import Code, Known
+from umo.generate.c_types import CType, OptionalType
+from umo.generate.form import Field, inside, root
+from umo.generate.lower.terms import Code, Known, Term
 
 Names: TypeAlias = dict[str, CType | Known]
 """Local names: their types, or the live object that each stands for."""
@@ -57,12 +52,15 @@ class KnownFlow:
         elif isinstance(target, ast.Attribute):
             self.known = {each for each in self.known if f"attr='{target.attr}'" not in each}
 
-    def is_proved(self, code: Code, node: ast.AST) -> bool:
-        """Whether it is not None here. What a property gives may be something else each time."""
+    def proved(self, term: Term, node: ast.AST) -> Term:
+        """What may be None, as what it is where it is not None here; any other term as it is. What a property gives
+        may be something else each time."""
+        if not (isinstance(term, Code) and isinstance(term.type, OptionalType)):
+            return term
         lasting = isinstance(node, ast.Name) or (
-            isinstance(node, ast.Attribute) and isinstance(root(code.value), Field)
+            isinstance(node, ast.Attribute) and isinstance(root(term.value), Field)
         )
-        return lasting and ast.dump(node) in self.known
+        return Code(term.type.of, inside(term.value)) if lasting and ast.dump(node) in self.known else term
 
     def only(self, names: Names) -> None:
         """Of these names those that still have the same."""

@@ -163,10 +163,10 @@ class FunctionBuilder:
         """The variable of a local name: no other one has its name, and nothing else has an underscore after its `v`."""
         found = self._locals.get(name)
         if found is None:
-            text = f"v_{identifier(name)}"
-            while Local(text) in self._locals.values():
+            text, others = f"v_{identifier(name)}", {each.name for each in self._locals.values()}
+            while text in others:
                 text += "_"
-            found = self._locals[name] = Local(text)
+            found = self._locals[name] = Local(text, of_generator=" " in name)
         return found
 
     def add_parameter(self, name: str, given: CType, of: CType) -> None:
@@ -182,13 +182,13 @@ class FunctionBuilder:
         self.assign(local, self.values.as_type(Code(given, before), of, self.source.tree))
 
     def term(self, node: ast.AST) -> Term:
-        """What an expression is; statements that it needs are added."""
+        """What an expression is, without None where that is proved; statements that it needs are added."""
         lower = self.of_expressions.get(type(node))
         if lower is None:
             raise self.refused(
                 node, "this does not translate", "numbers, states, comparisons, arithmetic, calls of functions"
             )
-        return lower(node)
+        return self.flow.proved(lower(node), node)
 
     def ordered(self, nodes: Sequence[ast.AST]) -> list[Term]:
         """Several expressions, each computed after those before it."""
@@ -197,7 +197,7 @@ class FunctionBuilder:
             with self.gathered() as rest:
                 new = self.term(each)
             if any(map(changes, rest)):  # what was computed before may change: it is kept under a name
-                terms = [self.values.settled(old) for old in terms]
+                terms = [old if self.values.is_list_itself(old) else self.values.settled(old) for old in terms]
             self.statements += rest
             terms.append(new)
         return terms

@@ -38,8 +38,6 @@ class LoweredAssignments(LoweredSubject):
 
     def lower_assign(self, node: ast.Assign) -> None:
         term = self.f.term(node.value)
-        if isinstance(term, Code) and ast.dump(node.value) in self.f.flow.known:
-            term = self.f.values.present(term, node.value)
         if len(node.targets) == 1 and isinstance(term, Elementwise) and self.f.aliases.is_copied(term):
             term = self._made(term, node.targets[0])
         if len(node.targets) > 1 or not self._is_stored_at_once(node.targets[0], term):
@@ -85,7 +83,7 @@ class LoweredAssignments(LoweredSubject):
     def lower_named_expr(self, node: ast.NamedExpr) -> Term:
         term = self.f.term(node.value)
         self.store(node.target, term, node)
-        return self.f.expressions.lower_name(node.target)
+        return self.f.term(loaded(node.target))
 
     def _after(self, left: Term, node: ast.AST) -> tuple[Term, Term]:
         """A term, and an expression that is computed after it."""

@@ -125,8 +125,7 @@ class LoweredExpressions(LoweredSubject):
     def _there(self, base: Code, node: ast.Attribute) -> Code:
         """What may be None, where it has an attribute: AttributeError where it has not."""
         base = self.place(base)
-        if not self.f.flow.is_proved(base, node.value):
-            self.f.raises(AttributeError, node, negated(has(base.value)))
+        self.f.raises(AttributeError, node, negated(has(base.value)))
         return Code(plain(base.type), inside(base.value))
 
     def _of_record(self, base: Term, kind: Any, node: ast.Attribute) -> Term:
@@ -186,18 +185,19 @@ class LoweredExpressions(LoweredSubject):
         return base, self.f.sequences.part_of(terms, node)
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
-        """What has the element, as itself and not as a copy, and its place."""
+        """What has the element, as itself and not as a copy, and its place. A tuple is there before its place is."""
         with self.f.gathered() as of_base:
             base = self.f.term(node.value)
         with self.f.gathered() as of_index:
             index = self.f.term(node.slice)
-        self.f.statements += [*of_base, *of_index]
+        self.f.statements += of_base
         if any(map(changes, of_index)):
             place = base.value if isinstance(base, Code) else None
             if isinstance(base, Many) or (isinstance(base, Code) and isinstance(plain(base.type), TupleType)):
+                base = self.f.values.settled(base)
+            elif any(map(changes, of_base)) or place in self.f.world.memory.rebound or place in self.f.aliases.sole:
                 raise self.f.refused(node, "the place changes what has the element", "a name for the place first")
-            if any(map(changes, of_base)) or place in self.f.world.memory.rebound or place in self.f.aliases.sole:
-                raise self.f.refused(node, "the place changes what has the element", "a name for the place first")
+        self.f.statements += of_index
         return base, index
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:

@@ -182,10 +182,10 @@ class LoweredGenerators(LoweredSubject):
     def _number(self, term: Term, node: ast.AST) -> Code:
         """An element as a number, which is not None."""
         code = self.f.values.code(term, node)
-        if isinstance(code.type, OptionalType) and not self.f.flow.is_proved(code, node):
+        if isinstance(code.type, OptionalType):
             raise self.f.refused(node, "an element that may be None", "`if x is not None`")
         self.f.values.number(code, node)
-        return self.f.values.present(code, node)
+        return code
 
     def _type_so_far(self, generator: Generator) -> CType:
         """The type of what is made of the elements, as far as it is known; a whole number at first."""

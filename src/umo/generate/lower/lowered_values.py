@@ -33,6 +33,7 @@ from umo.generate.form import (
     Absent,
     Conversion,
     Element,
+    Field,
     Given,
     Literal,
     Member,
@@ -90,6 +91,12 @@ class LoweredValues(LoweredSubject):
         self.f.assign(name, code.value)
         return Code(code.type, name)
 
+    def is_list_itself(self, term: Term) -> bool:
+        """Whether it is the list of an attribute, which stays that list: what changes in it is seen by all."""
+        if not (isinstance(term, Code) and isinstance(term.type, ArrayType)):
+            return False
+        return term.type.listed and isinstance(term.value, Field)
+
     def settled(self, term: Term) -> Term:
         """The same, which nothing changes any longer."""
         if isinstance(term, Code):
@@ -145,6 +152,8 @@ class LoweredValues(LoweredSubject):
     def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
         for each, (_, kind) in zip(term.terms, of.members, strict=True):
             given = self.code(each, node).type if isinstance(each, Known | Code) else kind
+            if isinstance(given, OptionalType):
+                raise self.f.refused(node, "what may be None in a tuple", "`if x is not None`")
             if isinstance(given, NumpyNumber):
                 raise self.f.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
             if (kind == REAL and plain_number(given) != REAL) or isinstance(given, MixedNumber):
@@ -195,8 +204,7 @@ class LoweredValues(LoweredSubject):
         if not isinstance(code.type, OptionalType):
             return code
         code = code if is_place(code.value) else self.kept(code)
-        if not self.f.flow.is_proved(code, node):
-            self.f.raises(TypeError, node, negated(has(code.value)))
+        self.f.raises(TypeError, node, negated(has(code.value)))
         return Code(plain(code.type), inside(code.value))
 
     def number(self, term: Term, node: ast.AST) -> Code:

@@ -59,6 +59,8 @@ def _pass(
     world.fields.known(machine, "")
     entry = {}
     for number, each in enumerate([*conditions, *steps]):
+        if number == len(conditions):
+            world.refused_conditions = bool(world.problems)
         try:
             found = bound(each)
             parameters = inspect.signature(found.source.function, follow_wrapped=False).parameters

@@ -28,6 +28,9 @@ class AskedOfValues(Protocol):
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value: ...
 
+    def is_list_itself(self, term: Term) -> bool:
+        """Whether it is the list of an attribute, which stays that list: what changes in it is seen by all."""
+
     def settled(self, term: Term) -> Term:
         """The same, which nothing changes any longer."""
 
