@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
 
+WHERE = re.compile(r"^period \d+: ([\w.]*\bparts\.\d+\.?)?")
+"""The period and the part of a difference."""
 WRONG = "different", "not compiled", "crashed", "gave up", "refused without a hazard"
 
 
@@ -27,6 +30,17 @@ class Verdict(NamedTuple):
     @property
     def is_wrong(self) -> bool:
         return self.outcome in WRONG
+
+    @property
+    def kind(self) -> str:
+        """In which way it is wrong: what is different, without values; why it is refused, without the statement."""
+        told = self.told
+        if self.outcome == "different":
+            told = WHERE.sub("", told)
+            told = told if told.startswith("Python") else told.partition(": ")[0]
+        elif self.outcome.startswith("refused"):
+            told = told.rpartition(": ")[2]
+        return f"{self.outcome}: {'' if self.outcome == 'not compiled' else told}"
 
 
 def bits(value: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from types import FunctionType
 from typing import Any
@@ -193,6 +193,10 @@ class CodeWorld:
         if found.sole:
             caller.aliases.sole.add(result)
         return Code(found.result, result)
+
+    def changed_by(self, functions: Set[str]) -> set[Value]:
+        """The arrays that these functions of C change in place."""
+        return set[Value]().union(*(each.changes for each in self.functions.values() if each.name in functions))
 
     def _parameter(
         self, caller: FunctionBuilder, function: FunctionType, name: str, term: Term, node: ast.AST

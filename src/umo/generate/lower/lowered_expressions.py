@@ -367,6 +367,7 @@ class LoweredExpressions(LoweredSubject):
         if isinstance(sign, ast.FloorDiv | ast.Mod):
             b = self._divisor(b, INT, node)
             if isinstance(sign, ast.FloorDiv) and (not isinstance(b, Literal) or b.value == -1):
+                a = a if is_named(a) else self.f.values.kept(Code(INT, a)).value
                 beyond = Operator("&&", Operator("==", b, Literal(-1, INT)), Operator("==", a, LEAST_INT))
                 self.f.raises(ControllerLimit, node, beyond)
             return Code(INT, Runtime(f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int", (a, b)))
