@@ -131,6 +131,15 @@ def test_what_crashes_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [each.outcome for each in play(Batch("host", QUICK, some))] == ["equal", "crashed"]
 
 
+@needs_a_compiler
+@pytest.mark.full
+def test_what_hangs_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.fuzz.batches.TIMEOUT", 4)
+    loop = "while self.dt > 0.0:\n    self.s = self.u"
+    some = [_with_body(program(0), "self.s = self.u"), _with_body(program(2), loop)]
+    assert [each.kind for each in play(Batch("host", QUICK, some))] == ["equal: ", "crashed: it hangs"]
+
+
 def _with_body(one: Program, body: str) -> Program:
     """Its control code is this."""
     head, _, rest = one.text.partition("    def control(self) -> None:\n")

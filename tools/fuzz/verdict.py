@@ -58,10 +58,14 @@ def bits(value: Any) -> Any:
 
 def same(python: Any, c: Any) -> bool:
     """Whether two values are the same."""
+    if python is c:
+        return True
+    if type(python) is float and type(c) is float:
+        return python.hex() == c.hex()
     if isinstance(python, np.ndarray | list | tuple) or isinstance(c, np.ndarray | list | tuple):
         if not hasattr(python, "__len__") or not hasattr(c, "__len__"):
             return False
-        one, other = [*python], [*c]
+        one, other = (each.tolist() if isinstance(each, np.ndarray) else [*each] for each in (python, c))
         return len(one) == len(other) and all(map(same, one, other))
     if isinstance(c, bool) and not isinstance(python, bool | np.bool_):
         return False

@@ -89,6 +89,8 @@ class CodeWorld:
         self.known = KnownValues()
         self.functions: dict[Any, TranslatedFunction] = {}
         self.faults: list[CodeFault] = []
+        self._faults: dict[tuple[str, str, str, int], int] = {}
+        """Their numbers, by class, text, file and line."""
         self.kinds: dict[int, type[BaseException]] = {
             n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
         }
@@ -107,10 +109,10 @@ class CodeWorld:
     # What functions ask for ----------------------------------------------------------------------------
 
     def fault(self, kind: type[BaseException], text: str, source: SourcedFunction, line: int) -> int:
-        for each in self.faults:
-            if (each.kind, each.text, each.file, each.line) == (kind.__name__, text, source.file, line):
-                return each.number
-        number = FIRST_FAULT + len(self.faults)
+        key = kind.__name__, text, source.file, line
+        if key in self._faults:
+            return self._faults[key]
+        number = self._faults[key] = FIRST_FAULT + len(self.faults)
         name = f"FAULT_{number}_{identifier(source.name).upper()}_{identifier(kind.__name__)}"
         self.faults.append(CodeFault(number, kind.__name__, text, source.file, line, name))
         self.kinds[number] = kind
