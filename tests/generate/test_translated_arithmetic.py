@@ -168,6 +168,16 @@ class PowersBelowZero(Numbers):
         self.k = self.i**-2
 
 
+@equal
+class ComplexPower(Numbers):
+    """A limit of the controller, also of what is known."""
+
+    def control(self) -> None:
+        self.k = self.u
+        if self.i == 7:
+            self.k = self.a.minimum**0.5  # type: ignore[assignment]
+
+
 # Functions of math -----------------------------------------------------------------------------------------
 
 

@@ -263,6 +263,8 @@ def _inside(w: Writer, lines: list[str]) -> list[str]:
 CONDITIONS = (
     "self.yes and self.c > 3", "value_of(self.x) > 15.0", "state_of(self.door) is PassFail.FAIL", "self.s > self.t",
     "self.mode is Mode.COOL or self.y.quality is Quality.BAD", "self.c % 4 == 3", "self.y.read() < -5.0",
+    "self.level.above(self.d)", "self.pairs(self.u)[0] > 1.0", "self.part.half > 1.5",
+    "any(each > 3.0 for each in self.row)",
 )  # fmt: skip
 SCALES = "minimum=0.0, maximum=50.0, resolution=0.3, zero_offset=0.1", "minimum=-10.0, maximum=10.0, resolution=0.25"
 CONTROL = "    def control(self) -> None:\n"
