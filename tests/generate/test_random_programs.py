@@ -20,6 +20,7 @@ from tools.fuzz.hazards import HAZARDS
 from tools.fuzz.mutants import PLANTED, Planted
 from tools.fuzz.program import Program, program
 from tools.fuzz.shrink import shrunk
+from tools.fuzz.verdict import Verdict
 
 SIZE = 12
 """Programs of each kind: with hazards, and without."""
@@ -84,6 +85,28 @@ def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.Mo
     assert _body(least) == "self.yes = self.n < 2"
 
 
+def test_what_is_refused_is_reduced_to_the_same_refusal() -> None:
+    """Not to another one, and with values of the same classes."""
+    body = "if self.on:\n    self.pair = Pair(Part.weight(self.u * 2.0), self.maybe)\nself.two = (self.c, self.maybe)"
+    least, verdict = shrunk(Batch("host", QUICK, [_with_body(program(0), f"self.d = 1\n{body}")]))
+    assert verdict.kind == "refused without a hazard: what may be None in a tuple; `if x is not None`"
+    assert _body(least) == "self.pair = Pair(1.0, self.maybe)"
+
+
+@pytest.mark.parametrize(
+    ("outcome", "told", "kind"),
+    [
+        ("different", "period 3: parts.7.part.gain: Python 2.0, C 3.0", "different: part.gain"),
+        ("different", "period 0: Python raises None, C IndexError", "different: Python raises None, C IndexError"),
+        ("different", "period 12: in fault: Python True, C None", "different: in fault"),
+        ("refused", "self.s = x: it is not a number", "refused: it is not a number"),
+        ("crashed", "it hangs", "crashed: it hangs"),
+    ],
+)
+def test_the_kind_of_a_verdict_has_no_values(outcome: str, told: str, kind: str) -> None:
+    assert Verdict(outcome, told).kind == kind
+
+
 @needs_a_compiler
 @pytest.mark.full
 def test_what_the_compiler_does_not_take_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,6 +129,15 @@ def test_what_crashes_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FunctionText, "put", lambda self, text: kept(self, crash * text.endswith(".v;") + text))
     some = [_with_body(program(seed), f"self.s = self.{name}") for seed, name in ((0, "u"), (2, "v"))]
     assert [each.outcome for each in play(Batch("host", QUICK, some))] == ["equal", "crashed"]
+
+
+@needs_a_compiler
+@pytest.mark.full
+def test_what_hangs_is_told_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.fuzz.batches.TIMEOUT", 4)
+    loop = "while self.dt > 0.0:\n    self.s = self.u"
+    some = [_with_body(program(0), "self.s = self.u"), _with_body(program(2), loop)]
+    assert [each.kind for each in play(Batch("host", QUICK, some))] == ["equal: ", "crashed: it hangs"]
 
 
 def _with_body(one: Program, body: str) -> Program:

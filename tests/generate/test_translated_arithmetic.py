@@ -45,6 +45,15 @@ class Numbers(Program):
 
 
 @equal
+class QuotientsOfBools(Program):
+    """Compilers warn where one is compared with the least whole number."""
+
+    def control(self) -> None:
+        self.c = int(self.maybe is None) // self.n
+        self.c += (self.u > 1.0 and not self.yes) // (self.n - 1)
+
+
+@equal
 class Bits(Numbers):
     def control(self) -> None:
         self.c = (self.n & self.i) + (self.n & 0xFF)
@@ -157,6 +166,16 @@ class RealPowers(Numbers):
 class PowersBelowZero(Numbers):
     def control(self) -> None:
         self.k = self.i**-2
+
+
+@equal
+class ComplexPower(Numbers):
+    """A limit of the controller, also of what is known."""
+
+    def control(self) -> None:
+        self.k = self.u
+        if self.i == 7:
+            self.k = self.a.minimum**0.5  # type: ignore[assignment]
 
 
 # Functions of math -----------------------------------------------------------------------------------------

@@ -26,6 +26,22 @@ class Rows(Program):
 
 
 @equal
+class CallsBesideWhatIsChanged(Program):
+    """The function that a generator calls changes nothing of it."""
+
+    def begin(self) -> None:
+        self.row = [1.0, -2.0, 4.0]
+
+    @property
+    def half(self) -> float:
+        return self.u / 2.0
+
+    def control(self) -> None:
+        self.row[1] = self.u
+        self.k = [x * self.half for x in self.row][1] + max(x + self.half for x in self.row)
+
+
+@equal
 class SumWithACondition(Rows):
     def control(self) -> None:
         self.k = sum(x for x in self.row if x > self.u) + 0.0

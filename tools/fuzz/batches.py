@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from resource import RLIMIT_CPU, setrlimit
+from signal import SIGXCPU
 from typing import Any
 
+import umo.wiring.schema  # noqa: F401  # it is imported late, and would be in each batch
 from tools.fuzz.board_target import BoardTarget
 from tools.fuzz.compiled_target import CompiledTarget
 from tools.fuzz.host_target import HostTarget
@@ -25,8 +28,10 @@ from tools.fuzz.verdict import Verdict
 TARGETS: dict[str, type[Target]] = {each.name: each for each in (HostTarget, CompiledTarget, LineTarget, BoardTarget)}
 SIZE = 24
 """Programs in one library."""
-TIMEOUT = 120.0
-"""Time in s for a batch, after which it hangs."""
+TIMEOUT = 120
+"""Time of a processor in s for a batch, after which it hangs; other work of the computer does not count."""
+LATEST = 20 * TIMEOUT
+"""The same of a clock, for one that waits."""
 NICE = 0
 OPTIMIZED, QUICK, SANITIZED = ("-O2",), ("-O0",), ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 _fork = get_context("fork")
@@ -72,7 +77,7 @@ def played(waiting: Iterator[Batch], jobs: int = 1) -> Iterator[tuple[Batch, Pro
             running[answer] = process, batch
         if not running:
             return
-        ready = wait([*running], TIMEOUT) or [*running]  # none within that time: all hang
+        ready = wait([*running], LATEST) or [*running]  # none within that time: all hang
         for answer in ready:
             process, batch = running.pop(answer)  # type: ignore[index, arg-type]
             verdicts = _answer(process, answer)  # type: ignore[arg-type]
@@ -105,8 +110,9 @@ def _answer(process: Any, answer: Connection) -> list[Verdict] | str:
     try:
         found: list[Verdict] | str = answer.recv() if answer.poll() else "it hangs"
     except EOFError:
-        process.join(TIMEOUT)
-        found = f"it ended with status {process.exitcode}"
+        process.join(LATEST)
+        hangs = process.exitcode == -SIGXCPU
+        found = "it hangs" if hangs else f"it ended with status {process.exitcode}"
     process.kill()
     process.join()
     answer.close()
@@ -115,6 +121,7 @@ def _answer(process: Any, answer: Connection) -> list[Verdict] | str:
 
 def _play(batch: Batch, end: Connection) -> None:
     os.nice(NICE)
+    setrlimit(RLIMIT_CPU, (TIMEOUT, TIMEOUT + 5))
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")  # numpy's, of what programs divide by zero
     with tempfile.TemporaryDirectory(prefix="umo-fuzz-") as name:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import linecache
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from random import Random
 from types import ModuleType
+from typing import Any
 
 from tools.fuzz import expressions
 from tools.fuzz.hazards import HAZARDS
@@ -220,11 +222,12 @@ class Program:
         lines = "".join(f"{line}\n" for line in indented(FROM_INPUTS, 2))
         return replace(self, text=f"{head}{begin}{lines}{rest}")
 
-    def loaded(self) -> ModuleType:
-        """Its module, whose source is found as if it were a file."""
+    def loaded(self, names: Mapping[str, Any] | None = None) -> ModuleType:
+        """Its module, whose source is found as if it were a file; `names` are there before it is carried out."""
         file = f"/programs/{self.name}.py"
         linecache.cache[file] = len(self.text), None, self.text.splitlines(keepends=True), file
         module = sys.modules[self.name] = ModuleType(self.name)  # annotations are looked up there
+        vars(module).update(names or {})
         exec(compile(self.text, file, "exec", dont_inherit=True), vars(module))
         return module
 
@@ -261,6 +264,8 @@ def _inside(w: Writer, lines: list[str]) -> list[str]:
 CONDITIONS = (
     "self.yes and self.c > 3", "value_of(self.x) > 15.0", "state_of(self.door) is PassFail.FAIL", "self.s > self.t",
     "self.mode is Mode.COOL or self.y.quality is Quality.BAD", "self.c % 4 == 3", "self.y.read() < -5.0",
+    "self.level.above(self.d)", "self.pairs(self.u)[0] > 1.0", "self.part.half > 1.5",
+    "any(each > 3.0 for each in self.row)",
 )  # fmt: skip
 SCALES = "minimum=0.0, maximum=50.0, resolution=0.3, zero_offset=0.1", "minimum=-10.0, maximum=10.0, resolution=0.25"
 CONTROL = "    def control(self) -> None:\n"
@@ -271,7 +276,7 @@ FROM_INPUTS = (
     "self.on = self.door.raw == 1",
     "self.maybe = None if self.x.raw % 3 == 0 else self.y.raw * 0.5",
 )
-INTERLOCKS = '    def interlocks(self) -> "Iterator[Interlock]":\n'
+INTERLOCKS = "    def interlocks(self) -> 'Iterator[Interlock]':\n"
 REACTIONS = "", "", ', on_error="mark"', ', on_error="hold", max_age="3 ms"', ', on_error="mark", max_age="2 ms"'
 CONDITIONED = "", "", "", ', velocity="4 ms"', ', filter="3 ms"', ", invalid_raws=(7, 5)"
 

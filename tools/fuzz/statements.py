@@ -182,6 +182,11 @@ def _parts(w: Writer) -> list[str]:
     return [f"for {name} in self.parts:", *w.block(2), f"    {name}.gain += {w.real(1)}"]
 
 
+OF_MAYBE = (
+    "self.s += self.maybe", "self.recent = (*self.recent[1:], self.maybe)", "self.pair = Pair(self.maybe, self.s)",
+    "self.row[0] = max([self.maybe, 1.0])",
+)  # fmt: skip
+"""Statements where it is not None."""
 COMPOUND: Sequence[WriteLines] = [
     _if,
     _if,
@@ -199,5 +204,5 @@ COMPOUND: Sequence[WriteLines] = [
     lambda w: ["with suppress(ZeroDivisionError, ValueError):", *w.block(2)],
     _parts,
     lambda w: [f"if self.x.quality is Quality.{quality(w)}:", *w.block(2)],
-    lambda w: ["if self.maybe is not None:", "    self.s += self.maybe", *w.block(1)],
+    lambda w: ["if self.maybe is not None:", f"    {w.pick(*OF_MAYBE)}", *w.block(1)],
 ]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
 
+WHERE = re.compile(r"^period \d+: ([\w.]*\bparts\.\d+\.?)?")
+"""The period and the part of a difference."""
 WRONG = "different", "not compiled", "crashed", "gave up", "refused without a hazard"
 
 
@@ -28,6 +31,17 @@ class Verdict(NamedTuple):
     def is_wrong(self) -> bool:
         return self.outcome in WRONG
 
+    @property
+    def kind(self) -> str:
+        """In which way it is wrong: what is different, without values; why it is refused, without the statement."""
+        told = self.told
+        if self.outcome == "different":
+            told = WHERE.sub("", told)
+            told = told if told.startswith("Python") else told.partition(": ")[0]
+        elif self.outcome.startswith("refused"):
+            told = told.rpartition(": ")[2]
+        return f"{self.outcome}: {'' if self.outcome == 'not compiled' else told}"
+
 
 def bits(value: Any) -> Any:
     """A number as what is compared: all NaN are one, numbers of several classes are the same."""
@@ -44,10 +58,14 @@ def bits(value: Any) -> Any:
 
 def same(python: Any, c: Any) -> bool:
     """Whether two values are the same."""
+    if python is c:
+        return True
+    if type(python) is float and type(c) is float:
+        return python.hex() == c.hex()
     if isinstance(python, np.ndarray | list | tuple) or isinstance(c, np.ndarray | list | tuple):
         if not hasattr(python, "__len__") or not hasattr(c, "__len__"):
             return False
-        one, other = [*python], [*c]
+        one, other = (each.tolist() if isinstance(each, np.ndarray) else [*each] for each in (python, c))
         return len(one) == len(other) and all(map(same, one, other))
     if isinstance(c, bool) and not isinstance(python, bool | np.bool_):
         return False

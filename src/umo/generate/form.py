@@ -409,11 +409,15 @@ def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:
 
 def children(node: FormNode) -> Iterator[FormNode]:
     """The nodes that a node is made of."""
-    for _, found in _inner(node):
+    kind: Any = type(node)
+    for name in _parts(kind):
+        found = getattr(node, name)
         if isinstance(found, FormNode):
             yield found
         elif isinstance(found, tuple):
-            yield from (each for each in found if isinstance(each, FormNode))
+            for each in found:
+                if isinstance(each, FormNode):
+                    yield each
 
 
 def walk(*nodes: FormNode) -> Iterator[FormNode]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from types import FunctionType
 from typing import Any
@@ -89,6 +89,8 @@ class CodeWorld:
         self.known = KnownValues()
         self.functions: dict[Any, TranslatedFunction] = {}
         self.faults: list[CodeFault] = []
+        self._faults: dict[tuple[str, str, str, int], int] = {}
+        """Their numbers, by class, text, file and line."""
         self.kinds: dict[int, type[BaseException]] = {
             n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
         }
@@ -107,10 +109,10 @@ class CodeWorld:
     # What functions ask for ----------------------------------------------------------------------------
 
     def fault(self, kind: type[BaseException], text: str, source: SourcedFunction, line: int) -> int:
-        for each in self.faults:
-            if (each.kind, each.text, each.file, each.line) == (kind.__name__, text, source.file, line):
-                return each.number
-        number = FIRST_FAULT + len(self.faults)
+        key = kind.__name__, text, source.file, line
+        if key in self._faults:
+            return self._faults[key]
+        number = self._faults[key] = FIRST_FAULT + len(self.faults)
         name = f"FAULT_{number}_{identifier(source.name).upper()}_{identifier(kind.__name__)}"
         self.faults.append(CodeFault(number, kind.__name__, text, source.file, line, name))
         self.kinds[number] = kind
@@ -193,6 +195,10 @@ class CodeWorld:
         if found.sole:
             caller.aliases.sole.add(result)
         return Code(found.result, result)
+
+    def changed_by(self, functions: Set[str]) -> set[Value]:
+        """The arrays that these functions of C change in place."""
+        return set[Value]().union(*(each.changes for each in self.functions.values() if each.name in functions))
 
     def _parameter(
         self, caller: FunctionBuilder, function: FunctionType, name: str, term: Term, node: ast.AST

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -305,3 +305,6 @@ class CodeContext(Protocol):
         self, caller: FunctionBuilder, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST
     ) -> Term:
         """A call of a function: its result."""
+
+    def changed_by(self, functions: Set[str]) -> set[Value]:
+        """The arrays that these functions of C change in place."""

@@ -309,10 +309,14 @@ class LoweredExpressions(LoweredSubject):
             if isinstance(node.op, ast.Pow) and abs(numbers[1]) > MOST_POWER:
                 raise self.f.refused(node, f"a power of {numbers[1]}", "the number itself")
             try:
-                return Known(FOLDED[type(node.op)](*numbers))
+                found = FOLDED[type(node.op)](*numbers)
             except ArithmeticError as error:
                 self.f.raises(type(error), node)
                 return Known(0.0)
+            if not isinstance(found, complex):
+                return Known(found)
+            self.f.raises(ControllerLimit, node, text="a complex number")
+            return Known(0.0)
         if len(numbers) == 2 and is_of_bits(node.op):
             return of_known(self.f, node.op, numbers, node)
         if self.f.arrays.is_array(left) or self.f.arrays.is_array(right):
@@ -367,6 +371,7 @@ class LoweredExpressions(LoweredSubject):
         if isinstance(sign, ast.FloorDiv | ast.Mod):
             b = self._divisor(b, INT, node)
             if isinstance(sign, ast.FloorDiv) and (not isinstance(b, Literal) or b.value == -1):
+                a = a if is_named(a) else self.f.values.kept(Code(INT, a)).value
                 beyond = Operator("&&", Operator("==", b, Literal(-1, INT)), Operator("==", a, LEAST_INT))
                 self.f.raises(ControllerLimit, node, beyond)
             return Code(INT, Runtime(f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int", (a, b)))

@@ -11,7 +11,7 @@ from typing import Any
 
 from umo.generate.c_types import INT, ArrayType, TupleType
 from umo.generate.check.form_effects import calls
-from umo.generate.form import ONE, Element, Literal, Operator, Statement, Value
+from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, Statement, Value, walk
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -252,8 +252,9 @@ class LoweredSequences(LoweredSubject):
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
         """That no function which an expression calls changes what the expression goes through."""
-        changed = self.f.aliases.changes | self.f.world.memory.rebound
-        if calls(body) and any(each in changed for each in turns.arrays):
+        called = {each.function for each in walk(*body) if isinstance(each, CallStatement)}
+        changed = self.f.world.changed_by(called) | self.f.world.memory.rebound
+        if called and any(each in changed for each in turns.arrays):
             raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
 
 

@@ -41,8 +41,8 @@ class TranslationMemory:
     """Fields that numbers of numpy are assigned to."""
     records: dict[Any, str] = field(default_factory=dict)
     """Names in C of NamedTuples, by class and members."""
-    arrays: list[tuple[Hashable, Any]] = field(default_factory=list)
-    """Fields, and places in their values, with the arrays and lists that they were."""
+    arrays: dict[tuple[Hashable, int], Any] = field(default_factory=dict)
+    """The arrays and lists that fields, and places in their values, were, by the place and their ids."""
     rings: dict[int, Any] = field(default_factory=dict)
     """What has the fields of a deque, by its id."""
     rebound: set[Value] = field(default_factory=set)
@@ -73,13 +73,13 @@ class TranslationMemory:
 
     def place_array(self, place: Hashable, value: Any) -> None:
         """A field has this array or list: one that is found at another place, too, has several names."""
-        if any(each == place and one is value for each, one in self.arrays):
+        if (place, id(value)) in self.arrays:
             return
-        for each, one in self.arrays:
+        for (each, _), one in self.arrays.items():
             if each != place and (one is value or _overlap(one, value)):
                 self.share(each)
                 self.share(place)
-        self.arrays.append((place, value))
+        self.arrays[place, id(value)] = value
         self.changed = True
 
     def rebind(self, place: Value) -> None:
