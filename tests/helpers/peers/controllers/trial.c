@@ -9,12 +9,15 @@ static uint8_t failed_in[MACHINE_INPUTS + 1];
 
 static void answer(umo_fault fault)
 {
+#ifndef UMO_GROUPS
     line_mark(false);
+#endif
     while (!fault) { /* parts with rates of their own act here */
         fault = machine_sent(&machine, NULL);
         if (!machine.core.changed)
             break;
     }
+    line_mark(false);
     line_put((char)('0' + fault / 10));
     line_put((char)('0' + fault % 10));
     line_put(' ');
