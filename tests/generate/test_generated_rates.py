@@ -46,9 +46,13 @@ def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed:
         without_host(m)
         following = random_inputs(both.model, random)
         parts = [each.path for each in both.model.equipment]
-        faults, cleared, refused = dict.fromkeys(parts, 0), 0, 0
+        faults, cleared, refused, cut = dict.fromkeys(parts, 0), 0, 0, 0
         for number in range(steps):
             raws, failed = following()
+            if number % 50 == 0:
+                cut = random.randrange(3 * len(failed))
+            if cut < len(failed) and number % 50 < 30:
+                failed[cut] = True
             deaf = [random.random() < 0.003 for _ in both.outputs]
             both.step(max(missed[number], 1), raws, failed, deaf)
             assert (number, both.difference()) == (number, "")
@@ -60,7 +64,7 @@ def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed:
             if random.random() < 0.02:
                 begin_to_move(m.furnace.slide)
                 both.push()
-            if random.random() < 0.03:
+            if random.random() < 0.06:
                 place = random.randrange(-1, len(parts))
                 part = m if place < 0 else running.machine.equipment.all[place].compound
                 can = both.c.clear(place)
