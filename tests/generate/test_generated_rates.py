@@ -9,7 +9,7 @@ import pytest
 
 from helpers.equipment_plant import Slide
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired, without_host
-from helpers.rated_plant import rated_plant
+from helpers.rated_plant import rated_plant_with_axis
 from helpers.tiers import some
 from umo.control import Profile
 from umo.control.axis import Interruption
@@ -35,14 +35,14 @@ def begin_to_move(axis: Slide) -> None:
 
 @pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(6)))
 def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed: int, tmp_path: Path) -> None:
-    random, machine, box, steps = Random(seed), rated_plant(), Fragile(), 10_000 if seed else 3_000
+    random, machine, box, steps = Random(seed), rated_plant_with_axis(), Fragile(), 10_000 if seed else 3_000
     missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5, 23)) for _ in range(steps)]
     running = connect(machine, wired(machine, box, VirtualTimer(missed)))
     inputs = [each.path for each in atoms(machine) if isinstance(each, Sensor) and each.path != "timer"]
     set_inputs(box, inputs, [0] * len(inputs), [False] * len(inputs))
     with running as m:
         both = Beside.translated(running, box, tmp_path)
-        assert [(each.path, each.every) for each in both.model.groups] == [("tank", 3), ("furnace", 7)]
+        assert [(each.path, each.every) for each in both.model.groups] == [("tank", 3), ("carriage", 5), ("furnace", 7)]
         without_host(m)
         following = random_inputs(both.model, random)
         parts = [each.path for each in both.model.equipment]
@@ -62,7 +62,7 @@ def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed:
                 m.acknowledge()
                 both.c.acknowledge()
             if random.random() < 0.02:
-                begin_to_move(m.furnace.slide)
+                begin_to_move(m.carriage.slide)
                 both.push()
             if random.random() < 0.06:
                 place = random.randrange(-1, len(parts))

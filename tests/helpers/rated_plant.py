@@ -79,7 +79,6 @@ class Furnace(Compound, every=7):
     valve: BinaryActuator[OnOff]
     burner: Burner
     jet: Jet
-    slide: Slide
 
     def setup(self) -> None:
         self.regulator = Hysteresis(self.pressure, self.valve, OnOff.ON, low=30.1, high=55.0)
@@ -119,7 +118,17 @@ class RatedPlant(Compound):
             self.furnace.damper.write(0.05 * speed)  # sent when the furnace is due, at once where it is at its default
 
 
-def rated_plant(beyond: float = 0.0) -> RatedPlant:
+class Carriage(Compound, every=5):
+    slide: Slide
+
+
+class RatedPlantWithAxis(RatedPlant):
+    """An axis takes more RAM than an ATmega328P has left."""
+
+    carriage: Carriage
+
+
+def rated_plant(beyond: float = 0.0, kind: type[RatedPlant] = RatedPlant, **more: Compound) -> RatedPlant:
     """`beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
 
     def age(periods: int) -> str:
@@ -131,7 +140,7 @@ def rated_plant(beyond: float = 0.0) -> RatedPlant:
     def mixer(kind: type[Any] = Mixer, **changes: Any) -> Any:
         return kind(torque=sensor(**changes), motor=actuator(slew_rate=900.0))
 
-    return RatedPlant(
+    return kind(
         timer=timer(),
         speed=sensor(on_error="mark"),
         fan=actuator(expires=age(5)),
@@ -153,6 +162,11 @@ def rated_plant(beyond: float = 0.0) -> RatedPlant:
             valve=relay(),
             burner=Burner(flame=sensor(), gas=actuator()),
             jet=mixer(Jet, on_error="mark"),
-            slide=Slide(encoder=sensor(incremental=True), motor=actuator()),
         ),
+        **more,
     )
+
+
+def rated_plant_with_axis() -> RatedPlant:
+    carriage = Carriage(slide=Slide(encoder=sensor(incremental=True), motor=actuator()))
+    return rated_plant(0.0, RatedPlantWithAxis, carriage=carriage)

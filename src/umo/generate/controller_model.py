@@ -141,7 +141,7 @@ class ControllerLaw:
 
     control: MethodType
     equipment: int
-    group: int
+    group: int = -1
 
 
 @dataclass
