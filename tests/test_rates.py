@@ -597,6 +597,36 @@ def test_an_expired_command_of_a_slow_part_is_replaced_when_it_expires() -> None
         assert box.get("slow.valve") == 0
 
 
+class LateStill(Still, every=1500):
+    pass
+
+
+class WithLate(Works):
+    late: LateStill
+
+
+def test_what_does_not_wait_is_sent_also_where_the_outputs_of_another_part_fail() -> None:
+    class Deaf(Scripted):
+        deaf = False
+
+        def write_many(self, channels: Any, raws: Any) -> None:
+            if self.deaf and any("late" in channel.text for channel in channels):
+                raise DriverError("deaf")
+            super().write_many(channels, raws)
+
+    fast, late = (kind(level=sensor(), valve=actuator()) for kind in (Still, LateStill))
+    slow = SlowStill(level=sensor(), valve=actuator(expires="1.501 s"))
+    machine, box = WithLate(timer=timer(), fast=fast, slow=slow, late=late), Deaf()
+    with pytest.raises(DriverError, match=r"late\.valve"), connect(machine, wired(machine, box)) as m:
+        driven(m, box)
+        periods(m, 499)
+        box.deaf = True
+        try:
+            periods(m, 1)
+        finally:
+            assert (m._machine.whole.clock.number, box.get("slow.valve")) == (1501, 0)
+
+
 def test_a_reset_that_a_slow_part_has_lost_is_tried_again_in_the_next_period() -> None:
     class Flaky(Scripted):
         fails = False

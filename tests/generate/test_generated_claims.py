@@ -261,7 +261,7 @@ PLANTED = {
     "a condition that cannot be evaluated is passed over": (OUTPUTS, UNKNOWN, UNKNOWN.replace("true", "false")),
     "what holds is acknowledged": (OUTPUTS, "if (!c->interlocks[i].held)", "if (true)"),
     "a write does not expire": (OUTPUTS, "output->pending = o->traits->rest; /*", "/*"),
-    "a rate does not count": (OUTPUTS, "way = rate * c->dt", "way = 2 * rate * c->dt"),
+    "a rate does not count": (OUTPUTS, "way = rate * step_time(o)", "way = 2 * rate * step_time(o)"),
     "it is sent again for a shorter time": (OUTPUTS, "since(o)) <= max_age", "since(o)) < max_age"),
     "a fault resets nothing": (EQUIPMENT, ENTERED, ENTERED.replace("umo_rest(o)", "(void)o")),
     "a fault inhibits nothing": (OUTPUTS, "if (umo_in_fault(c, object_at(c, i)->traits->equipment)) {", "if (false) {"),

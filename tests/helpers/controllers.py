@@ -14,6 +14,7 @@ from helpers.boards import M3, M4F, MEASURED, avr, emulated, firmware, mps2, nee
 from helpers.converter import converter
 from helpers.equipment_plant import plant
 from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wired, wiring_of
+from helpers.rated_plant import rated_plant
 from helpers.translated_oven import oven, oven_wiring
 from helpers.vector_plant import zones
 from umo import Compound
@@ -62,6 +63,7 @@ MACHINES = {
     "objects": Tried(lambda: everything(0.5), _wiring),
     "laws": Tried(lambda: oven(0.5), oven_wiring),
     "equipment": Tried(lambda: plant(0.5), wired),
+    "rates": Tried(lambda: rated_plant(0.5), wired),
     "vectors": Tried(lambda: zones(0.5, count=2), wired),
     "converter": Tried(converter, wired),
     "batch": Tried(_heated_reactors, wired),

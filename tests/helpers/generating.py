@@ -134,8 +134,8 @@ class Fragile(Scripted):
     def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
         taken = [(c, raw) for c, raw in zip(channels, raws.tolist(), strict=True) if c.text not in self.deaf]
         self._keep([c for c, _ in taken], [raw for _, raw in taken])
-        if self.deaf:
-            raise ChannelsFailed(dict.fromkeys(self.deaf, "deaf"))
+        if deaf := [c.text for c in channels if c.text in self.deaf]:
+            raise ChannelsFailed(dict.fromkeys(deaf, "deaf"))
 
 
 def told_by(call: Callable[[], object]) -> str | None:
@@ -230,7 +230,7 @@ class Beside:
         self.told[told] += 1
         fault = self.c.step(ticks, raws, failed) or self.c.sent(deaf)
         while not fault and self.c.changed:
-            fault = self.c.sent()  # the circuit takes every default
+            fault = self.c.sent(deaf if self.c.given else ())  # the circuit takes every default
         assert self.kinds[fault] == told, (fault, told)
 
     def _python(self) -> str | None:

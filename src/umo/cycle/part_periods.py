@@ -9,7 +9,7 @@ from umo.cycle.capability import Capability
 from umo.cycle.clock import Clock
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.machine_view import MachineView
-from umo.cycle.period import then_guard
+from umo.cycle.period import go_on, then_guard
 from umo.cycle.rate_groups import PartGroup
 from umo.errors import DriverError, Failure
 from umo.objects import Compound, Node, walk
@@ -44,7 +44,7 @@ class PartPeriods(Capability):
     def attach(self, machine: ConnectedMachine) -> None:
         self._image, self._claims, self._sequences = machine.image, machine.claims, machine.sequences
         self._groups, self._laws, self._period = machine.groups, machine.acting_laws, machine.phases
-        self._sampled = False
+        self.sampled = False
         """Whether a period was sampled and not updated yet."""
         self._period.read, self._period.carry_out = self._read, self._carry_out
         self._period.send = partial(self._image.update, self._groups.whole.outputs)
@@ -62,14 +62,19 @@ class PartPeriods(Capability):
 
     def _read(self) -> bool:
         """Where nobody calls `update`, those of parts are read all the same."""
-        blocks = self._image.inputs if self._sampled else self._groups.whole.inputs
-        self._sampled = True
+        blocks = self._image.inputs if self.sampled else self._groups.whole.inputs
+        self.sampled = True
         return self._image.sample(blocks)
+
+    @property
+    def any_due(self) -> bool:
+        """Whether anything of GROUPS and OWED is to be done in this period."""
+        return bool(self._urgent or self._period.settling) or self._groups.any_due
 
     def _carry_out(self) -> bool:
         """GROUPS and OWED. A part that does not accept its outputs does not stop the others; they are sent at once also
         where those of the whole wait for the next tick."""
-        self._sampled = False
+        self.sampled = False
         settling = bool(self._period.settling)
         if not (settling or self._groups.any_due):
             return self._send_urgent()
@@ -95,7 +100,8 @@ class PartPeriods(Capability):
         if self._period.settling:
             self._period.settle()
         if failed:
-            raise DriverError("could not be written", failed)
+            unsent = "could not be written"
+            go_on(DriverError(unsent, failed), self._send_urgent, unsent)
         return self._send_urgent() and accepted
 
     def _control(self, part: PartGroup, in_turn: bool) -> None:
@@ -104,6 +110,8 @@ class PartPeriods(Capability):
         try:
             if in_turn:
                 self._sequences.advance(part.clock, part.clock)
+            for call in self._period.before_laws:
+                call()
             self._laws.act(part.laws)
         finally:
             part.took(monotonic_ns() - began)

@@ -102,7 +102,7 @@ class Period:
         self.commanding: list[Callable[[], object]] = []
         """What is called in COMMANDS, in this order."""
         self.before_laws: list[Callable[[], object]] = []
-        """What is called before the laws of the whole machine; it may replace them."""
+        """What is called before the laws of each group; it may replace them."""
         self.showing: list[Callable[[], object]] = []
         """What is called in SHOW, before events are told."""
         self.settling: list[Callable[[], object]] = []

@@ -7,6 +7,7 @@ once; its grid stays.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
 from types import MethodType
@@ -20,13 +21,17 @@ from umo.wiring.rates import WHOLE, Rate
 class PartClock(Clock):
     """The clock of a part: its ticks are the part's own periods."""
 
-    __slots__ = ("_base", "_last")
+    __slots__ = ("_base", "_last", "group", "in_c")
     _base: Clock
 
-    def __init__(self, base: Clock, every: int) -> None:
+    def __init__(self, base: Clock, every: int, group: int) -> None:
         self._base = base
         self._last = 0, 0.0
         super().__init__(every * base.period)
+        self.group = group
+        """The place of its group in `RateGroups.parts`."""
+        self.in_c = array("d", (self.dt, self.ticks))
+        """`dt` and `ticks`, as laws in C read them."""
         self.restart()
 
     @property
@@ -57,6 +62,7 @@ class PartClock(Clock):
         """`dt` is the time since the laws have acted last."""
         base, (number, then) = self._base, self._last
         self.dt = (base.number - number) * base.period if base.period else base.now - then
+        self.in_c[0], self.in_c[1] = self.dt, self.ticks
         self.restart()
 
 
@@ -79,8 +85,8 @@ class PartGroup(RateGroup):
 
     clock: PartClock
 
-    def __init__(self, number: int, rate: Rate, image: Image) -> None:
-        super().__init__(number, rate.part._path, PartClock(image.clock, rate.every), image)
+    def __init__(self, number: int, rate: Rate, image: Image, group: int) -> None:
+        super().__init__(number, rate.part._path, PartClock(image.clock, rate.every, group), image)
         self.every, self.phase = rate.every, rate.phase
         self.due = 0
         """Number of the period in which it is due next."""
@@ -105,7 +111,8 @@ class RateGroups:
     def __init__(self, image: Image) -> None:
         self._rates = rates = image.rates
         self.whole = RateGroup(WHOLE, "", image.clock, image)
-        self._parts = {n: PartGroup(n, rate, image) for n, rate in enumerate(rates) if rate.every > 1}
+        own = [(number, rate) for number, rate in enumerate(rates) if rate.every > 1]
+        self._parts = {number: PartGroup(number, rate, image, group) for group, (number, rate) in enumerate(own)}
         self.parts = list(self._parts.values())
         """Those of parts, the fastest first."""
         self.all = [self.whole, *self.parts]

@@ -9,7 +9,7 @@ gives the laws back to Python, which is said: so does whoever sets what translat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from ctypes import c_void_p
+from ctypes import c_void_p, cast
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -110,8 +110,6 @@ def prepare(root: Compound, wired: Wired) -> PreparedLaws:
 
 def source_of(root: Compound, wired: Wired) -> str:
     """The laws of a machine that is not connected, in C. NotCompiled with what is in the way."""
-    if any(rate.every > 1 for rate in wired.rates):
-        raise NotCompiled(["its parts have rates of their own"])
     if wired.controllers:
         raise NotCompiled(["parts of it run on controllers"])
     with laid_out(root, wired) as model:
@@ -449,7 +447,8 @@ class CompiledLaws(Capability):
     # What only Python does -----------------------------------------------------------------------------
 
     def _columns_of(self) -> ColumnPointers:
-        columns = self._image.columns
+        columns, groups = self._image.columns, self._machine.groups.parts
+        self._clocks = (c_void_p * len(groups))(*(each.clock.in_c.buffer_info()[0] for each in groups))
         here = proxy(self)  # what C calls is not collected in a circle
         address = getattr(self._machine.sequences.current, "address", None)  # where umo's extension is built
         return ColumnPointers(
@@ -461,6 +460,7 @@ class CompiledLaws(Capability):
             c_void_p(address and columns.written.ctypes.data),
             c_void_p(columns.owners.ctypes.data),
             c_void_p(address and address()),
+            cast(self._clocks, c_void_p),
             CHANGED(lambda slot, value: here._image.writes.note(slot, here._image.pending[slot], value)),
             WRITE(lambda *given: here._write(*given)),
             WRITE_MANY(lambda *given: here._write_many(*given)),

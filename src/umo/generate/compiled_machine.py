@@ -115,8 +115,14 @@ class CompiledMachine:
 
     @property
     def changed(self) -> bool:
-        """Whether `raws_out` is to be sent again: a fault of equipment has changed it."""
+        """Whether `raws_out` is to be sent again: a fault of equipment has changed it, or a part with a rate of its own
+        has acted."""
         return bool(self._library.host_changed(self._machine))
+
+    @property
+    def given(self) -> bool:
+        """Whether values are to be sent that were not before; not only defaults of equipment in fault."""
+        return bool(self._library.host_given(self._machine))
 
     def referenced(self, slot: int, known: bool = True, at: float | None = None) -> None:
         """As `DigitalSensor.referenced`."""

@@ -33,7 +33,13 @@ TARGET_HEADER = {
     "double": "/* umo_target.h: numbers are doubles. */\n",
     "float": "/* umo_target.h: numbers are floats of 32 bits. */\n#define UMO_FLOAT\n",
 }
-"""The file umo_target.h."""
+"""The file umo_target.h, of machines whose parts all have one rate."""
+
+
+def target_header(target: ControllerTarget, groups: int) -> str:
+    """The file umo_target.h. `groups`: how many parts have rates of their own."""
+    own = f"#define UMO_GROUPS {groups} /* parts that have a rate of their own */\n" if groups else ""
+    return TARGET_HEADER[target.real] + own
 
 
 class NotTranslated(DeclarationError):
@@ -70,7 +76,7 @@ def files_of(model: ControllerModel, translation: Translation, target: Controlle
         del files["host_access.c"]
     files["machine.h"] = header_of(model, translation, target)
     files["machine.c"] = source_of(model, translation, target)
-    files["umo_target.h"] = TARGET_HEADER[target.real]
+    files["umo_target.h"] = target_header(target, len(model.groups))
     files["machine_faults.h"] = _faults_header(translation)
     files["faults.json"] = json.dumps([each._asdict() for each in faults_of(translation)], indent=1) + "\n"
     for name in ("common", target.name, *(["lines"] if target.name != "arduino" else [])):

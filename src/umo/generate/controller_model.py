@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from types import MethodType
@@ -20,6 +20,7 @@ from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.laid_out import laid_out as machine_laid_out
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.rate_groups import PartGroup
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
 from umo.objects import Actuator, Binary, Compound, Digital, Node, Sensor, described, walk
@@ -90,6 +91,8 @@ class ControllerObject:
     linearization: Linearization | None = None
     equipment: int = -1
     """The innermost equipment around it; -1: none."""
+    group: int = -1
+    """The group in which it is moved; -1: that of the whole machine."""
 
     @property
     def conditioned(self) -> bool:
@@ -120,11 +123,25 @@ class ControllerEquipment:
 
 
 @dataclass(frozen=True)
+class ControllerGroup:
+    """A part with a rate of its own."""
+
+    path: str
+    every: int
+    """The number of the machine's periods in one of its own."""
+    phase: int
+    """The number of the first period in which it acts; 0: `every`."""
+    period: float
+
+
+@dataclass(frozen=True)
 class ControllerLaw:
-    """A law, and the innermost equipment around it; -1: none."""
+    """A law, the innermost equipment around it, -1: none, and the group in which it acts, -1: that of the whole
+    machine."""
 
     control: MethodType
     equipment: int
+    group: int = -1
 
 
 @dataclass
@@ -146,7 +163,9 @@ class ControllerModel:
     equipment: list[ControllerEquipment]
     """The outer before the inner."""
     laws: list[ControllerLaw]
-    """The `control` of each class that has its own, in the order of a period."""
+    """The `control` of each class that has its own, in the order in which those of a group act."""
+    groups: list[ControllerGroup] = field(default_factory=list)
+    """The parts with rates of their own, the fastest first."""
     axes: list[Axis] = field(default_factory=list)
     """Those that brake when nobody is in charge."""
     problems: list[NotGenerated] = field(default_factory=list)
@@ -182,7 +201,10 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
     outputs = [slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT]
     place = {slot: number for number, slot in enumerate(outputs)}
     containing = _Containing(root)
-    objects = [_object(image, slot, wire, containing) for slot, wire in enumerate(image.wires)]
+    objects = [
+        replace(_object(image, slot, wire, containing), group=_group(machine, wire.item))
+        for slot, wire in enumerate(image.wires)
+    ]
     model = ControllerModel(
         name=type(root).__name__,
         period=machine.clock.period,
@@ -202,12 +224,22 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
             for each in machine.claims.inhibitions
         ],
         equipment=containing.described(),
-        laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine.acting_laws.of(root)],
+        laws=[
+            ControllerLaw(law, containing.innermost(law.__self__), _group(machine, law.__self__))
+            for law in machine.acting_laws.of(root)
+        ],
+        groups=[ControllerGroup(each.path, each.every, each.phase, each.clock.period) for each in machine.groups.parts],
         axes=[each for each in axes_in(root) if isinstance(each, Axis)],
     )
     model.problems += [*_problems(machine, wired, objects), *too_many(model)]
     model.notes += _notes(objects)
     return model
+
+
+def _group(machine: ConnectedMachine, node: Any) -> int:
+    """The place of the group in which a node lies; -1: that of the whole machine."""
+    group = machine.groups.of(node)
+    return group.clock.group if isinstance(group, PartGroup) else -1
 
 
 class _Containing:
@@ -297,8 +329,6 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
         yield NotGenerated(
             "", f'its outputs are sent "{wired.process.outputs}"', f'leave out `outputs`, or "{AT_ONCE}"'
         )
-    for rate in wired.rates:
-        yield NotGenerated(rate.part._path, "it has a rate of its own", "leave out `every`: one rate a controller")
     for one in objects:
         if not isinstance(machine.image.items[one.slot], Binary | Digital):
             yield NotGenerated(one.path, f"a controller has no {one.kind}", "a binary object, or a digital one")
@@ -311,11 +341,15 @@ def too_many(model: ControllerModel) -> Iterator[NotGenerated]:
         ("", "objects", len(model.objects)),
         ("", "interlocks", len(model.interlocks)),
         ("", "equipment", len(model.equipment)),
+        ("", "parts with rates of their own", len(model.groups)),
         *((one.path, "invalid raw integers", len(one.invalid_raws)) for one in model.objects),
     ]
     for path, what, count in counts:
         if count > MOST:
             yield NotGenerated(path, f"it has {count} {what}", f"a controller has {MOST} at most")
+    for each in model.groups:
+        if each.every > GREATEST_RAW:
+            yield NotGenerated(each.path, f"it acts every {each.every} periods", f"every {GREATEST_RAW} at most")
 
 
 def _problems_of(one: ControllerObject) -> Iterator[NotGenerated]:

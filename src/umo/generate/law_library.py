@@ -29,7 +29,7 @@ from umo.errors import DeclarationError
 from umo.generate.c_types import CType
 from umo.generate.compiled_machine import COMPILE_TIMEOUT, FLAGS, compiler
 from umo.generate.compiler_errors import told
-from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
+from umo.generate.controller_folder import RUNTIME, TARGETS, target_header
 from umo.generate.controller_model import ControllerModel
 from umo.generate.emit.object_tables import tables_of
 from umo.generate.lower.live_fields import LiveStruct
@@ -48,6 +48,8 @@ HOST_CALL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_double), c_uint16)
 TELL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_void_p))
 BESIDE_PYTHON = replace(TARGETS["host"], tells=True)
 """The target of laws that Python calls, and that Python makes texts for."""
+TARGET = target_header(BESIDE_PYTHON, 1)
+"""The file umo_target.h: the clocks of parts are Python's."""
 SOURCE = """\
 #include "umo_columns.h"
 
@@ -124,6 +126,7 @@ class ColumnPointers(Structure):
         ("written", c_void_p),
         ("owners", c_void_p),
         ("law", c_void_p),
+        ("groups", c_void_p),
         ("changed", CHANGED),
         ("write", WRITE),
         ("write_many", WRITE_MANY),
@@ -163,7 +166,7 @@ def library_of(source: str) -> Path:
     if cc is None:
         raise DeclarationError("there is no C compiler: none of cc, gcc, clang was found")
     folder = _cache()
-    parts = [source, " ".join(FLAGS), _version(cc), *(file.read_text("utf-8") for file in _files())]
+    parts = [source, TARGET, " ".join(FLAGS), _version(cc), *(file.read_text("utf-8") for file in _files())]
     path = folder / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()[:32]}.so"
     if not _is_sound(path):
         _compile(cc, source, path)
@@ -213,7 +216,7 @@ def _compile(cc: str, source: str, path: Path) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as name:
         folder = Path(name)
         (folder / "laws.c").write_text(source, "utf-8")
-        (folder / "umo_target.h").write_text(TARGET_HEADER["double"], "utf-8")
+        (folder / "umo_target.h").write_text(TARGET, "utf-8")
         for file in _files():
             (folder / file.name).write_bytes(file.read_bytes())
         sources = ["laws.c", *(file.name for file in _files() if file.suffix == ".c")]

@@ -19,6 +19,7 @@ from umo.cycle.columns import Block
 from umo.cycle.conversion import extension
 from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.part_periods import PartPeriods
 from umo.cycle.period import or_guard
 from umo.drivers.optional import TransferInC, transfer_in_c
 from umo.generate import compiled_laws
@@ -69,7 +70,7 @@ class PeriodInC(Capability):
 
     def attach(self, machine: ConnectedMachine) -> None:
         self._machine, self._image, self._period = machine, machine.image, machine.phases
-        self._group = machine.acting_laws.whole
+        self._group, self._parts = machine.acting_laws.whole, machine.find(PartPeriods)
         self._laws: list[MethodType] = []
         if why := self._unfit():
             self._say(f"the period is carried out by Python: {why}")
@@ -88,8 +89,6 @@ class PeriodInC(Capability):
             return "it has no timer"
         if period.late:
             return 'its outputs wait for the next tick (`outputs = "at next tick"`)'
-        if period.carry_out is not None:
-            return "its parts have rates of their own"
         if period.before_tick or period.receiving or period.before_send:
             return "it has drivers off the cycle"
         return ""
@@ -114,7 +113,7 @@ class PeriodInC(Capability):
 
     def _bind(self) -> Any:
         self.reasons, self._kept, self._awaited, self._laws = {}, [], [], self._group.laws
-        inputs, outputs = self._moved(self._image.inputs, False), self._moved(self._image.outputs, True)
+        inputs, outputs = self._moved(self._group.inputs, False), self._moved(self._group.outputs, True)
         conditions, acting = self._conditions(), self._acting()
         tick = self._tick(is_all_in_c=inputs is not None and outputs is not None)
         looks = {
@@ -124,7 +123,7 @@ class PeriodInC(Capability):
             "COMMANDS": [nothing_in(self._period.commanding)],
             "SEQUENCES": [(self._machine.sequences, "_tasks", EMPTY, None)],
             "LAWS": None if acting is None else [(self._machine.acting_laws, "stale", EMPTY, None)],
-            "SETTLE": [(self._period, "settling", EMPTY, None)],
+            "SETTLE": [] if self._parts else [(self._period, "settling", EMPTY, None)],
             "SEND": None if outputs is None else [*self._of_outputs()],
             "SHOW": [
                 nothing_in(self._period.observers),
@@ -235,13 +234,18 @@ class PeriodInC(Capability):
 
     def _of_inputs(self) -> Iterator[PhaseLook]:
         yield self._image, "sampled_good", IS_NOT, None
-        for block in self._image.inputs:
+        if self._parts is not None:
+            yield self._parts, "sampled", EMPTY, None
+        for block in self._group.inputs:
             yield block, "transfer", IS, block.transfer
             yield block, "convert", IS, block.convert
             yield nothing_in(block.unsettled)
 
     def _of_outputs(self) -> Iterator[PhaseLook]:
-        for block in self._image.outputs:
+        if self._parts is not None:  # what of them is due follows in the same call
+            yield self._parts, "any_due", EMPTY, None
+            yield self._parts, "sampled", EMPTY, None
+        for block in self._group.outputs:
             yield block, "transfer", IS, block.transfer
             yield block, "give", IS, block.give
             yield nothing_in(block.unsettled)

@@ -44,7 +44,7 @@ struct umo_machine {{
     umo_conditioning conditionings[{conditionings_1}];
     umo_interlock interlocks[{interlocks_1}];
     umo_equipment equipment[{equipment_1}];
-{members}}};
+{group_members}{members}}};
 
 /* At power-up: every actuator is at its default. */
 void machine_init(umo_machine *m);
@@ -58,7 +58,7 @@ umo_fault machine_step(
     umo_machine *m, int32_t ticks, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out);
 
 /* After raws_out was written to the hardware. `failed_out` marks what was not accepted; NULL: all was. Where it leaves
- * m->core.changed true, a fault of equipment has changed raws_out: write it again, and call it again. */
+ * m->core.changed true, {changed} changed raws_out: write it again, and call it again. */
 umo_fault machine_sent(umo_machine *m, const uint8_t *failed_out);
 
 /* Every actuator goes to its default. */
@@ -80,63 +80,64 @@ void *machine_struct(umo_machine *m, int16_t number);
 
 #endif
 """
+CHANGED_BY_GROUPS = "a fault of equipment, or a part with a rate of its own, which acts in this call, has\n * "
 STEPS = """\
 void machine_init(umo_machine *m)
-{
+{{
     m->core.plan = &plan;
     m->core.objects = m->objects;
     m->core.outputs = m->outputs;
     m->core.conditionings = m->conditionings;
     m->core.interlocks = m->interlocks;
     m->core.equipment = m->equipment;
-    m->core.inhibits = NULL;
+{groups}    m->core.inhibits = NULL;
     m->core.host_call = NULL;
     umo_start(&m->core);
     init_objects(m);
-}
+}}
 
 umo_fault machine_begin(umo_machine *m, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out)
-{
+{{
     machine_stop(m, raws_out);
     umo_fault fault = umo_sample(&m->core, raws_in, failed_in);
     umo_evaluate(&m->core);
     return fault;
-}
+}}
 
 umo_fault machine_step(
     umo_machine *m, int32_t ticks, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out)
-{
+{{
     umo_fault fault = umo_begin_period(&m->core, ticks, raws_out);
     if (fault)
         return fault;
-    fault = umo_sample(&m->core, raws_in, failed_in);
+{choose}    fault = umo_sample(&m->core, raws_in, failed_in);
     umo_evaluate(&m->core); /* also if sensors failed */
     if (fault)
         return fault;
-%s    umo_enter_faults(&m->core);
+{laws}    umo_enter_faults(&m->core);
     umo_give(&m->core);
     return UMO_OK;
-}
+}}
 
 umo_fault machine_sent(umo_machine *m, const uint8_t *failed_out)
-{
-    return umo_sent(&m->core, failed_out);
-}
+{{
+    return {sent}(&m->core, failed_out);
+}}
 
 void machine_stop(umo_machine *m, int32_t *raws_out)
-{
+{{
     umo_stop(&m->core, raws_out);
-}
+}}
 
 void machine_acknowledge(umo_machine *m)
-{
+{{
     umo_acknowledge(&m->core);
-}
+}}
 
 bool machine_clear(umo_machine *m, int16_t number)
-{
+{{
     return umo_clear(&m->core, number);
-}
+}}
 """
 BRAKING = """
 umo_fault machine_brake(umo_machine *m)
@@ -170,6 +171,8 @@ def header_of(model: ControllerModel, translation: Translation, target: Controll
         objects=len(model.objects),
         input_names=_names("IN", inputs),
         output_names=_names("OUT", outputs),
+        changed=CHANGED_BY_GROUPS if model.groups else "a fault of equipment has",
+        group_members="    umo_group groups[UMO_GROUPS];\n" if model.groups else "",
         structs=translation.header,
         members=translation.members,
         objects_1=len(model.objects),
@@ -212,16 +215,43 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
         tables_of(model, target),
         *_interlocks(model, translation),
         *_equipment(model, translation),
+        *_groups(model, translation, target),
         *_plan(model, target),
         f"{translation.init}\n{translation.access}\n",
-        STEPS % _laws(model, translation),
+        _steps(model, translation),
         _braking(model, translation),
     ]
     return "".join(parts)
 
 
-def _laws(model: ControllerModel, translation: Translation) -> str:
-    return "".join(_law(translation.entry[law.control].call(), law.equipment) for law in model.laws)
+def _steps(model: ControllerModel, translation: Translation) -> str:
+    """What the program calls. Parts with rates of their own act once the outputs of the whole were sent."""
+    any_group = bool(model.groups)
+    return STEPS.format(
+        groups="    m->core.groups = m->groups;\n" if any_group else "",
+        choose="    umo_choose_whole(&m->core);\n" if any_group else "",
+        laws=_laws(model, translation, -1),
+        sent="umo_sent_in_turn" if any_group else "umo_sent",
+    )
+
+
+def _laws(model: ControllerModel, translation: Translation, group: int) -> str:
+    laws = (law for law in model.laws if law.group == group)
+    return "".join(_law(translation.entry[law.control].call(), law.equipment) for law in laws)
+
+
+def _groups(model: ControllerModel, translation: Translation, target: ControllerTarget) -> Iterator[str]:
+    """The parts with rates of their own: when they act, and their laws."""
+    if not model.groups:
+        return
+    lines = []
+    for number, each in enumerate(model.groups):
+        laws = _laws(model, translation, number)
+        yield f"static umo_fault group_laws_{number}(umo_machine *m)\n"
+        yield f"{{\n    umo_fault fault = UMO_OK;\n    (void)m;\n    (void)fault;\n{laws}    return UMO_OK;\n}}\n"
+        period = real(each.period, target)
+        lines.append(f"    {{{each.every}, {each.phase}, {period}, group_laws_{number}}}, /* {comment(each.path)} */\n")
+    yield f"static const UMO_FLASH umo_group_traits group_traits[] = {{\n{''.join(lines)}}};\n\n"
 
 
 def _braking(model: ControllerModel, translation: Translation) -> str:
@@ -297,6 +327,7 @@ def _plan(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
         "interlock_traits": "interlock_traits" if model.interlocks else "NULL",
         "equipment": str(len(model.equipment)),
         "equipment_traits": "equipment_traits" if model.equipment else "NULL",
+        **({"group_traits": "group_traits"} if model.groups else {}),
     }
     yield from (f"    .{name} = {value},\n" for name, value in fields.items())
     yield "};\n\n"

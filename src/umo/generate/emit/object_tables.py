@@ -68,7 +68,7 @@ def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
         yield from _curve_table(curve, target)
     yield "static const UMO_FLASH umo_traits traits[] = {\n"
     for one in model.objects:
-        yield _traits(one, curves.get(one.slot), target)
+        yield _traits(model, one, curves.get(one.slot), target)
     yield "};\n\n"
 
 
@@ -85,7 +85,7 @@ def _curve_table(curve: _Curve, target: ControllerTarget) -> Iterator[str]:
     yield f"    .table = {curve.name}_table,\n}};\n"
 
 
-def _traits(one: ControllerObject, curve: _Curve | None, target: ControllerTarget) -> str:
+def _traits(model: ControllerModel, one: ControllerObject, curve: _Curve | None, target: ControllerTarget) -> str:
     flags = {
         "UMO_OUTPUT": one.output,
         "UMO_BINARY": one.binary,
@@ -98,6 +98,7 @@ def _traits(one: ControllerObject, curve: _Curve | None, target: ControllerTarge
         "flags": " | ".join(name for name, yes in flags.items() if yes) or "0",
         "one": str(one.one),
         "equipment": str(one.equipment),
+        **({"group": str(one.group)} if model.groups else {}),
         "resolution": real(one.scale[0], target),
         "zero_offset": real(one.scale[1], target),
         "minimum": real(one.bounds[0], target),

@@ -14,6 +14,8 @@ import numpy as np
 
 from umo.control.axis import Axis
 from umo.cycle.clock import Clock
+from umo.cycle.machine_view import MachineView
+from umo.cycle.rate_groups import PartClock
 from umo.drivers.contract import Direction
 from umo.generate.c_types import (
     INT,
@@ -25,7 +27,7 @@ from umo.generate.c_types import (
     plain,
     state,
 )
-from umo.generate.form import Object, OfObject, Runtime, Value, WholeMachine
+from umo.generate.form import Literal, Object, OfObject, Runtime, Value, WholeMachine
 from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Known, Present, Term, UnknownText
@@ -61,11 +63,13 @@ class LoweredAttributes(LoweredSubject):
             return self._known(owner, name, node)
         if isinstance(owner, Clock | Cycle):
             return self._of_time(owner, name, node)
+        if isinstance(owner, MachineView) and name == "clock":
+            return Known(owner.clock)
         if isinstance(owner, Compound):
             if name in OF_THE_HOST and name in vars(owner) | vars(Compound):
                 raise self.f.refused(node, f"`{name}` of a part is done by the host", "read, write, reset of an object")
             if name in ("dt", "now"):
-                return _of_clock(name)
+                return _of_clock(owner._machine.clock, name)
             if name == "cycle":
                 return Known(owner.cycle)
         if (
@@ -161,7 +165,7 @@ class LoweredAttributes(LoweredSubject):
 
     def _of_time(self, owner: Any, name: str, node: ast.AST) -> Term:
         if name in OF_CLOCK:
-            return _of_clock(name)
+            return _of_clock(owner if isinstance(owner, Clock) else owner._machine.clock, name)
         if isinstance(owner, Cycle) and name in DROPPED:
             return Known(dropped)
         nearest = "dt, now, cycle.period"
@@ -224,8 +228,14 @@ def _is_record_of_numbers(value: Any) -> bool:
     return isinstance(value, tuple) and hasattr(value, "_fields") and {*map(type, value)} <= {int, float, bool}
 
 
-def _of_clock(name: str) -> Code:
-    return Code(OF_CLOCK[name], Runtime(f"umo_{name}", (WholeMachine(),)))
+def _of_clock(clock: Any, name: str) -> Code:
+    """What is asked of a clock: of the machine's, or of that of parts which have a rate of their own."""
+    of = OF_CLOCK[name]
+    if name == "now" or not isinstance(clock, PartClock):
+        return Code(of, Runtime(f"umo_{name}", (WholeMachine(),)))
+    if name == "period":
+        return Code(of, Literal(clock.period, of))
+    return Code(of, Runtime(f"umo_group_{name}", (WholeMachine(), Literal(clock.group, INT))))
 
 
 def _is_of_cycle(owner: Any) -> bool:

@@ -15,6 +15,7 @@ typedef struct {
     uint8_t *written; /* NULL: who writes is not noted */
     const void **owners;
     const void *const *law; /* where Python has the law that acts */
+    const double *const *groups; /* dt and ticks of parts that have a rate of their own */
     void (*changed)(int32_t slot, double value); /* another one than before writes this */
     umo_fault (*write)(int32_t slot, double value, bool *taken);
     umo_fault (*write_many)(const int16_t *slots, int16_t n, const double *values, const bool *where, bool *taken);

@@ -103,6 +103,16 @@ static inline umo_fault memory_refused_many(umo_machine *m, const int16_t *objec
     return columns_of(c)->write_many(objects, n, values, where, taken);
 }
 
+static inline umo_real memory_group_dt(const umo_core *c, int16_t group)
+{
+    return columns_of(c)->groups[group][0];
+}
+
+static inline int32_t memory_group_ticks(const umo_core *c, int16_t group)
+{
+    return (int32_t)columns_of(c)->groups[group][1];
+}
+
 static inline umo_fault memory_host_call(
     umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count)
 {

@@ -58,6 +58,11 @@ int host_changed(const umo_machine *m)
     return m->core.changed;
 }
 
+int host_given(const umo_machine *m)
+{
+    return m->core.given;
+}
+
 void host_referenced(umo_machine *m, int16_t object, int known)
 {
     umo_referenced(&m->objects[object], known != 0);

@@ -14,7 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "umo_target.h" /* whether UMO_FLOAT is defined */
+#include "umo_target.h" /* whether UMO_FLOAT and UMO_GROUPS are defined */
 
 #if defined(__FAST_MATH__) || (FLT_EVAL_METHOD != 0 && !defined(UMO_FLOAT))
 #error "each operation must be rounded to a double"
@@ -96,6 +96,9 @@ typedef struct {
     uint8_t rollover_bits;        /* 0: the counter does not roll over */
     int16_t invalid_count;
     int16_t equipment;            /* the innermost equipment around it; -1: none */
+#ifdef UMO_GROUPS
+    int16_t group;                /* the parts to which it belongs; UMO_WHOLE: it is moved in each period */
+#endif
     umo_real resolution, zero_offset;
     umo_real minimum, maximum;
     umo_real low, high;           /* sensor: bounds within which a value is GOOD */
@@ -119,6 +122,9 @@ typedef struct {
     int16_t place;     /* its index in raws_out */
     bool inhibited, stopping; /* by an interlock; by one with effect="stop" */
     bool due;          /* it begins to be inhibited, or its command has expired */
+#ifdef UMO_GROUPS
+    bool urgent;       /* its default, or what follows it, does not wait for the period of its group */
+#endif
 } umo_output;
 
 /* What only a sensor with rollover, filter, velocity or debounce has. */
@@ -140,6 +146,9 @@ struct umo_object {
     int32_t raw;
     uint8_t quality, base;
     bool failed;                    /* a sensor: it could not be read since it was initialised */
+#ifdef UMO_GROUPS
+    bool moves;                     /* in the transfer that is under way */
+#endif
 };
 
 typedef umo_fault (*umo_condition)(umo_machine *m, bool *holds);
@@ -169,6 +178,28 @@ typedef struct {
     bool begins;                         /* its fault began the last time that one did */
 } umo_equipment;
 
+#ifdef UMO_GROUPS /* their number: parts that have a rate of their own, the fastest first */
+
+enum { UMO_WHOLE = -1, UMO_OWED = UMO_GROUPS, UMO_SENT };
+#define umo_moves(o) ((o)->moves)
+
+typedef struct {
+    int32_t every, phase; /* periods of the machine in one of its own; the number of the first one */
+    umo_real period;
+    umo_fault (*laws)(umo_machine *m);
+} umo_group_traits;
+
+typedef struct {
+    umo_tick due, last; /* the period in which it acts next, and in which it has acted last */
+    umo_real dt;
+    int32_t ticks;
+    bool acts;          /* in this period */
+} umo_group;
+
+#else
+#define umo_moves(o) true
+#endif
+
 /* What does not change of a machine. */
 typedef struct {
     umo_real period;
@@ -183,6 +214,9 @@ typedef struct {
     const UMO_FLASH umo_interlock_traits *interlock_traits;
     int16_t equipment; /* the number of these, the outer before the inner */
     const UMO_FLASH umo_equipment_traits *equipment_traits;
+#ifdef UMO_GROUPS
+    const UMO_FLASH umo_group_traits *group_traits;
+#endif
 } umo_plan;
 
 struct umo_core {
@@ -201,6 +235,14 @@ struct umo_core {
     bool changed;      /* a fault of equipment has changed raws_out since machine_step: it is to be sent again */
     bool given;        /* raws_out has been filled, and is taken for accepted with the next step */
     umo_fault (*host_call)(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count);
+#ifdef UMO_GROUPS
+    umo_group *groups;
+    const int32_t *raws_in;   /* of this period */
+    const uint8_t *failed_in;
+    int16_t sending;          /* the group whose outputs are being sent, UMO_WHOLE, UMO_OWED; UMO_SENT: all were */
+    umo_fault unsent;         /* the first fault of sending in this period */
+    bool sampled;             /* a period has begun, and no groups have followed yet */
+#endif
 };
 
 /* Called by translated code ------------------------------------------------------------------------------ */
@@ -237,6 +279,10 @@ umo_real umo_now(const umo_machine *m);
 umo_real umo_dt(const umo_machine *m);
 umo_real umo_period(const umo_machine *m);
 int32_t umo_ticks(const umo_machine *m);
+#ifdef UMO_GROUPS
+umo_real umo_group_dt(const umo_machine *m, int16_t group);
+int32_t umo_group_ticks(const umo_machine *m, int16_t group);
+#endif
 umo_fault umo_host_call(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count);
 
 /* Called by machine.c ------------------------------------------------------------------------------------ */
@@ -253,6 +299,12 @@ bool umo_in_fault(const umo_core *c, int16_t number);
 void umo_raise_in(umo_core *c, int16_t number, umo_fault fault, int16_t object);
 void umo_enter_faults(umo_core *c);
 bool umo_clear(umo_core *c, int16_t number);
+#ifdef UMO_GROUPS
+void umo_start_groups(umo_core *c);
+void umo_choose_whole(umo_core *c);
+void umo_take_again(umo_core *c, int16_t input);
+umo_fault umo_sent_in_turn(umo_core *c, const uint8_t *failed_out);
+#endif
 
 /* Called for the host ------------------------------------------------------------------------------------ */
 

@@ -260,6 +260,18 @@ int32_t umo_ticks(const umo_machine *m)
     return core_of(m)->ticks;
 }
 
+#ifdef UMO_GROUPS
+umo_real umo_group_dt(const umo_machine *m, int16_t group)
+{
+    return memory_group_dt(core_of(m), group);
+}
+
+int32_t umo_group_ticks(const umo_machine *m, int16_t group)
+{
+    return memory_group_ticks(core_of(m), group);
+}
+#endif
+
 umo_fault umo_host_call(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count)
 {
     return memory_host_call(m, call, object, numbers, count);

@@ -107,6 +107,20 @@ static void initialize(umo_object *o)
     }
 }
 
+/* Containment._read_slow: a sensor of a part with a rate of its own may not have been read since it could not be. */
+static void read_slow(umo_core *c, int16_t number)
+{
+#ifdef UMO_GROUPS
+    for (int16_t k = 0; k < c->plan->inputs; k++) {
+        umo_object *o = &c->objects[k];
+        if (o->traits->group != UMO_WHOLE && within(c, o->traits->equipment, number) && unread(o))
+            umo_take_again(c, k);
+    }
+#else
+    (void)c, (void)number;
+#endif
+}
+
 static bool concerns(const umo_core *c, int16_t each, int16_t number)
 {
     return c->equipment[each].fault && (number < 0 || within(c, each, number) || within(c, number, each));
@@ -120,6 +134,7 @@ bool umo_clear(umo_core *c, int16_t number)
     for (int16_t i = 0; i < plan->equipment; i++) {
         if (!concerns(c, i, number))
             continue;
+        read_slow(c, i);
         for (int16_t k = 0; k < plan->objects; k++)
             if (within(c, c->objects[k].traits->equipment, i) && unread(&c->objects[k]))
                 return false;

@@ -83,13 +83,33 @@ umo_fault umo_begin_period(umo_core *c, int32_t ticks, int32_t *raws_out)
     return fault ? fault : advance(c, ticks);
 }
 
+static umo_fault take(umo_core *c, int16_t input, const int32_t *raws_in, const uint8_t *failed_in)
+{
+    umo_object *o = &c->objects[input];
+    return failed_in && failed_in[input] ? fail(o) : accept(o, raws_in[input]);
+}
+
+#ifdef UMO_GROUPS
+void umo_take_again(umo_core *c, int16_t input)
+{
+    if (c->raws_in)
+        (void)take(c, input, c->raws_in, c->failed_in);
+}
+#endif
+
 /* Image.sample: a failure does not stop the others; the first fault that no equipment contains is told. */
 umo_fault umo_sample(umo_core *c, const int32_t *raws_in, const uint8_t *failed_in)
 {
     umo_fault found = UMO_OK;
+#ifdef UMO_GROUPS
+    c->raws_in = raws_in;
+    c->failed_in = failed_in;
+#endif
     for (int16_t i = 0; i < c->plan->inputs; i++) {
         umo_object *o = &c->objects[i];
-        umo_fault fault = failed_in && failed_in[i] ? fail(o) : accept(o, raws_in[i]);
+        if (!umo_moves(o))
+            continue;
+        umo_fault fault = take(c, i, raws_in, failed_in);
         if (fault && !umo_contains(o, fault) && !found)
             found = umo_failed(o, fault);
     }

@@ -67,6 +67,18 @@ static inline umo_fault memory_refused_many(umo_machine *m, const UMO_FLASH int1
     return fault;
 }
 
+#ifdef UMO_GROUPS
+static inline umo_real memory_group_dt(const umo_core *c, int16_t group)
+{
+    return c->groups[group].dt;
+}
+
+static inline int32_t memory_group_ticks(const umo_core *c, int16_t group)
+{
+    return c->groups[group].ticks;
+}
+#endif
+
 static inline umo_fault memory_host_call(
     umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count)
 {

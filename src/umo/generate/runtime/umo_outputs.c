@@ -39,6 +39,16 @@ static void accepted(umo_object *o)
     o->quality = UMO_GOOD;
 }
 
+/* PartPeriods._hasten */
+static void hasten(umo_output *output)
+{
+#ifdef UMO_GROUPS
+    output->urgent = true;
+#else
+    (void)output;
+#endif
+}
+
 /* The default of an actuator, at once: without a rate. */
 void umo_rest(umo_object *o)
 {
@@ -47,6 +57,7 @@ void umo_rest(umo_object *o)
     output->sent_raw = o->traits->rest_raw;
     output->stepped = o->core->number;
     output->written = UMO_NEVER;
+    hasten(output);
     accepted(o);
     if (o->core->raws_out)
         o->core->raws_out[output->place] = output->sent_raw;
@@ -120,6 +131,7 @@ static void expire(umo_core *c)
             continue;
         output->written = UMO_NEVER;
         output->pending = o->traits->rest; /* at its rate, with the outputs of this period */
+        hasten(output);
         output->due = (o->traits->flags & UMO_ASYNCHRONOUS) != 0;
     }
 }
@@ -148,6 +160,16 @@ void umo_acknowledge(umo_core *c)
 
 /* Outputs ------------------------------------------------------------------------------------------------ */
 
+/* The time that a rate counts: that of the period, of others than the machine's own since the last step. */
+static umo_real step_time(const umo_object *o)
+{
+#ifdef UMO_GROUPS
+    if (o->core->sending != UMO_WHOLE)
+        return umo_since(o->core, o->output->stepped);
+#endif
+    return o->core->dt;
+}
+
 /* conversion._next: what is pending, as near to it as the rate allows from the value last accepted. */
 static umo_real next(umo_object *o)
 {
@@ -158,7 +180,7 @@ static umo_real next(umo_object *o)
         return output->pending;
     if (c->number <= output->stepped)
         return output->sent;
-    umo_real left = output->pending - o->value, way = rate * c->dt;
+    umo_real left = output->pending - o->value, way = rate * step_time(o);
     output->stepped = c->number;
     return umo_fabs(left) <= way * (umo_real)(1 + 1e-9) ? output->pending : o->value + umo_copysign(way, left);
 }
@@ -169,7 +191,7 @@ void umo_give(umo_core *c)
     for (int16_t i = 0; i < c->plan->outputs; i++) {
         umo_object *o = object_at(c, i);
         umo_output *output = o->output;
-        umo_real value = next(o);
+        umo_real value = umo_moves(o) ? next(o) : output->sent;
         if (memcmp(&value, &output->sent, sizeof value) != 0) {
             output->sent = value;
             output->sent_raw = raw_of(o, value);
@@ -219,6 +241,8 @@ umo_fault umo_sent(umo_core *c, const uint8_t *failed_out)
     for (int16_t i = 0; i < c->plan->outputs; i++) {
         umo_object *o = object_at(c, i);
         umo_fault fault = UMO_OK;
+        if (c->given && !umo_moves(o))
+            continue;
         if (failed_out && failed_out[i])
             fault = fail(o);
         else if (c->given) {
@@ -237,6 +261,9 @@ void umo_stop(umo_core *c, int32_t *raws_out)
 {
     c->raws_out = raws_out;
     c->given = false;
+#ifdef UMO_GROUPS
+    c->sending = UMO_SENT;
+#endif
     for (int16_t i = 0; i < c->plan->outputs; i++)
         umo_rest(object_at(c, c->plan->stop_order[i]));
 }
@@ -281,4 +308,7 @@ void umo_start(umo_core *c)
         o->output->unconfirmed = UMO_NEVER;
         umo_rest(o);
     }
+#ifdef UMO_GROUPS
+    umo_start_groups(c);
+#endif
 }

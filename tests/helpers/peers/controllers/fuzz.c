@@ -37,7 +37,11 @@ int main(int argc, char **argv)
         for (int i = 0; i < MACHINE_OUTPUTS; i++)
             failed_out[i] = any() % 50 == 0;
         faults += machine_step(&m, (int32_t)(any() % 20 == 0 ? any() % 1000 : 1), in, failed_in, out) != UMO_OK;
-        faults += machine_sent(&m, failed_out) != UMO_OK;
+        umo_fault fault;
+        do {
+            fault = machine_sent(&m, failed_out);
+            faults += fault != UMO_OK;
+        } while (!fault && m.core.changed);
         if (any() % 1000 == 0)
             machine_acknowledge(&m);
         if (any() % 200 == 0)

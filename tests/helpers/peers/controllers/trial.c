@@ -9,14 +9,20 @@ static uint8_t failed_in[MACHINE_INPUTS + 1];
 
 static void answer(umo_fault fault)
 {
+#ifndef UMO_GROUPS
+    line_mark(false);
+#endif
+    while (!fault) { /* parts with rates of their own act here */
+        fault = machine_sent(&machine, NULL);
+        if (!machine.core.changed)
+            break;
+    }
     line_mark(false);
     line_put((char)('0' + fault / 10));
     line_put((char)('0' + fault % 10));
     line_put(' ');
     for (int16_t place = 0; place < MACHINE_OUTPUTS; place++)
         (void)io_write(place, raws_out[place]);
-    if (!fault)
-        (void)machine_sent(&machine, NULL);
 }
 
 int main(void)

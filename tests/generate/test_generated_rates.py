@@ -1,0 +1,83 @@
+"""Parts with rates of their own, in C beside Python: equal to the bit in every period of the machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from helpers.equipment_plant import Slide
+from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired, without_host
+from helpers.rated_plant import rated_plant_with_axis
+from helpers.tiers import some
+from umo.control import Profile
+from umo.control.axis import Interruption
+from umo.control.axis_state import AxisState
+from umo.control.inputs import HOMING
+from umo.cycle.connect import connect
+from umo.errors import EquipmentFault
+from umo.objects import Quality, Sensor, atoms
+from umo.testing import VirtualTimer
+
+pytestmark = needs_a_compiler
+
+
+def begin_to_move(axis: Slide) -> None:
+    """What the host does with an axis: it enables it, and plans a motion."""
+    axis._accept = HOMING
+    if not axis.enabled and axis.encoder.quality != Quality.BAD:
+        axis._state, axis._interrupted = AxisState.STANDSTILL, Interruption.NONE
+        axis._stand()
+    else:
+        Profile.to(axis.profile, axis.profile.setpoint.position + 3.0)
+
+
+@pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(6)))
+def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed: int, tmp_path: Path) -> None:
+    random, machine, box, steps = Random(seed), rated_plant_with_axis(), Fragile(), 10_000 if seed else 3_000
+    missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5, 23)) for _ in range(steps)]
+    running = connect(machine, wired(machine, box, VirtualTimer(missed)))
+    inputs = [each.path for each in atoms(machine) if isinstance(each, Sensor) and each.path != "timer"]
+    set_inputs(box, inputs, [0] * len(inputs), [False] * len(inputs))
+    with running as m:
+        both = Beside.translated(running, box, tmp_path)
+        assert [(each.path, each.every) for each in both.model.groups] == [("tank", 3), ("carriage", 5), ("furnace", 7)]
+        without_host(m)
+        following = random_inputs(both.model, random)
+        parts = [each.path for each in both.model.equipment]
+        faults, cleared, refused, cut = dict.fromkeys(parts, 0), 0, 0, 0
+        for number in range(steps):
+            raws, failed = following()
+            if number % 50 == 0:
+                cut = random.randrange(3 * len(failed))
+            if cut < len(failed) and number % 50 < 30:
+                failed[cut] = True
+            deaf = [random.random() < 0.003 for _ in both.outputs]
+            both.step(max(missed[number], 1), raws, failed, deaf)
+            assert (number, both.difference()) == (number, "")
+            for place, path in enumerate(parts):
+                faults[path] += both.c.equipment_fault(place) != 0
+            if random.random() < 0.05:
+                m.acknowledge()
+                both.c.acknowledge()
+            if random.random() < 0.02:
+                begin_to_move(m.carriage.slide)
+                both.push()
+            if random.random() < 0.06:
+                place = random.randrange(-1, len(parts))
+                part = m if place < 0 else running.machine.equipment.all[place].compound
+                can = both.c.clear(place)
+                try:
+                    running.machine.equipment.clear(part)
+                except EquipmentFault:
+                    refused += 1
+                    assert not can
+                else:
+                    cleared += 1
+                    assert can
+                assert (number, both.difference()) == (number, "")
+        assert all(steps / 100 < each < steps for each in faults.values()), faults
+        assert refused > 1 and cleared > 1
+        assert both.told.keys() >= {None, "BadInput", "DriverError"}
+        assert both.told[None] > steps / 4
