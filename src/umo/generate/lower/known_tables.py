@@ -73,6 +73,7 @@ def of_dict(f: FunctionBuilder, method: Known, given: Sequence[Term], node: ast.
     table, name = method.owner, method.name
     if name == "get" and len(given) in (1, 2):
         key, default = (*given, Known(None))[:2]
+        f.telling.check_decided(key, node)
         if isinstance(key, Known):
             f.world.memory.place_known(table)
             return Known(table[key.value]) if key.value in table else default

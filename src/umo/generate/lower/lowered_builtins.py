@@ -49,7 +49,7 @@ from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Known, Many, Term, TruePlaces, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Term, TruePlaces
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -240,8 +240,7 @@ class LoweredBuiltins(LoweredSubject):
             assert found is not None
             return found
         for each in arguments:
-            if isinstance(each, Known) and isinstance(each.value, UnknownText):
-                raise self.f.telling.undecided(each.value, node)
+            self.f.telling.check_decided(each, node)
         if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
             return self._is_instance(arguments[0], arguments[1], node)
         if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:

@@ -203,6 +203,7 @@ class LoweredExpressions(LoweredSubject):
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
         self.check_elements(base, node)
+        self.f.telling.check_decided(index, node)
         if not (isinstance(base, Known) and is_dict(base.value)):
             index = as_number(self.f, index, node)
         if isinstance(base, Known) and is_ring(base.value):

@@ -51,10 +51,11 @@ class LoweredTelling(LoweredSubject):
             return False
         return True
 
-    def undecided(self, text: UnknownText, node: ast.AST) -> NoTranslation:
-        """The refusal to decide by a text: one that is read from an attribute may be a state in the next pass."""
-        self.f.world.memory.ask_text(text)
-        return self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")
+    def check_decided(self, term: Term, node: ast.AST) -> None:
+        """That code does not decide by a text that is only told. One of an attribute may be a state in the next pass."""
+        if isinstance(term, Known) and isinstance(term.value, UnknownText):
+            self.f.world.memory.ask_text(term.value)
+            raise self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")
 
     def is_text(self, node: ast.AST) -> bool:
         """Whether an expression makes a text at run time."""

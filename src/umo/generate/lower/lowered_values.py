@@ -48,7 +48,7 @@ from umo.generate.form import (
 )
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth, UnknownText
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, parts_of, refused_truth
 from umo.objects import Quality
@@ -107,9 +107,8 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Code):
             return term
         if isinstance(term, Known):
+            self.f.telling.check_decided(term, node)
             value = term.value
-            if isinstance(value, UnknownText):
-                raise self.f.telling.undecided(value, node)
             if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
                 raise self.f.refused(node, f"a {type(value).__name__} of numpy", "np.float64, np.int64, float(...)")
             of = self.f.world.fields.type_of_value(value)
@@ -209,8 +208,7 @@ class LoweredValues(LoweredSubject):
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
         """A condition; a bool if it is known already."""
         if isinstance(term, Known):
-            if isinstance(term.value, UnknownText):
-                raise self.f.telling.undecided(term.value, node)
+            self.f.telling.check_decided(term, node)
             if is_ring(term.value):
                 return differs(self.f.rings.count(term, node).value)
             if refused_truth(term.value):

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, RingMethod, Term, Turns, UnknownText
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, RingMethod, Term, Turns
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -86,8 +86,8 @@ class AskedOfTelling(Protocol):
     def does_nothing(self, test: ast.expr) -> bool:
         """Whether evaluating a condition only looks at what there is."""
 
-    def undecided(self, text: UnknownText, node: ast.AST) -> Exception:
-        """The refusal to decide by a text."""
+    def check_decided(self, term: Term, node: ast.AST) -> None:
+        """That code does not decide by a text that is only told."""
 
     def is_text(self, node: ast.AST) -> bool:
         """Whether an expression makes a text at run time."""
