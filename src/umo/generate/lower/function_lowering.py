@@ -46,6 +46,7 @@ class FunctionLowering(FunctionBuilder):
             ast.Attribute: self.expressions.lower_attribute,
             ast.Tuple: self.expressions.lower_tuple,
             ast.List: self.expressions.lower_list,
+            ast.Dict: self.expressions.lower_dict,
             ast.ListComp: self.sequences.lower_list_comp,
             ast.Subscript: self.expressions.lower_subscript,
             ast.UnaryOp: self.expressions.lower_unary_op,

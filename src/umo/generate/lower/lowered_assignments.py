@@ -37,7 +37,10 @@ class LoweredAssignments(LoweredSubject):
     """The part of a function that is assignments."""
 
     def lower_assign(self, node: ast.Assign) -> None:
-        term = self.f.term(node.value)
+        if isinstance(node.value, ast.GeneratorExp) and isinstance(node.targets[0], ast.Tuple | ast.List):
+            term: Term = Many(tuple(self.f.sequences.gone_through(node.value)))
+        else:
+            term = self.f.term(node.value)
         if isinstance(term, Code) and ast.dump(node.value) in self.f.flow.known:
             term = self.f.values.present(term, node.value)
         if len(node.targets) == 1 and isinstance(term, Elementwise) and self.f.aliases.is_copied(term):
@@ -160,7 +163,7 @@ class LoweredAssignments(LoweredSubject):
             self.f.flow.known.add(ast.dump(loaded(target)))
 
     def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
-        if isinstance(term, Many) and term.terms and all(map(_is_quality, term.terms)):
+        if isinstance(term, Many) and self._is_of_objects(term):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
@@ -195,6 +198,13 @@ class LoweredAssignments(LoweredSubject):
         value = self.f.values.as_type(term, of, node)
         if value != place:
             self.f.assign(place, value)
+
+    def _is_of_objects(self, term: Many) -> bool:
+        """Whether this is a tuple of live objects, or of qualities that are accepted."""
+        if not term.terms or not all(isinstance(each, Known) for each in term.terms):
+            return False
+        is_tuple = term.kind is None and self.f.values.type_of(term) is None
+        return is_tuple or all(map(_is_quality, term.terms))
 
     def _is_same(self, name: str, term: Code) -> bool:
         """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch."""

@@ -55,7 +55,7 @@ from umo.generate.lower.state_members import StateMethod, as_number, has_own_val
 from umo.generate.lower.terms import NO_VALUE, TEXT, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container, is_plain_dataclass, is_ring
+from umo.generate.value_kinds import is_container, is_immutable, is_plain_dataclass, is_ring
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -166,6 +166,15 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_list(self, node: ast.List) -> Term:
         return Many(tuple(self.f.sequences.spread(node.elts)), kind=list)
+
+    def lower_dict(self, node: ast.Dict) -> Term:
+        """A table that is written down."""
+        keys = [each for each in node.keys if each is not None]
+        terms = [self.f.term(each) for pair in zip(keys, node.values, strict=False) for each in pair]
+        known = [each.value for each in terms if isinstance(each, Known) and is_immutable(each.value)]
+        if len(keys) < len(node.values) or len(known) < len(terms):
+            raise self.f.refused(node, "a dict of what is not known when the code is generated", "an `if` for each key")
+        return Known(dict(zip(known[::2], known[1::2], strict=True)))
 
     def lower_subscript(self, node: ast.Subscript) -> Term:
         if isinstance(node.slice, ast.Slice):

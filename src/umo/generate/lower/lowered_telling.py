@@ -52,7 +52,7 @@ class LoweredTelling(LoweredSubject):
         return True
 
     def check_decided(self, term: Term, node: ast.AST) -> None:
-        """That code does not decide by a text that is only told. One of an attribute may be a state in the next pass."""
+        """That code does not decide by a text that is only told; that of an attribute may be a state next time."""
         if isinstance(term, Known) and isinstance(term.value, UnknownText):
             self.f.world.memory.ask_text(term.value)
             raise self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")

@@ -1,0 +1,134 @@
+"""Idioms of control engineers: each program is equal to Python in every period."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Any
+
+from helpers.written_programs import Cases, Program
+
+CASES = Cases()
+equal = CASES.is_equal
+
+
+class Speed(Enum):
+    LOW = 0.25
+    MID = 0.5
+    HIGH = 1.0
+
+    @property
+    def next(self) -> Speed:
+        return {Speed.LOW: Speed.MID, Speed.MID: Speed.HIGH}.get(self, Speed.HIGH)
+
+
+class Part:
+    def __init__(self, gain: float) -> None:
+        self.gain, self.runs = gain, 0
+
+    def __call__(self, u: float) -> float:
+        self.runs += 1
+        return self.gain * u
+
+
+# Loops and names -------------------------------------------------------------------------------------------
+
+
+@equal
+class NamesAfterLoopsWithTurns(Program):
+    def begin(self) -> None:
+        self.row = [0.5, -0.0, 2.0]
+
+    def first(self) -> float:
+        for each in self.row:
+            return each + self.u
+        raise ValueError
+
+    def control(self) -> None:
+        for i in range(5):
+            if i > self.n:
+                break
+            if i == self.x.read():
+                continue
+            last = i * 2
+            self.c += last
+        for value in self.row:
+            self.k += value
+        for j in range(4, 0, -2):
+            self.c -= j
+        self.k += value + self.first()
+        self.c += 10 * i + j
+
+
+@equal
+class GeneratorsThatAreUnpacked(Program):
+    def begin(self) -> None:
+        self.parts = (Part(0.5), Part(-2.0))
+
+    def control(self) -> None:
+        fast, slow = (part(self.u) for part in self.parts)
+        self.k = fast - slow
+        [self.c, also] = (each.runs + self.n % 3 for each in self.parts)
+        self.c += also
+
+
+@equal
+class TuplesOfObjectsUnderAName(Program):
+    def begin(self) -> None:
+        self.one, self.two = Part(1.0), Part(0.0)
+
+    def control(self) -> None:
+        parts = (self.one, self.two)
+        for i, part in enumerate(parts):
+            if self.u > i:
+                part.gain += parts[1 - i].runs
+            self.k += part(self.u)
+        self.c = len(parts) + parts[0].runs
+
+
+# Tables and patterns ---------------------------------------------------------------------------------------
+
+
+@equal
+class TablesThatAreWrittenDown(Program):
+    def begin(self) -> None:
+        self.speed = Speed.LOW
+
+    def control(self) -> None:
+        self.k = {Speed.LOW: 0.5, Speed.MID: -0.0, Speed.HIGH: 3.0}[self.speed] * self.speed.value
+        self.speed = Speed.LOW if self.u < 0.0 else self.speed.next
+        self.yes = self.n in {1: 2.0, 5: 3.0}
+        self.c = {1: 10, 4: 30}[self.n] if self.x.read() > 2.0 else {1: 7, 5: 8}.get(self.n, 9)
+
+
+@equal
+class NamesInPatterns(Program):
+    def begin(self) -> None:
+        self.speed = Speed.LOW
+
+    def of_pair(self, a: float, b: Any) -> float:
+        match a, b:
+            case 0.0, Speed.LOW | Speed.MID:
+                return 1.0
+            case x, Speed.LOW:
+                return x + 2.0
+            case 7.0 | 3.0 as y, _:
+                return y * 3.0
+            case (_, Speed.MID) if self.yes:
+                return 4.0
+        return -1.0
+
+    def control(self) -> None:
+        match self.n % 7:
+            case 0:
+                self.c = 100
+            case n if n < 3:
+                self.c = n
+            case 5 | 6 as m:
+                self.c = -m
+            case other:
+                self.c = other + n
+        self.k = self.of_pair(self.x.read(), self.speed)
+        self.speed, self.yes = self.speed.next, self.u > 0.0
+
+
+test_it_is_what_python_does = CASES.test()
