@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import Any
 
+import numpy as np
+
 from helpers.written_programs import Cases, Program
 
 CASES = Cases()
@@ -129,6 +131,80 @@ class NamesInPatterns(Program):
                 self.c = other + n
         self.k = self.of_pair(self.x.read(), self.speed)
         self.speed, self.yes = self.speed.next, self.u > 0.0
+
+
+# Arrays ----------------------------------------------------------------------------------------------------
+
+
+class OfArrays(Program):
+    def begin(self) -> None:
+        self.row, self.counts = np.array([0.5, -1.5, 2.0]), np.array([0, 2, -3])
+        self.mask, self.out = np.array([True, False, True]), np.zeros(3)
+
+    def move(self) -> None:
+        self.row[1], self.counts[0], self.mask[2] = self.u, self.n % 3, self.u > 1.0
+
+
+@equal
+class WholeNumbersStayWhole(OfArrays):
+    def control(self) -> None:
+        self.move()
+        self.out = 1.0 / -np.abs(self.counts) + 2.0 / -np.sign(self.counts)
+        self.c = int(np.abs(self.counts[0])) - int(np.sign(self.counts[2]))
+
+
+@equal
+class ExtremesOfBooleansAreBooleans(OfArrays):
+    def control(self) -> None:
+        self.move()
+        self.c = int(np.max(self.mask)) * 2 + int(self.mask.min())
+        self.yes = bool(~np.min(self.mask))
+        if ~self.mask.any():
+            self.c += 10
+        if self.n > 1:
+            self.a.write(np.max(self.mask))
+
+
+@equal
+class FunctionsOfNumpyWithNumbers(OfArrays):
+    def control(self) -> None:
+        x = self.x.read()
+        self.k = float(np.clip(self.u, -1.0, 2.0)) + float(np.sign(self.u)) + 1.0 / np.clip(x, 0, 1) + np.abs(-0.0)
+        self.c = int(np.sign(self.n)) + int(np.maximum(self.n, 2) % 7) + int(np.clip(self.n, -5, 5))
+        self.yes = bool(np.isfinite(self.u)) and not np.isnan(x)
+        self.out[0] = np.sqrt(np.minimum(self.u, 4.0))
+
+
+@equal
+class MeansAndPlaces(OfArrays):
+    def control(self) -> None:
+        self.move()
+        self.k = float(np.mean(self.row)) + float(self.counts.mean()) * self.mask.mean()
+        self.c = int(np.argmin(self.row)) + 10 * int(self.row.argmax()) + 100 * int(self.counts.argmin())
+        self.out[int(np.argmax(self.counts))] = self.row.mean() / self.row.min()
+
+
+@equal
+class ArraysThatAreJoinedAndRolled(OfArrays):
+    def control(self) -> None:
+        self.move()
+        x = self.x.read()
+        self.out = np.concatenate((self.row[1:], [x]))
+        self.row = np.roll(self.row, 1)
+        self.counts = np.roll(self.counts, -5)
+        self.row[0] = self.u
+        self.k = float(np.concatenate([self.row, self.out, np.roll(self.out, 3)]).sum())
+
+
+@equal
+class NumbersOfNumpyOverKnownOnes(OfArrays):
+    def control(self) -> None:
+        self.move()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.out = 1.0 / self.row
+        self.k = float(self.row[1] % 3.5) + float(self.row.sum() % -2)
+        self.c = int(self.counts.sum() % 7 - self.counts[2] // 2)
+        self.row = np.nan_to_num(self.out, nan=0.0)
 
 
 test_it_is_what_python_does = CASES.test()

@@ -352,7 +352,7 @@ class LoweredExpressions(LoweredSubject):
                 numpy_number(REAL, sure),
                 Operator("/", self.f.values.as_type(a, REAL, node), self.f.values.as_type(b, REAL, node)),
             )
-        if type(sign) not in CHECKED:
+        if type(sign) not in CHECKED and not _is_like_python(sign, {a.type, b.type}, right):
             raise self.f.refused(
                 node, "numbers of numpy and of Python differ here where the divisor is 0", "float(...)"
             )
@@ -421,6 +421,12 @@ class LoweredExpressions(LoweredSubject):
         named = divisor if is_named(divisor) else self.f.values.kept(Code(of, divisor)).value
         self.f.raises(ZeroDivisionError, node, Operator("==", named, ZERO))
         return named
+
+
+def _is_like_python(sign: ast.operator, kinds: set[CType], right: Term) -> bool:
+    """Whether numbers of numpy are divided as those of Python: by one that is known, and not 0."""
+    by_known = isinstance(right, Known) and bool(right.value)
+    return by_known and (isinstance(sign, ast.Mod) or (isinstance(sign, ast.FloorDiv) and REAL not in kinds))
 
 
 def record_kind(term: Term) -> Any:

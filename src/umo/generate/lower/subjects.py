@@ -153,6 +153,12 @@ class AskedOfArrays(Protocol):
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
         """The length is known."""
 
+    def length_of(self, code: Code, node: ast.AST) -> int:
+        """The length of one array, which is known."""
+
+    def each_place(self, length: int) -> AbstractContextManager[Value]:
+        """A loop over the places of an array."""
+
     def at(self, code: Code, of: CType, length: int) -> Value:
         """An element, as this type."""
 
