@@ -133,6 +133,55 @@ class NamesInPatterns(Program):
         self.speed, self.yes = self.speed.next, self.u > 0.0
 
 
+# Lists -----------------------------------------------------------------------------------------------------
+
+
+@equal
+class ListsUnderAName(Program):
+    def begin(self) -> None:
+        self.ring, self.flags, self.at = [0.5, -0.0, 2.0], [False] * 3, 0
+        self.line = np.zeros(3)
+
+    def shift(self) -> None:
+        line = self.line
+        line[1:] = line[:-1]
+        line[0] = self.u
+
+    def control(self) -> None:
+        ring = self.ring
+        flags = self.flags
+        ring[self.at] = self.u
+        for i in range(3):
+            flags[i] = ring[i] > 1.0 and not flags[i - 1]
+            self.k += ring[i]
+        self.shift()
+        self.at = (self.at + 1) % len(ring)
+        ring[self.at] += self.x.read() + float(self.line[1])
+        self.c = sum(self.flags) + sum(flags)
+
+
+@equal
+class ListsThatAreSorted(Program):
+    def middle(self, values: list[float]) -> list[float]:
+        found = [each * 2.0 for each in values]
+        found[0] = self.u
+        return found
+
+    def control(self) -> None:
+        row = [self.x.read(), self.u, 2.5, -0.0]
+        for i in range(len(row)):
+            for j in range(len(row) - 1 - i):
+                if row[j] > row[j + 1]:
+                    row[j], row[j + 1] = row[j + 1], row[j]
+                    self.c += 1
+        twice = self.middle(row)
+        twice[self.n % 4] -= 1.0
+        self.k = row[1] + max(twice) - twice[-1] + sum(row)
+        counts = [0] * 3
+        counts[self.n % 3] += self.c
+        self.c = counts[0] + 10 * counts[1] + (3 in counts)
+
+
 # Arrays ----------------------------------------------------------------------------------------------------
 
 
@@ -163,6 +212,35 @@ class ExtremesOfBooleansAreBooleans(OfArrays):
             self.c += 10
         if self.n > 1:
             self.a.write(np.max(self.mask))
+
+
+@equal
+class MasksThatChange(OfArrays):
+    def control(self) -> None:
+        self.move()
+        self.row[self.mask] *= 0.5
+        self.row[self.row > self.u] -= self.n * 2.0
+        self.out[~self.mask] += self.n
+        self.k = float(self.row.sum() - self.out[1])
+
+
+@equal
+class ElementsOfOtherPlaces(OfArrays):
+    def reversed(self) -> float:
+        row = self.row * 2.0
+        row = row[::-1] - row
+        row += row[::-1] * 0.5
+        return float(row[0]) + float(row[2]) * 10.0
+
+    def control(self) -> None:
+        self.move()
+        self.row += self.row[::-1]
+        self.k = self.reversed()
+        np.add(self.row[::-1], self.u, out=self.row)
+        self.out[self.out[::-1] < 1.0] = 3.0
+        self.out[self.row[::-1] > 2.0] -= 0.5
+        self.row[self.row[::-1] > 1.0] = 0.25
+        self.mask &= self.mask[::-1]
 
 
 @equal

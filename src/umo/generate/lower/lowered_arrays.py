@@ -49,6 +49,7 @@ from umo.generate.form import (
     is_named,
     negated,
     placed,
+    walk,
 )
 from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED, WHOLE_BEFORE
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
@@ -133,8 +134,14 @@ class LoweredArrays(LoweredSubject):
         )
 
     def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
-        """A loop that sets the elements of an array, those for which the condition holds."""
+        """A loop that sets the elements of an array, those for which the condition holds. What it reads of the array at
+        another place is computed before."""
         assert isinstance(code.type, ArrayType)
+        if _reads_elsewhere(place, code.value):
+            code = Elementwise(code.type, Element(self.f.values.kept(code).value, Here()))
+        if test is not None and _reads_elsewhere(place, test):
+            chosen = self.f.values.kept(Elementwise(array(BOOL, code.type.length), test))  # type: ignore[attr-defined]
+            test = Element(chosen.value, Here())
         with self.each_place(code.type.length) as turn:
             step = Assign(Element(place, turn), placed(code.value, turn))
             if test is None:
@@ -525,12 +532,20 @@ class LoweredArrays(LoweredSubject):
 
     # In place ------------------------------------------------------------------------------------------
 
-    def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
-        """The elements of an array become others: all, or those that a mask chooses."""
+    def overwrite(
+        self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
+    ) -> None:
+        """The elements of an array become others: all, or those that a mask chooses, each that of its place."""
         self.f.aliases.check_sole(place, node)
         self.f.aliases.changes.add(place.value)
         assert isinstance(place.type, ArrayType)
         of, n = place.type.of, place.type.length
-        code = self._given(place, value, 1 if where is not None else n, node)
+        code = self._given(place, value, 1 if where is not None and not by_place else n, node)
         test = None if where is None else self.at(where, BOOL, n)
         self.fill(place.value, Elementwise(place.type, self.at(code, of, n)), test)
+
+
+def _reads_elsewhere(place: Value, value: Value) -> bool:
+    """Whether an element of an array is computed of another one of the same array."""
+    elements = (each for each in walk(value) if isinstance(each, Element) and each.whole == place)
+    return any(each.index != Here() for each in elements)

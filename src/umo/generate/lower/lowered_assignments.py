@@ -8,6 +8,7 @@ from typing import Any
 
 from umo.generate.c_types import (
     BOOL,
+    INT,
     NOTHING,
     REAL,
     ArrayType,
@@ -15,13 +16,15 @@ from umo.generate.c_types import (
     OptionalType,
     TupleType,
     array,
+    is_number,
+    list_of,
     may_be_bool,
     of_python,
     plain,
     plain_number,
 )
 from umo.generate.check.form_effects import changes
-from umo.generate.form import Element
+from umo.generate.form import Element, Field, Literal
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -108,13 +111,27 @@ class LoweredAssignments(LoweredSubject):
         of = base.type if isinstance(base, Code) else None
         if not (isinstance(of, ArrayType) or (isinstance(base, Known) and is_ring(base.value))):
             raise self.f.refused(node, *NO_ELEMENTS)
-        index = self.f.values.settled(index)
         if isinstance(of, ArrayType) and isinstance(index, Code) and index.type.name == array(BOOL, of.length).name:
-            raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
+            self._aug_masked(node, target, base, index)  # type: ignore[arg-type]
+            return
+        index = self.f.values.settled(index)
         left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
         right = as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (target, node.value), node)
         self._set_element(target, base, index, self.f.values.settled(result), node)
+
+    def _aug_masked(self, node: ast.AugAssign, target: ast.Subscript, base: Code, mask: Code) -> None:
+        """The elements that a mask chooses, and a number."""
+        with self.f.gathered() as needed:
+            right = self.f.term(node.value)
+        is_real = plain_number(self.f.arrays.of(base)) == REAL
+        if any(map(changes, needed)) or self.f.arrays.is_array(right) or not is_real:
+            told = "what a mask chooses is changed by code, by an array, or are no real numbers"
+            raise self.f.refused(node, told, "a name for a number first, np.where")
+        self.f.statements += needed
+        self._note_assigned(target)
+        new = self.f.arrays.of_arrays(node.op, base, right, node)
+        self.f.arrays.overwrite(base, new, node, where=mask, by_place=True)
 
     def _aug_slice(self, node: ast.AugAssign, target: ast.Subscript, ends: ast.Slice) -> None:
         base, part = self.f.expressions.base_and_slice(target, ends)
@@ -169,6 +186,8 @@ class LoweredAssignments(LoweredSubject):
             return
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
+        if isinstance(term, Many) and term.kind is list and name in _changed_in_place(self.f.source.tree):
+            term = self._list(term, node) or term
         of = self.f.values.type_of(term)
         key = (self.f.key, name)
         before = self.f.world.memory.locals.get(key)
@@ -199,6 +218,19 @@ class LoweredAssignments(LoweredSubject):
         if value != place:
             self.f.assign(place, value)
 
+    def _list(self, term: Many, node: ast.AST) -> Code | None:
+        """A list of numbers whose elements are set; None: its elements are of several classes, or none."""
+        codes = [self.f.values.code(each, node) for each in term.terms]
+        kinds = {each.type for each in codes}
+        if len(kinds) != 1 or not is_number(codes[0].type):
+            return None
+        of = list_of(codes[0].type, len(codes))
+        result = self.f.temporary(of)
+        for number, each in enumerate(codes):
+            self.f.assign(Element(result, Literal(number, INT)), each.value)
+        self.f.aliases.sole.add(result)
+        return Code(of, result)
+
     def _is_of_objects(self, term: Many) -> bool:
         """Whether this is a tuple of live objects, or of qualities that are accepted."""
         if not term.terms or not all(isinstance(each, Known) for each in term.terms):
@@ -207,9 +239,11 @@ class LoweredAssignments(LoweredSubject):
         return is_tuple or all(map(_is_quality, term.terms))
 
     def _is_same(self, name: str, term: Code) -> bool:
-        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch."""
+        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch; an
+        attribute is never assigned another one."""
         others = [each for each in self.f.flow.names if self.f.local(each) == term.value and each != name]
-        if not others or self.f.depth or term.value in self.f.given:
+        of_field = isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
+        if not (others or of_field) or self.f.depth or {term.value, self.f.local(name)} & self.f.given.keys():
             return False
         assigned = [each.id for each in _assigned(self.f.source.tree)]
         return all(assigned.count(each) == 1 for each in (name, *others))
@@ -357,6 +391,12 @@ def _assigned(tree: ast.AST) -> list[ast.Name]:
     changed = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.AugAssign)}
     names = (each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
     return [each for each in names if id(each) not in changed]
+
+
+def _changed_in_place(tree: ast.AST) -> set[str]:
+    """The names of which a function sets elements."""
+    set_ones = (each for each in ast.walk(tree) if isinstance(each, ast.Subscript) and isinstance(each.ctx, ast.Store))
+    return {each.value.id for each in set_ones if isinstance(each.value, ast.Name)}
 
 
 def loaded(target: ast.AST) -> ast.expr:

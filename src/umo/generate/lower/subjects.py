@@ -200,8 +200,10 @@ class AskedOfArrays(Protocol):
     def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
         """The elements of a slice become others, which are computed before."""
 
-    def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
-        """The elements of an array become others: all, or those that a mask chooses."""
+    def overwrite(
+        self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
+    ) -> None:
+        """The elements of an array become others: all, or those that a mask chooses, each that of its place."""
 
 
 class AskedOfVectors(Protocol):
