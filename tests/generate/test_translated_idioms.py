@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,36 @@ class Speed(Enum):
         return {Speed.LOW: Speed.MID, Speed.MID: Speed.HIGH}.get(self, Speed.HIGH)
 
 
+class Step(NamedTuple):
+    name: str
+    time: float
+    is_last: bool
+
+
+STEPS = Step("fill", 0.5, False), Step("heat", 2.5, False), Step("drain", -1.0, True)
+
+
+@dataclass(frozen=True)
+class Product:
+    time: float
+    speed: Speed
+
+
+PRODUCTS = {"glue": Product(1.5, Speed.LOW), "soap": Product(0.0, Speed.HIGH)}
+
+
 class Part:
     def __init__(self, gain: float) -> None:
         self.gain, self.runs = gain, 0
+
+    @property
+    def is_slow(self) -> bool:
+        return self.gain < 1.0
+
+    def begin(self, by: int, gain: float = 2.0) -> int:
+        self.runs += by
+        self.gain -= gain
+        return self.runs
 
     def __call__(self, u: float) -> float:
         self.runs += 1
@@ -131,6 +159,66 @@ class NamesInPatterns(Program):
                 self.c = other + n
         self.k = self.of_pair(self.x.read(), self.speed)
         self.speed, self.yes = self.speed.next, self.u > 0.0
+
+
+# One of several objects --------------------------------------------------------------------------------------
+
+
+@equal
+class ObjectsAtComputedPlaces(Program):
+    def begin(self) -> None:
+        self.parts = (Part(0.5), Part(-2.0), Part(4.0))
+        self.lead = 0
+
+    def turn(self) -> int:
+        self.lead = (self.lead + 1) % 3
+        return self.lead
+
+    def gain_of(self, part: Part, by: float) -> float:
+        return part.gain * by
+
+    def control(self) -> None:
+        part = self.parts[self.lead]
+        if self.u > 1.0 and not part.is_slow:
+            self.c = part.begin(self.turn(), gain=self.u)
+        self.parts[self.lead].gain += self.turn()
+        self.k = part.gain + self.gain_of(self.parts[self.n % 3], self.u) + self.parts[self.turn() - 1](2.0)
+        self.parts[self.n].runs = self.lead if self.yes else 3
+        self.yes = part is not None and self.parts[self.lead].is_slow
+
+
+@equal
+class ActuatorsAtComputedPlaces(Program):
+    def begin(self) -> None:
+        self.outputs = (self.a, self.b)
+
+    def control(self) -> None:
+        output = self.outputs[self.n % 2]
+        output.write(self.x.read() + self.n % 5)
+        self.k = self.outputs[self.n % 2 - 1].pending + output.pending * 10.0
+        self.outputs[self.n].write(0.0)
+
+
+@equal
+class RecordsAndMethodsOfATable(Program):
+    def begin(self) -> None:
+        self.product, self.at = "glue", 0
+        self.handlers = {1: self.one, 2: self.other, 5: self.one}
+
+    def one(self, u: float) -> float:
+        self.at += 1
+        return u
+
+    def other(self, u: float) -> float:
+        self.at = 0
+        return u * 2.0
+
+    def control(self) -> None:
+        step, product = STEPS[self.at % 3], PRODUCTS[self.product]
+        self.k = step.time + product.time * product.speed.value
+        self.yes = step.is_last
+        self.product = "soap" if self.u > 1.0 else "glue"
+        self.k += self.handlers[self.n](self.u)
 
 
 # Lists -----------------------------------------------------------------------------------------------------

@@ -13,10 +13,10 @@ from umo.generate.form import (
     Field,
     root,
 )
-from umo.generate.lower.terms import Code, Known
+from umo.generate.lower.terms import Choice, Code, Known
 
-Names: TypeAlias = dict[str, CType | Known]
-"""Local names: their types, or the live object that each stands for."""
+Names: TypeAlias = dict[str, CType | Known | Choice]
+"""Local names: their types, or the live object that each stands for, or one of several."""
 
 
 class Way(NamedTuple):

@@ -30,7 +30,7 @@ from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
@@ -76,17 +76,24 @@ class LoweredAssignments(LoweredSubject):
             self._aug_element(node, node.target)
             return
         if isinstance(node.target, ast.Attribute):
-            self._check_found_once(node, node.target)
+            node = self._found_once(node, node.target)
         left = self.f.term(ast.copy_location(loaded(node.target), node.target))
         left, right = self._after(left, node.value)
         self._change(node, left, right)
 
-    def _check_found_once(self, node: ast.AugAssign, target: ast.Attribute) -> None:
-        """The object is found where it is read, and where it is set."""
+    def _found_once(self, node: ast.AugAssign, target: ast.Attribute) -> ast.AugAssign:
+        """The object is found where it is read, and where it is set; one of several has a name."""
         at = len(self.f.statements)
-        self.f.term(target.value)
+        base = self.f.term(target.value)
         if self.f.changed_since(at):
             raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
+        if not isinstance(base, Choice):
+            return node
+        name = f"chosen {node.lineno} {node.col_offset}"
+        self.f.flow.names[name] = base
+        of = ast.copy_location(ast.Name(name, ast.Load()), target)
+        new = ast.AugAssign(ast.copy_location(ast.Attribute(of, target.attr, ast.Store()), target), node.op, node.value)
+        return ast.copy_location(new, node)
 
     def lower_named_expr(self, node: ast.NamedExpr) -> Term:
         term = self.f.term(node.value)
@@ -184,6 +191,11 @@ class LoweredAssignments(LoweredSubject):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
+        if isinstance(term, Choice):
+            if self.f.world.memory.locals.get((self.f.key, name)) is not None:
+                raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
+            self.f.flow.names[name] = term
+            return
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
         if isinstance(term, Many) and term.kind is list and name in _changed_in_place(self.f.source.tree):
@@ -254,8 +266,20 @@ class LoweredAssignments(LoweredSubject):
 
     def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         base = self.f.term(target.value)
+        if isinstance(base, Choice):
+            new = self.f.values.settled(term)
+            self.f.choices.each(base, lambda each: self._set_field(each, target, new, node), node)
+        else:
+            self._set_field(base, target, term, node)
+
+    def _set_field(self, base: Term, target: ast.Attribute, term: Term, node: ast.AST) -> Known:
+        """An attribute of one object."""
         if not isinstance(base, Known):
             raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+        self._set_attribute(base, target, term, node)
+        return Known(None)
+
+    def _set_attribute(self, base: Known, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         owner, name = base.value, target.attr
         if type(static := inspect.getattr_static(type(owner), target.attr, None)) is property:
             if static.fset is None:

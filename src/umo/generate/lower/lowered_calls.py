@@ -54,7 +54,7 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, RingMethod, Term, TruePlaces
+from umo.generate.lower.terms import ArrayMethod, Choice, Code, Known, Many, RingMethod, Term, TruePlaces
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -72,6 +72,9 @@ class LoweredCalls(LoweredSubject):
         if self.f.telling.is_text(node):
             return self.f.telling.text(node)
         func = self.f.term(node.func)
+        if isinstance(func, Choice):
+            arguments, named = self._arguments(node.args, node.keywords)
+            return self._of_each(func, arguments, named, node)
         if not isinstance(func, Known):
             raise self.f.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
@@ -85,7 +88,22 @@ class LoweredCalls(LoweredSubject):
         passed = node.args[:1] if func.value in CONSUMERS and any(map(self._is_passage, node.args[:1])) else []
         elements = [Many(tuple(self.f.sequences.gone_through(each))) for each in passed]
         arguments, named = self._arguments(node.args[len(passed) :], node.keywords)
-        return self.apply(func, [*elements, *arguments], named, node)
+        return self._of_each(func, [*elements, *arguments], named, node)
+
+    def _of_each(self, func: Known | Choice, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+        """A call; where it is, or is given, one of several objects, the call for each of them."""
+        terms = [func, *arguments, *named.values()]
+        place = next((n for n, each in enumerate(terms) if isinstance(each, Choice)), None)
+        if place is None:
+            return self.apply(func, arguments, named, node)  # type: ignore[arg-type]
+        settled = [self.f.values.settled(each) for each in terms]
+
+        def call(option: Known) -> Term:
+            given = [*settled[:place], option, *settled[place + 1 :]]
+            rest = dict(zip(named, given[1 + len(arguments) :], strict=True))
+            return self._of_each(given[0], given[1 : 1 + len(arguments)], rest, node)  # type: ignore[arg-type]
+
+        return self.f.choices.each(terms[place], call, node)  # type: ignore[arg-type]
 
     def _is_passage(self, node: ast.AST) -> bool:
         """Whether its elements are given once."""

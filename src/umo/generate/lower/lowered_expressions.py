@@ -52,7 +52,7 @@ from umo.generate.lower.known_tables import element_of, element_of_terms, is_dic
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS
 from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
-from umo.generate.lower.terms import NO_VALUE, TEXT, Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import NO_VALUE, TEXT, Choice, Code, Elementwise, Known, Many, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_immutable, is_plain_dataclass, is_ring
@@ -87,7 +87,7 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_name(self, node: ast.Name) -> Term:
         found = self.f.flow.names.get(node.id)
-        if isinstance(found, Known):
+        if isinstance(found, Known | Choice):
             return found
         if found is not None:
             return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
@@ -105,6 +105,8 @@ class LoweredExpressions(LoweredSubject):
         return self.attribute_of(self.f.term(node.value), node)
 
     def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
+        if isinstance(base, Choice):
+            return self.f.choices.each(base, lambda each: self.attribute_of(each, node), node)
         if isinstance(base, Known):
             return self.f.attributes.attribute(base, node.attr, node)
         if self.f.arrays.is_array(base):
@@ -228,13 +230,14 @@ class LoweredExpressions(LoweredSubject):
                 return Known(base.value[index.value])
             raise self.f.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
         if isinstance(base, Known) and isinstance(index, Code):
+            if (found := self.f.choices.of_table(base.value, index, node)) is not None:
+                return found
             if is_table(base.value):
                 return element_of(self.f, base.value, index, node)
             if is_dict(base.value):
                 return value_of(self.f, base.value, index, node)
         if isinstance(base, Many) and isinstance(index, Known):
-            found: Term = base.terms[index.value]
-            return found
+            return base.terms[index.value]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
             name, of = base.type.members[index.value]
             return Code(of, Member(self.place(base).value, name))

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, RingMethod, Term, Turns
+from umo.generate.lower.terms import ArrayMethod, Choice, Code, Elementwise, Known, Many, RingMethod, Term, Turns
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -262,6 +262,16 @@ class AskedOfBuiltins(Protocol):
 
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         """A function of Python itself, or of math; None: it is another one."""
+
+
+class AskedOfChoices(Protocol):
+    """The objects of a function that are chosen when it runs."""
+
+    def of_table(self, table: Any, index: Term, node: ast.AST) -> Choice | None:
+        """The object at a computed place, or of a computed key; None: the table has none, or numbers and states."""
+
+    def each(self, choice: Choice, what: Callable[[Known], Term], node: ast.AST) -> Term:
+        """What is found for each of the objects, of the one that it is."""
 
 
 class AskedOfGenerators(Protocol):

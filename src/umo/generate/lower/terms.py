@@ -117,7 +117,16 @@ class Truth:
     test: Value
 
 
-Term = Code | Known | Many | Present | Truth
+@dataclass(frozen=True)
+class Choice:
+    """One of several live objects, of which it is computed which one."""
+
+    place: Value
+    """The number of the object, which nothing changes any longer."""
+    options: tuple[Known, ...]
+
+
+Term = Code | Known | Many | Present | Truth | Choice
 
 
 @dataclass(frozen=True)
