@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,17 @@ class Speed(Enum):
     @property
     def next(self) -> Speed:
         return {Speed.LOW: Speed.MID, Speed.MID: Speed.HIGH}.get(self, Speed.HIGH)
+
+
+class Level(IntEnum):
+    HIGH = 7
+    LOW = 1
+    MID = 3
+
+
+class Sample(NamedTuple):
+    value: float
+    number: int
 
 
 class Step(NamedTuple):
@@ -219,6 +230,51 @@ class RecordsAndMethodsOfATable(Program):
         self.yes = step.is_last
         self.product = "soap" if self.u > 1.0 else "glue"
         self.k += self.handlers[self.n](self.u)
+
+
+# Extremes --------------------------------------------------------------------------------------------------
+
+
+@equal
+class ExtremesByAKey(Program):
+    def begin(self) -> None:
+        self.parts = [Part(0.5), Part(-2.0), Part(0.5)]
+
+    def cost(self, u: float) -> float:
+        self.c += 1
+        return abs(u - self.u)
+
+    def control(self) -> None:
+        least = min(self.parts, key=lambda part: part.runs)
+        least.gain += least(self.u) * 0.1
+        max(self.parts, key=lambda part: part.gain).begin(2, gain=0.0)
+        self.k = min((1.0, 2.0, -0.0, 0.0), key=self.cost) + max([self.u, self.x.read()], key=abs)
+        values = [each.gain for each in self.parts]
+        self.c += 10 * max(range(len(values)), key=lambda i: values[i] if i != self.n else 0.0)
+
+
+@equal
+class ExtremesOfOrderedStates(Program):
+    def begin(self) -> None:
+        self.worst = Level.LOW
+
+    def judged(self, u: float) -> Level:
+        return Level.HIGH if u > 2.0 else Level.MID if u > 0.0 else Level.LOW
+
+    def control(self) -> None:
+        now = max(self.judged(self.u), self.judged(self.x.read()), Level.LOW)
+        self.worst = min(max(self.worst, now), Level.HIGH)
+        self.c = self.worst * 10 + now
+
+
+@equal
+class RecordsWithOtherFields(Program):
+    def begin(self) -> None:
+        self.last = Sample(0.0, 0)
+
+    def control(self) -> None:
+        self.last = self.last._replace(number=self.n % 100) if self.u > 1.0 else self.last._replace(value=self.u)
+        self.k = self.last.value + self.last._replace(value=2.0).value
 
 
 # Lists -----------------------------------------------------------------------------------------------------

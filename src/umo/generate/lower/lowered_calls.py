@@ -54,7 +54,7 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Choice, Code, Known, Many, RingMethod, Term, TruePlaces
+from umo.generate.lower.terms import ArrayMethod, Choice, Code, Known, Many, RecordReplace, RingMethod, Term, TruePlaces
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -157,6 +157,8 @@ class LoweredCalls(LoweredSubject):
             around = terms_around(self.f, target, node)
             terms = self._by_name(target.source.function, arguments, named, node)
             return self.f.world.invoke(self.f, target.source, terms | around, node)
+        if isinstance(target, RecordReplace) and not arguments:
+            return self._changed_record(target.record, named, node)
         if isinstance(target, RingMethod) and not named:
             return self.f.rings.call(target, arguments, node)
         if isinstance(target, ArrayMethod) and not named:
@@ -242,6 +244,14 @@ class LoweredCalls(LoweredSubject):
             raise self.f.refused(node, "`replace` of what is no frozen dataclass", "a frozen dataclass")
         before = dict(zip((each.name for each in dataclasses.fields(kind)), self.members(term, node), strict=True))
         return self._record(kind, [], before | named, node)
+
+    def _changed_record(self, term: Term, named: dict[str, Term], node: ast.AST) -> Many:
+        """A NamedTuple with other values for some fields."""
+        kind = record_kind(term)
+        before = dict(zip(kind._fields, self.members(term, node), strict=True))
+        if named.keys() - before.keys():
+            raise self.f.refused(node, f"it does not give the fields of {kind.__name__}", ", ".join(kind._fields))
+        return Many(tuple((before | named).values()), kind._fields, kind)
 
     def is_super(self, node: ast.AST) -> bool:
         """Whether this is `super()`."""

@@ -52,10 +52,10 @@ from umo.generate.lower.known_tables import element_of, element_of_terms, is_dic
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS
 from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
-from umo.generate.lower.terms import NO_VALUE, TEXT, Choice, Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import NO_VALUE, TEXT, Choice, Code, Elementwise, Known, Many, RecordReplace, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container, is_immutable, is_plain_dataclass, is_ring
+from umo.generate.value_kinds import is_container, is_immutable, is_plain_dataclass, is_plain_record, is_ring
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -137,6 +137,8 @@ class LoweredExpressions(LoweredSubject):
         self.f.takes(kind, node.attr, node)
         if type(static) is property and static.fget is not None:
             return self.f.calls.function(static.fget, [base], {}, node)
+        if node.attr == "_replace" and is_plain_record(kind):
+            return Known(RecordReplace(self.f.values.settled(base)))
         if isinstance(static, FunctionType) and not node.attr.startswith("_"):
             return Known(StateMethod(static, self.f.values.settled(base)))
         if static is None or isinstance(static, FunctionType) or hasattr(type(static), "__get__"):

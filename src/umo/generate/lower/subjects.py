@@ -263,6 +263,9 @@ class AskedOfBuiltins(Protocol):
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         """A function of Python itself, or of math; None: it is another one."""
 
+    def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
+        """The first element whose key, a number or an ordered state, is the least (`min`), or the greatest."""
+
 
 class AskedOfChoices(Protocol):
     """The objects of a function that are chosen when it runs."""

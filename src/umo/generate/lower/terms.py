@@ -42,6 +42,13 @@ class ArrayMethod:
 
 
 @dataclass(frozen=True)
+class RecordReplace:
+    """`_replace` of a NamedTuple."""
+
+    record: Term
+
+
+@dataclass(frozen=True)
 class TruePlaces:
     """The places of the elements of an array that are true: how many there are is of run time."""
 
