@@ -186,3 +186,20 @@ def test_an_error_of_a_change_leaves_the_list_as_it_was() -> None:
         with pytest.raises(ValueError, match="not in list"):
             compiled.m.history.remove(99.0)
         assert compiled.laws.state == "compiled"
+
+
+def test_whole_numbers_of_an_array_have_64_bits_as_in_numpy() -> None:
+    with run() as compiled:
+        found = compiled.m.counts
+        assert found.dtype == np.int64 and (found * 2_000_000_000).tolist() == [
+            2_000_000_000,
+            4_000_000_000,
+            6_000_000_000,
+        ]
+        compiled.m.counts = np.array([4, 5, 6])
+        compiled.step()
+        assert compiled.m.counts.dtype == np.int64 and compiled.laws.state == "compiled"
+        compiled.m.pair = (1, 2.0)
+        compiled.step()
+        compiled.m.counts[0] = 7
+        assert compiled.laws.state == "python" and compiled.m.counts.tolist() == [7, 5, 6]

@@ -3,6 +3,7 @@ that reads it and the line that sets it; what is taken as known is told in the f
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from typer.testing import Result
 
 from helpers.tiers import some
-from umo.generate import known_setters
+from umo.generate import known_containers, known_setters
 
 Umo = Callable[..., Result]
 CONTROL = """
@@ -52,7 +53,7 @@ class Pump(Compound):
         self.gain = 2.0
 
     def control(self):
-        total = LIMIT + self.PV + read_offset() + self.gain
+        total = LIMIT + self.PV + read_offset() + self.gain + self.level.read()
         if self.mode_name == "heat":
             total += 1.0
         if self.target is not None:
@@ -196,7 +197,7 @@ def test_what_only_reads_is_no_setting(tmp_path: Path, line: str) -> None:
     file.write_text(APPLICATION.replace("SET_THERE", line))
     found = known_setters._read(str(file))
     assert not [each for each in found.settings if each.line == 8] and not found.again
-    assert not any(map(known_setters._given_others([found]), found.settings))
+    assert not any(map(known_setters._Given([found]).any_object, found.settings))
 
 
 FOREIGN = [
@@ -222,7 +223,7 @@ def test_the_self_of_a_method_that_a_class_is_asked_for_may_be_any_object(
         (tmp_path / f"{name}.py").write_text(text.replace(word, lines.get(name, "pass")))
         files.append(known_setters._read(str(tmp_path / f"{name}.py")))
     (later,) = (each for each in files[1].settings if each.method == "later")
-    assert later.kind == "Order" and known_setters._given_others(files)(later)
+    assert later.kind == "Order" and known_setters._Given(files).any_object(later)
 
 
 @pytest.mark.parametrize(("line", "told"), some(lambda case: THERE.index(case) % 10 == 0, THERE))
@@ -249,14 +250,130 @@ def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: P
         ),
         ({"SET_THERE": "m.setup()"}, "Pump.mode_name is taken as known, and is set in pump/control.py:"),
         ({"TUNABLE": "True"}, "PV is taken as known, and clients may set it"),
-        ({"NAMES": '["a"]'}, "Pump.names is a list, which code can change"),
-        ({"NAMES": '{"a": 1}'}, "Pump.names is a dict, which code can change"),
-        ({"NAMES": '{"a"}'}, "Pump.names is a set, which code can change"),
+        ({"NAMES": '["a"]', "SET_THERE": 'm.names.append("b")'}, "Pump.names is a list, which code can change"),
+        ({"NAMES": '{"a": 1}', "SET_THERE": 'm.names["b"] = 1'}, "Pump.names is a dict, which code can change"),
+        ({"NAMES": '{"a"}', "SET_THERE": "names = m.names"}, "Pump.names is a set, which code can change"),
     ],
 )
 def test_so_is_a_law_a_client_and_a_container(umo: Umo, tmp_path: Path, lines: dict[str, str], told: str) -> None:
     done = generate(umo, tmp_path, **lines)
     assert done.exit_code == 2 and told in " ".join(done.stderr.split())
+
+
+CONTAINED = """
+from .base import Base
+
+TABLE = {"a": 1.0}
+TABLE["b"] = 2.0
+
+class Pump(Base):
+    KINDS: ClassVar[dict[str, float]] = {"x": 3.0}
+
+    def setup(self):
+        self.names = ["a"]
+        self.names.append("b")
+        self.laws, self.table = [Law() for _ in self.names], dict(TABLE)
+
+    def control(self):
+        for law, name in zip(self.laws, self.names):
+            law.step(TABLE[name], self.table.get(name), self.KINDS["x"], len(self.names))
+
+    def other(self, m, value):
+        CHANGED
+
+CHANGES
+"""
+CHANGED = [
+    ("m.names.append(value)", ".names"),
+    ("m.names[0] = value", ".names"),
+    ("del m.names[0]", ".names"),
+    ("m.names += [value]; m.names[:] = []", ".names"),
+    ("names = m.names; names.clear()", ".names"),
+    ("put = m.names.append; put(value)", ".names"),
+    ("value.take(m.names)", ".names"),
+    ("return m.names", ".names"),
+    ("value(names=m.kinds)", ".names"),
+    ("m.names = value", ".names"),
+    ("self.names.sort()", ".names"),
+    ('TABLE["a"] = value', "TABLE"),
+    ("TABLE.update(value)", "TABLE"),
+    ("for TABLE['a'] in value: pass", "TABLE"),
+    ("[*map(TABLE.pop, value)]", "TABLE"),
+    ("value = TABLE or None", "TABLE"),
+    ("sorted = value; sorted(TABLE)", "TABLE"),
+    ("from .control import TABLE as T; T.clear()", "TABLE"),
+    ("control.TABLE.clear()", ".TABLE"),
+    ("self.KINDS.clear()", ".KINDS"),
+    ('getattr(m, "names").append(value)', ".names"),
+    ("getattr(m, value).append(value)", known_containers.ANY),
+    ("for each in vars(m).values(): each.append(value)", known_containers.ANY),
+    ("m.__dict__[value].append(value)", known_containers.ANY),
+    ("[*map(getattr, [m], [value])][0].append(value)", known_containers.ANY),
+]
+
+
+def containers_in(changed: str = "pass", changes: str = "") -> set[str]:
+    """The containers that a file may change."""
+    tree = ast.parse(CONTAINED.replace("CHANGED", changed).replace("CHANGES", changes))
+    return {each.name for each in known_containers.changed_in(tree, known_setters.BEFORE) if not each.before}
+
+
+@pytest.mark.parametrize(("line", "told"), CHANGED)
+def test_a_container_that_may_be_changed_is_found(line: str, told: str) -> None:
+    assert told in containers_in(line)
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("class Other:\n    KINDS = TABLE", ".KINDS"),
+        ("class Other:\n    def __init__(self, names):\n        self.names = names", ".names"),
+        ("@dataclass\nclass Other:\n    names: list[str] = field(default_factory=list)", ".names"),
+        ("from .base import TABLE\nTABLE.clear()", "TABLE"),
+        ("class Other:\n    def setup(self, m):\n        m.names.append(1)", ".names"),
+        ("class Other:\n    def setup(self):\n        self.put = lambda: self.names.append(1)", ".names"),
+    ],
+)
+def test_so_is_one_that_has_another_name(lines: str, told: str) -> None:
+    assert told in containers_in(changes=lines)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "print(m.names, TABLE, sorted(TABLE.items()))",
+        'value = "a" in m.names and not TABLE',
+        "value = [*m.names, *m.laws] + m.names",
+        "for name, each in enumerate(m.laws): each.gain = TABLE[name]",
+        "value = max(m.table.values())",
+        "names = []; names.append(1)",
+        'value = getattr(m, "level")',
+    ],
+)
+def test_one_that_is_only_read_is_not(line: str) -> None:
+    assert not containers_in(line) & {"TABLE", ".TABLE", ".names", ".laws", ".table", ".KINDS", known_containers.ANY}
+
+
+def test_a_list_that_nobody_changes_is_known(umo: Umo, tmp_path: Path) -> None:
+    done = generate(umo, tmp_path, NAMES='["a", "b"]')
+    assert done.exit_code == 0, done.stderr
+
+
+def test_a_setup_of_the_machine_may_set_the_objects_of_others(umo: Umo, tmp_path: Path) -> None:
+    kind = "self.settings = Settings(); kept = self.settings; kept.kind = 'second'"
+    done = generate(umo, tmp_path, NAMES=f"('a',); {kind}")
+    assert done.exit_code == 0, done.stderr
+    later = "kept = self; self.later = lambda: setattr(kept, 'mode_name', 'off')"
+    done = generate(umo, tmp_path, NAMES=f"('a',); {later}")
+    assert done.exit_code == 2 and "Pump.mode_name is taken as known, and is set in" in " ".join(done.stderr.split())
+
+
+def test_parts_and_setters_of_the_same_name_are_no_hindrance(umo: Umo, tmp_path: Path) -> None:
+    there = "m.settings.level = 2.0; m.other.motor = 3.0"
+    done = generate(umo, tmp_path, SET_THERE=there)
+    assert done.exit_code == 0, done.stderr
+    done = generate(umo, tmp_path, SET_THERE="Pump.level = 2.0")
+    assert done.exit_code == 2 and "Pump.level is taken as known, and is set in" in " ".join(done.stderr.split())
 
 
 def test_what_sets_numbers_and_other_objects_is_no_hindrance(umo: Umo, tmp_path: Path) -> None:

@@ -231,6 +231,18 @@ class TextsAsStates(Program):
 
 
 @equal
+class TextsThatAreKeysOnly(Program):
+    def begin(self) -> None:
+        self.found, self.sought = "idle", "heat"
+
+    def control(self) -> None:
+        self.k = RATES[self.found] + RATES.get(self.sought, self.u)
+        self.found = "hold" if self.u > 1.0 else "heat"
+        self.sought = "other" if self.n > 1 else "hold"
+        self.yes = RATES.get(self.sought) is None
+
+
+@equal
 class EmptyTexts(Program):
     def begin(self) -> None:
         self.alarm = "none"

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from umo.generate.c_types import MASK, ArrayType, CType, StateType
+from umo.generate.c_types import INT, MASK, ArrayType, CType, StateType
 from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, WRONG, StructMemory, Unfitting, require
 
@@ -198,7 +198,8 @@ class BoundFields:
         """What an attribute is when Python drives again: its laws may change a list or an array in place."""
         if name in self._lists:
             return self._lists[name].unbind()
-        return value.copy() if isinstance(value, np.ndarray) and name in self._states else value
+        is_read = isinstance(value, np.ndarray) and value.dtype.kind == "i" and not value.flags.writeable
+        return value.copy() if is_read or (isinstance(value, np.ndarray) and name in self._states) else value
 
     def take_given(self) -> None:
         """Lists and arrays that were set since the last period: the memory has what is in them now. One that others
@@ -324,17 +325,18 @@ class BoundFields:
         return (lambda _: self._given[name] if name in self._given else found.renew()), put
 
     def _of_array(self, name: str, of: ArrayType) -> tuple[Get, Set]:
-        """One that compiled code assigns is given as a copy that nobody changes: it is a new one in each period."""
+        """One that compiled code assigns is given as a copy that nobody changes: it is a new one in each period. So is
+        one of whole numbers, which have 64 bits in numpy."""
         view = self._memory.array(name, of)
-
-        is_state = name in self._states
+        is_given = name not in self._states and of.of != INT
+        kind = np.int64 if of.of == INT else view.dtype
 
         def get(_: Any) -> Any:
             if name in self._given:
                 return self._given[name]
-            if not is_state:
+            if is_given:
                 return view
-            copy = view.copy()
+            copy = view.astype(kind)
             copy.flags.writeable = False
             return copy
 

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from umo.generate.function_source import parsed, shown_file
+from umo.generate.known_containers import Changed, changed_in, is_changed
 from umo.generate.known_values import KnownName, KnownValues, is_installed
 from umo.generate.translation import Untranslatable
-from umo.objects import Compound
+from umo.objects import Compound, walk
 from umo.objects.numbers import numbers_of
 
 BEFORE = "setup", "__init__", "__post_init__", "__new__", "__set_name__", "__init_subclass__"
@@ -59,6 +60,10 @@ class Setting(NamedTuple):
     """The name of the method in which `self` is set."""
     is_before: bool = False
     """Whether that runs before a machine is translated, and counts only where it is called again."""
+    setup: str = ""
+    """The class in whose `setup` it is, which runs before if it is one of a part of the machine."""
+    base: str = ""
+    """The last name of the object in an assignment."""
 
 
 class Read(NamedTuple):
@@ -74,12 +79,18 @@ class Read(NamedTuple):
     """Names that stand as values: what is done with a class among them is not followed."""
     again: frozenset[str] = frozenset()
     """Functions of BEFORE that something else asks for."""
+    changed: frozenset[Changed] = frozenset()
+    """Where containers may be changed, by their names."""
 
 
 def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatable]:
     """What is taken as known, and can be another: it is set somewhere, or is a container that is changed in place."""
+    files = [(path, module, _read(path)) for path, module in _files(machine, known)]
+    again = {name for *_, each in files for name in each.again}
+    changed = frozenset(one.name for *_, each in files for one in each.changed if not one.before or one.before in again)
     for content in known.contents.values():
-        if content.container is not getattr(content.name.owner, "__kwdefaults__", None):
+        is_keywords = content.container is getattr(content.name.owner, "__kwdefaults__", None)
+        if not is_keywords and is_changed(content, changed):
             yield _untranslatable(content.name, f"{content.name.label} is a {_kind(content.container)}", "a tuple")
     for number in numbers_of(machine).values():
         if number.declared.tunable and (found := known.names.get((id(number.owner), number.name))) is not None:
@@ -89,16 +100,18 @@ def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatabl
     names = list(known.names.values())
     places = {(code.co_filename, code.co_firstlineno) for code in known.codes()}
     told = set[tuple[str, int]]()
-    files = [(path, module, _read(path)) for path, module in _files(machine, known)]
-    given = _given_others([each for *_, each in files])
-    again = {name for *_, each in files for name in each.again}
+    given = _Given([each for *_, each in files])
+    kinds = {kind for each in (machine, *walk(machine)) for kind in type(each).__mro__}
+    setups = {(getattr(sys.modules.get(kind.__module__), "__file__", None), kind.__name__) for kind in kinds}
     for path, module, read in files:
         for each in read.settings:
-            each = each._replace(kind="") if given(each) else each
+            each = each._replace(kind="") if given.any_object(each) else each
             if (each.file, each.function) in places or (each.is_before and each.method not in again):
                 continue
+            if (each.file, each.setup) in setups and "setup" not in again:
+                continue
             for name in names if each.name == ANY else (n for n in names if n.name == each.name):
-                if (path, each.line) not in told and _is_meant(each, name):
+                if (path, each.line) not in told and _is_meant(each, name) and not given.is_harmless(each, name):
                     told.add((path, each.line))
                     what = "may be set" if each.name == ANY else "is set"
                     at = f"{shown_file(path, module)}:{each.line}"
@@ -160,7 +173,8 @@ def _parsed(path: str, changed: float) -> Read:
     renamed = (each for each in ast.walk(tree) if isinstance(each, ast.alias) and each.asname is not None)
     imported = frozenset((str(each.asname), each.name) for each in renamed)
     methods, values, again = frozenset(_methods(tree)), frozenset(_values(tree, tree)), frozenset(_again(tree))
-    return Read(tuple(_Search(path).of(tree)), classes, imported, methods, values, again)
+    changed = frozenset(changed_in(tree, BEFORE))
+    return Read(tuple(_Search(path).of(tree)), classes, imported, methods, values, again, changed)
 
 
 def _read(path: str) -> Read:
@@ -190,9 +204,11 @@ class _Search:
                 yield from self._in(each, each.name, "", 0, frozenset())
             elif isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield from self._in_function(each, kind if isinstance(node, ast.ClassDef) else "", function, me)
+            elif isinstance(each, ast.Lambda):  # it runs later than what it stands in
+                yield from self._in(each, kind, "" if _is_parameter(each, me) else me, each.lineno, outer)
             else:
                 yield from self._of_node(each, kind, me, function, outer)
-                yield from self._in(each, kind, "" if _is_parameter(each, me) else me, function, outer)
+                yield from self._in(each, kind, me, function, outer)
 
     def _in_function(
         self, node: ast.FunctionDef | ast.AsyncFunctionDef, kind: str, function: int, me: str
@@ -209,14 +225,16 @@ class _Search:
             if each.function != line:
                 yield each
             else:
-                is_own = each.kind != ""
-                yield each._replace(method=node.name if is_own else "", is_before=is_own and node.name in BEFORE)
+                method = node.name if each.kind else ""
+                setup = kind if node.name == "setup" else ""
+                yield each._replace(method=method, is_before=method in BEFORE, setup=setup)
 
     def _of_node(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         line = getattr(node, "lineno", 0)
         if isinstance(node, ast.Attribute) and _is_set(node):
             name = ANY if node.attr in PARTS else node.attr
-            yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
+            of = kind if _is_of(node.value, me) else ""
+            yield Setting(name, of, self._file, line, function, base=_last(node.value) if name else "")
         elif isinstance(node, ast.Name) and _is_set(node) and node.id in outer:
             yield Setting(node.id, "", self._file, line, function)
         elif isinstance(node, ast.Call):
@@ -228,16 +246,32 @@ class _Search:
             yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
 
 
-def _given_others(files: list[Read]) -> Callable[[Setting], bool]:
-    """Tells of a setting of `self` whether that may be any object, as a class is asked for its method
-    (`Class.method(other)`), or is a value, and so may be asked anywhere."""
-    classes = {"type", "__class__", "cls", *(name for each in files for name in each.classes)}
-    values = {name for each in files for name in each.values}
-    imported = {pair for each in files for pair in each.imported}
-    classes |= {name for name, of in imported if of in classes}
-    values |= {of for name, of in imported if name in values}
-    methods = {method for each in files for of, method in each.methods if of in classes}
-    return lambda each: each.method in methods or each.kind in values
+class _Given:
+    """What the classes of some files are given to, and what is done with them."""
+
+    def __init__(self, files: list[Read]) -> None:
+        classes = {"type", "__class__", "cls", *(name for each in files for name in each.classes)}
+        values = {name for each in files for name in each.values}
+        imported = {pair for each in files for pair in each.imported}
+        self._classes = classes | {name for name, of in imported if of in classes}
+        self._values = values | {of for name, of in imported if name in values}
+        self._methods = {method for each in files for of, method in each.methods if of in self._classes}
+
+    def any_object(self, setting: Setting) -> bool:
+        """Whether `self` may be any object, as a class is asked for its method (`Class.method(other)`), or is a value,
+        and so may be asked anywhere."""
+        return setting.method in self._methods or setting.kind in self._values
+
+    def is_harmless(self, setting: Setting, name: KnownName) -> bool:
+        """Whether an assignment does not change the name: a part, which a machine does not let go, or a property of a
+        class, whose setter it calls."""
+        owner = name.owner
+        if not setting.base or setting.base in self._classes:
+            return False
+        if isinstance(owner, Compound):
+            return name.name in owner._fixed and type(owner).__setattr__ is vars(Compound)["__setattr__"]
+        is_set = isinstance(owner, type) and type(name.value) is property and name.value.fset is not None
+        return is_set and owner.__name__ not in self._values
 
 
 def _methods(tree: ast.AST) -> Iterator[tuple[str, str]]:
@@ -347,9 +381,9 @@ def _is_set(node: ast.Name | ast.Attribute | ast.Subscript) -> bool:
     return isinstance(node.ctx, ast.Store | ast.Del)
 
 
-def _is_parameter(function: ast.AST, name: str) -> bool:
+def _is_parameter(function: ast.Lambda, name: str) -> bool:
     """Whether a function in one line has this name for what it is given."""
-    return isinstance(function, ast.Lambda) and any(each.arg == name for each in function.args.args)
+    return any(each.arg == name for each in function.args.args)
 
 
 def _only_reads(node: ast.AST) -> bool:

@@ -1,11 +1,14 @@
-"""Attribute of a number."""
+"""An attribute of a number is set."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from helpers.written_programs import Program
 
 
 class AttributeOfANumber(Program):
     def control(self) -> None:
+        value: Any = self.u
         # refused: an attribute of something that is not known when the code is generated
-        self.k = self.u.real
+        value.other = 1.0

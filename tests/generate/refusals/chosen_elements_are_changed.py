@@ -17,5 +17,5 @@ class ChosenElementsAreChanged(Program):
         )
 
     def control(self) -> None:
-        # refused: what a mask chooses is changed; x[mask] = value, np.where
-        self.x3[self.x3 > 1.0] += 1.0
+        # refused: what a mask chooses is changed by code, by an array, or are no real numbers; a name for a number first, np.where
+        self.x3[self.x3 > 1.0] += self.x3

@@ -20,4 +20,4 @@ class ExtremeOfMembers(Program):
         self.level = Level.SOME if self.u > 1.0 else Level.NONE
         self.other = Level.NONE if self.u > 2.0 else Level.SOME
         # refused: it is not a number
-        self.c = max(self.level, self.other) * 1
+        self.c = max(self.level, self.n) * 1

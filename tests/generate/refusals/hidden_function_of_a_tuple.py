@@ -18,5 +18,5 @@ class HiddenFunctionOfATuple(Program):
 
     def control(self) -> None:
         self.pair = Pair(self.u, 1.0)
-        # refused: the attribute '_replace' of a Pair; a field, a property, a method
-        self.pair = self.pair._replace(second=self.u)
+        # refused: the attribute '_asdict' of a Pair; a field, a property, a method
+        self.k = self.pair._asdict()["first"]

@@ -11,6 +11,7 @@ from umo.generate.c_types import BOOL, INT, REAL, CType
 
 OF_ELEMENTS: dict[Any, tuple[str, CType, CType]] = {
     np.abs: ("umo_fabs", REAL, REAL),
+    np.sign: ("sign", REAL, REAL),
     np.fabs: ("umo_fabs", REAL, REAL),
     np.sqrt: ("umo_sqrt", REAL, REAL),
     np.floor: ("umo_floor", REAL, REAL),
@@ -21,6 +22,8 @@ OF_ELEMENTS: dict[Any, tuple[str, CType, CType]] = {
     np.logical_not: ("!", BOOL, BOOL),
 }
 """Functions of each element: that of the runtime, or an operator; type that it takes and that it gives."""
+WHOLE_BEFORE = np.floor, np.ceil, np.trunc
+"""Functions that give whole numbers for those, or reals, as it is in this numpy and in others."""
 BINARY: dict[Any, ast.operator | str] = {
     np.add: ast.Add(),
     np.subtract: ast.Sub(),
@@ -41,6 +44,7 @@ REDUCED: dict[Any, str] = {
     np.sum: "sum",
     np.max: "max",
     np.min: "min",
+    np.mean: "mean",
 }
 """Functions that give one number."""
 CREATED: dict[Any, tuple[float | None, bool]] = {

@@ -8,8 +8,8 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, CType, MixedNumber, may_be_bool, plain
-from umo.generate.form import ZERO, Checked, Literal, Operator, Runtime, Value
+from umo.generate.c_types import BOOL, INT, CType, MixedNumber, NumpyNumber, may_be_bool, plain
+from umo.generate.form import ZERO, Checked, Literal, Operator, Runtime, Value, negated
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.translation import ControllerLimit
@@ -59,8 +59,14 @@ def of_bits(
 
 
 def inverted(f: FunctionBuilder, term: Term, code: Code, node: ast.AST) -> Code:
-    """`~` of a number of Python. It is not C's, which compilers do not take of what is true or false."""
+    """`~` of a number. It is not C's, which compilers do not take of what is true or false; of a bool of numpy it is
+    `not`, of one of Python a number."""
     _check_whole(f, [term, code], node)
+    of = plain(term.type) if isinstance(term, Code) else None
+    if isinstance(of, NumpyNumber) and code.type == BOOL:
+        if not of.sure:
+            raise f.refused(node, "~ of a bool that may be one of numpy", "not")
+        return Code(of, negated(code.value))
     return Code(INT, Operator("-", Literal(-1, INT), f.values.as_type(code, INT, node)))
 
 

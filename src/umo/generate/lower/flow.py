@@ -8,10 +8,10 @@ from typing import NamedTuple, TypeAlias
 
 from umo.generate.c_types import CType, OptionalType
 from umo.generate.form import Field, inside, root
-from umo.generate.lower.terms import Code, Known, Term
+from umo.generate.lower.terms import Choice, Code, Known, Term
 
-Names: TypeAlias = dict[str, CType | Known]
-"""Local names: their types, or the live object that each stands for."""
+Names: TypeAlias = dict[str, CType | Known | Choice]
+"""Local names: their types, or the live object that each stands for, or one of several."""
 
 
 class Way(NamedTuple):

@@ -35,6 +35,7 @@ from umo.generate.lower.subjects import (
     AskedOfAttributes,
     AskedOfBuiltins,
     AskedOfCalls,
+    AskedOfChoices,
     AskedOfErrors,
     AskedOfExpressions,
     AskedOfGenerators,
@@ -74,6 +75,7 @@ class FunctionBuilder:
     attributes: AskedOfAttributes
     calls: AskedOfCalls
     builtins: AskedOfBuiltins
+    choices: AskedOfChoices
     generators: AskedOfGenerators
     assignments: AskedOfAssignments
     loops: AskedOfLoops

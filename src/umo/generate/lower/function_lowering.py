@@ -14,6 +14,7 @@ from umo.generate.lower.lowered_attributes import LoweredAttributes
 from umo.generate.lower.lowered_branches import LoweredBranches
 from umo.generate.lower.lowered_builtins import LoweredBuiltins
 from umo.generate.lower.lowered_calls import LoweredCalls
+from umo.generate.lower.lowered_choices import LoweredChoices
 from umo.generate.lower.lowered_conditions import LoweredConditions
 from umo.generate.lower.lowered_errors import LoweredErrors
 from umo.generate.lower.lowered_expressions import LoweredExpressions
@@ -36,6 +37,7 @@ class FunctionLowering(FunctionBuilder):
         self.expressions, self.conditions = LoweredExpressions(self), LoweredConditions(self)
         self.arrays, self.vectors = LoweredArrays(self), LoweredVectors(self)
         self.attributes, self.calls, self.builtins = LoweredAttributes(self), LoweredCalls(self), LoweredBuiltins(self)
+        self.choices = LoweredChoices(self)
         self.generators, self.rings = LoweredGenerators(self), LoweredRings(self)
         self.assignments, self.branches = LoweredAssignments(self), LoweredBranches(self)
         self.loops, self.sequences, self.errors = LoweredLoops(self), LoweredSequences(self), LoweredErrors(self)
@@ -46,6 +48,7 @@ class FunctionLowering(FunctionBuilder):
             ast.Attribute: self.expressions.lower_attribute,
             ast.Tuple: self.expressions.lower_tuple,
             ast.List: self.expressions.lower_list,
+            ast.Dict: self.expressions.lower_dict,
             ast.ListComp: self.sequences.lower_list_comp,
             ast.Subscript: self.expressions.lower_subscript,
             ast.UnaryOp: self.expressions.lower_unary_op,

@@ -15,7 +15,11 @@ from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.value_kinds import is_container, is_plain_enum, own_methods
 
 MOST_ENTRIES = 256
-OF_OBJECTS = "for n, each in enumerate(...): if n == place: ..."
+OF_OBJECTS = (
+    "which of several objects it is, is not known when the code is generated",
+    "for n, each in enumerate(...): if n == place: ...",
+)
+"""Why one of several objects does not translate."""
 
 
 def is_table(value: Any) -> bool:
@@ -28,8 +32,13 @@ def is_dict(value: Any) -> bool:
 
 def element_of(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Code:
     """IndexError beyond its ends."""
+    return value_of_each(f, table, element_place(f, table, index, node), node)
+
+
+def element_place(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Value:
+    """The place in a table; IndexError beyond its ends."""
     f.world.memory.place_known(table)
-    return value_of_each(f, table, _place(f, index, len(table), node), node)
+    return _place(f, index, len(table), node)
 
 
 def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, node: ast.AST) -> Code:
@@ -51,9 +60,14 @@ def _place(f: FunctionBuilder, index: Term, length: int, node: ast.AST) -> Value
 
 def value_of(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
     """KeyError where it has no such key."""
+    return value_of_each(f, list(table.values()), key_place(f, table, key, node), node)
+
+
+def key_place(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Value:
+    """The number of a key; KeyError where there is none."""
     place = _place_of_key(f, table, key, node)
     f.raises(KeyError, node, Operator("<", place, ZERO))
-    return value_of_each(f, list(table.values()), place, node)
+    return place
 
 
 def member_of(f: FunctionBuilder, kind: type[Enum], value: Term, node: ast.AST) -> Term:
@@ -73,6 +87,7 @@ def of_dict(f: FunctionBuilder, method: Known, given: Sequence[Term], node: ast.
     table, name = method.owner, method.name
     if name == "get" and len(given) in (1, 2):
         key, default = (*given, Known(None))[:2]
+        f.telling.check_decided(key, node)
         if isinstance(key, Known):
             f.world.memory.place_known(table)
             return Known(table[key.value]) if key.value in table else default
@@ -140,7 +155,7 @@ def _type_of_all(f: FunctionBuilder, values: Sequence[Any], node: ast.AST) -> CT
     good = first is not None and (is_number(first) or isinstance(first, StateType | TupleType))
     if len(types) != 1 or len(kinds) != 1 or not good or not all(map(_is_plain, values)):
         if any(hasattr(each, "__dict__") and not isinstance(each, Enum) for each in values):
-            raise f.refused(node, "which of several objects it is, is not known when the code is generated", OF_OBJECTS)
+            raise f.refused(node, *OF_OBJECTS)
         told = "a table whose values are not numbers, states or tuples of one class"
         raise f.refused(node, told, "0.0 in the place of 0, one class for all")
     assert first is not None

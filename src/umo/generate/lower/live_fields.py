@@ -71,6 +71,8 @@ class LiveFields:
         self.tuples: dict[str, TupleType] = {}
         self.lengths: set[int] = set()
         """Of the arrays that translated code computes."""
+        self.lists: set[ArrayType] = set()
+        """Lists that translated code makes."""
 
     def known(self, owner: Any, path: str) -> LiveStruct:
         """The struct of an object; `path` is its path if it is new."""
@@ -180,6 +182,7 @@ class LiveFields:
                 self.use(each)
         elif isinstance(of, ArrayType):
             self.lengths.add(int(of.length))
+            self.lists |= {of} if of.listed else set()
 
     def records(self) -> list[CType]:
         """The arrays and the tuples that there are, each after what it is made of."""
@@ -196,7 +199,8 @@ class LiveFields:
         of_numbers = [array(of, length) for length in lengths for of in (REAL, INT, BOOL)]
         fields = (of for each in self.filled for of in each.fields.values())
         others = [of for of in fields if isinstance(of, ArrayType)]
-        return [*{each.name: each for each in (*others, *of_numbers)}.values()]
+        lists = sorted(self.lists, key=lambda each: each.name)
+        return [*{each.name: each for each in (*others, *lists, *of_numbers)}.values()]
 
     def begin(self) -> list[Statement]:
         """What gives each field the value that its live object has."""

@@ -49,10 +49,12 @@ from umo.generate.form import (
     is_named,
     negated,
     placed,
+    walk,
 )
-from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
+from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED, WHOLE_BEFORE
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
 from umo.generate.lower.lowered_subject import LoweredSubject
+from umo.generate.lower.numpy_functions import of_numbers, one_after_the_other, place_of, rolled, sign_of
 from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, SliceView, Term, Truth
 from umo.generate.lower.whole_powers import MOST_POWER
 from umo.generate.translation import ControllerLimit
@@ -103,6 +105,12 @@ class LoweredArrays(LoweredSubject):
         strict = any(each.length == length and not each.loose for each in types)
         return length if strict else Loose(length)
 
+    def length_of(self, code: Code, node: ast.AST) -> int:
+        """The length of one array, which is known."""
+        assert isinstance(code.type, ArrayType)
+        self.check_length(code.type, node)
+        return code.type.length
+
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
         """The length is known."""
         if of.loose:
@@ -126,8 +134,14 @@ class LoweredArrays(LoweredSubject):
         )
 
     def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
-        """A loop that sets the elements of an array, those for which the condition holds."""
+        """A loop that sets the elements of an array, those for which the condition holds. What it reads of the array at
+        another place is computed before."""
         assert isinstance(code.type, ArrayType)
+        if _reads_elsewhere(place, code.value):
+            code = Elementwise(code.type, Element(self.f.values.kept(code).value, Here()))
+        if test is not None and _reads_elsewhere(place, test):
+            chosen = self.f.values.kept(Elementwise(array(BOOL, code.type.length), test))  # type: ignore[attr-defined]
+            test = Element(chosen.value, Here())
         with self.each_place(code.type.length) as turn:
             step = Assign(Element(place, turn), placed(code.value, turn))
             if test is None:
@@ -310,16 +324,22 @@ class LoweredArrays(LoweredSubject):
     def _of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         if target in CREATED:
             return self._created(target, arguments, named, node)
+        if target is np.nan_to_num and named.keys() == {"nan"} and getattr(named["nan"], "value", None) in (0.0,):
+            named = {}
         if target in (np.nan_to_num, np.array, np.asarray, np.copy) and len(arguments) == 1 and not named:
             return self._converted(target, arguments[0], node)
-        if named or not any(map(self.is_array, arguments)):
+        if named:
             return None
+        if target is np.concatenate and len(arguments) == 1 and isinstance(arguments[0], Many):
+            return one_after_the_other(self.f, arguments[0].terms, node)
+        if not any(map(self.is_array, arguments)):
+            return of_numbers(self.f, target, arguments, node)
+        if target is np.roll and len(arguments) == 2:
+            return rolled(self.f, arguments[0], arguments[1], node)
+        if target in (np.argmin, np.argmax) and len(arguments) == 1:
+            return place_of(self.f, target, arguments[0], node)
         if target in OF_ELEMENTS and len(arguments) == 1:
-            function, takes, gives = OF_ELEMENTS[target]
-            code = self.array(arguments[0], node)
-            n = self.length((code,), node)
-            each = self.at(code, takes, n)
-            return Elementwise(array(gives, n), negated(each) if function == "!" else Runtime(function, (each,)))
+            return self._of_elements(target, self.array(arguments[0], node), node)
         if target in BINARY and len(arguments) == 2:
             sign = BINARY[target]
             if isinstance(sign, ast.operator):
@@ -335,6 +355,25 @@ class LoweredArrays(LoweredSubject):
             code = self.array(arguments[0], node)
             return self.counted(code, node) if target is np.count_nonzero else self.reduced(REDUCED[target], code, node)
         return None
+
+    def _of_elements(self, target: Any, code: Code, node: ast.AST) -> Code:
+        """A function of each element."""
+        function, takes, gives = OF_ELEMENTS[target]
+        n, of = self.length((code,), node), self.of(code)
+        if gives == REAL and of == BOOL:
+            raise self.f.refused(node, "what numpy computes of booleans in 16 bits, or not at all", "astype(float)")
+        if target in WHOLE_BEFORE and of == INT:
+            raise self.f.refused(node, "whole numbers are rounded, which become real in some versions of numpy", "them")
+        if of == INT and target in (np.abs, np.sign):
+            takes = gives = INT
+        each = self.at(code, takes, n)
+        if target is np.sign:
+            return Elementwise(array(gives, n), sign_of(each))
+        if gives == INT:
+            with self.each_place(n) as turn:
+                self.f.raises(ControllerLimit, node, placed(Operator("==", each, LEAST_INT), turn))
+            return Elementwise(array(INT, n), Conditional(Operator("<", each, ZERO), Unary("-", each), each))
+        return Elementwise(array(gives, n), negated(each) if function == "!" else Runtime(function, (each,)))
 
     def _extreme_of(self, name: str, arguments: Sequence[Term], node: ast.AST) -> Code:
         a, b = (self.array(each, node) for each in arguments)
@@ -421,6 +460,11 @@ class LoweredArrays(LoweredSubject):
     def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
         """One number of an array."""
         n, of = self.length((code,), node), self.of(code)
+        if of == BOOL:
+            what = {"max": "any", "min": "all"}.get(what, what)
+        if what == "mean":
+            total = self.reduced("sum", Elementwise(array(REAL, n), self.at(code, REAL, n)), node)
+            return replace(total, value=Operator("/", total.value, Literal(n, REAL)))
         if what in ("any", "all", "count"):
             kind, first = (INT, ZERO) if what == "count" else (BOOL, Literal(what == "all", BOOL))
             sign = {"count": "+", "any": "||", "all": "&&"}[what]
@@ -479,18 +523,29 @@ class LoweredArrays(LoweredSubject):
             return Elementwise(
                 array(of, n), differs(self.at(code, self.of(code), n)) if of == BOOL else self.at(code, of, n)
             )
-        if name in ("any", "all", "sum", "max", "min") and not arguments:
+        if name in REDUCED.values() and name != "count" and not arguments:
             return self.reduced(name, code, node)
-        raise self.f.refused(node, f"`{name}` of an array does not translate", "any, all, sum, max, min, copy, astype")
+        if name in ("argmin", "argmax") and not arguments:
+            return place_of(self.f, getattr(np, name), code, node)
+        nearest = "any, all, sum, mean, max, min, argmax, argmin, copy, astype"
+        raise self.f.refused(node, f"`{name}` of an array does not translate", nearest)
 
     # In place ------------------------------------------------------------------------------------------
 
-    def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
-        """The elements of an array become others: all, or those that a mask chooses."""
+    def overwrite(
+        self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
+    ) -> None:
+        """The elements of an array become others: all, or those that a mask chooses, each that of its place."""
         self.f.aliases.check_sole(place, node)
         self.f.aliases.changes.add(place.value)
         assert isinstance(place.type, ArrayType)
         of, n = place.type.of, place.type.length
-        code = self._given(place, value, 1 if where is not None else n, node)
+        code = self._given(place, value, 1 if where is not None and not by_place else n, node)
         test = None if where is None else self.at(where, BOOL, n)
         self.fill(place.value, Elementwise(place.type, self.at(code, of, n)), test)
+
+
+def _reads_elsewhere(place: Value, value: Value) -> bool:
+    """Whether an element of an array is computed of another one of the same array."""
+    elements = (each for each in walk(value) if isinstance(each, Element) and each.whole == place)
+    return any(each.index != Here() for each in elements)

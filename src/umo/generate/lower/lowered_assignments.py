@@ -8,6 +8,7 @@ from typing import Any
 
 from umo.generate.c_types import (
     BOOL,
+    INT,
     NOTHING,
     REAL,
     ArrayType,
@@ -15,19 +16,21 @@ from umo.generate.c_types import (
     OptionalType,
     TupleType,
     array,
+    is_number,
+    list_of,
     may_be_bool,
     of_python,
     plain,
     plain_number,
 )
 from umo.generate.check.form_effects import changes
-from umo.generate.form import Element
+from umo.generate.form import Element, Field, Literal
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
@@ -37,7 +40,10 @@ class LoweredAssignments(LoweredSubject):
     """The part of a function that is assignments."""
 
     def lower_assign(self, node: ast.Assign) -> None:
-        term = self.f.term(node.value)
+        if isinstance(node.value, ast.GeneratorExp) and isinstance(node.targets[0], ast.Tuple | ast.List):
+            term: Term = Many(tuple(self.f.sequences.gone_through(node.value)))
+        else:
+            term = self.f.term(node.value)
         if len(node.targets) == 1 and isinstance(term, Elementwise) and self.f.aliases.is_copied(term):
             term = self._made(term, node.targets[0])
         if len(node.targets) > 1 or not self._is_stored_at_once(node.targets[0], term):
@@ -68,17 +74,24 @@ class LoweredAssignments(LoweredSubject):
             self._aug_element(node, node.target)
             return
         if isinstance(node.target, ast.Attribute):
-            self._check_found_once(node, node.target)
+            node = self._found_once(node, node.target)
         left = self.f.term(ast.copy_location(loaded(node.target), node.target))
         left, right = self._after(left, node.value)
         self._change(node, left, right)
 
-    def _check_found_once(self, node: ast.AugAssign, target: ast.Attribute) -> None:
-        """The object is found where it is read, and where it is set."""
+    def _found_once(self, node: ast.AugAssign, target: ast.Attribute) -> ast.AugAssign:
+        """The object is found where it is read, and where it is set; one of several has a name."""
         at = len(self.f.statements)
-        self.f.term(target.value)
+        base = self.f.term(target.value)
         if self.f.changed_since(at):
             raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
+        if not isinstance(base, Choice):
+            return node
+        name = f"chosen {node.lineno} {node.col_offset}"
+        self.f.flow.names[name] = base
+        of = ast.copy_location(ast.Name(name, ast.Load()), target)
+        new = ast.AugAssign(ast.copy_location(ast.Attribute(of, target.attr, ast.Store()), target), node.op, node.value)
+        return ast.copy_location(new, node)
 
     def lower_named_expr(self, node: ast.NamedExpr) -> Term:
         term = self.f.term(node.value)
@@ -103,13 +116,27 @@ class LoweredAssignments(LoweredSubject):
         of = base.type if isinstance(base, Code) else None
         if not (isinstance(of, ArrayType) or (isinstance(base, Known) and is_ring(base.value))):
             raise self.f.refused(node, *NO_ELEMENTS)
-        index = self.f.values.settled(index)
         if isinstance(of, ArrayType) and isinstance(index, Code) and index.type.name == array(BOOL, of.length).name:
-            raise self.f.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
+            self._aug_masked(node, target, base, index)  # type: ignore[arg-type]
+            return
+        index = self.f.values.settled(index)
         left, right = self._after(self.f.values.settled(self.f.expressions.element(base, index, target)), node.value)
         right = as_number(self.f, right, node.value)
         result = self.f.expressions.of_numbers(node.op, left, right, (target, node.value), node)
         self._set_element(target, base, index, self.f.values.settled(result), node)
+
+    def _aug_masked(self, node: ast.AugAssign, target: ast.Subscript, base: Code, mask: Code) -> None:
+        """The elements that a mask chooses, and a number."""
+        with self.f.gathered() as needed:
+            right = self.f.term(node.value)
+        is_real = plain_number(self.f.arrays.of(base)) == REAL
+        if any(map(changes, needed)) or self.f.arrays.is_array(right) or not is_real:
+            told = "what a mask chooses is changed by code, by an array, or are no real numbers"
+            raise self.f.refused(node, told, "a name for a number first, np.where")
+        self.f.statements += needed
+        self._note_assigned(target)
+        new = self.f.arrays.of_arrays(node.op, base, right, node)
+        self.f.arrays.overwrite(base, new, node, where=mask, by_place=True)
 
     def _aug_slice(self, node: ast.AugAssign, target: ast.Subscript, ends: ast.Slice) -> None:
         base, part = self.f.expressions.base_and_slice(target, ends)
@@ -158,12 +185,19 @@ class LoweredAssignments(LoweredSubject):
             self.f.flow.known.add(ast.dump(loaded(target)))
 
     def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
-        if isinstance(term, Many) and term.terms and all(map(_is_quality, term.terms)):
+        if isinstance(term, Many) and self._is_of_objects(term):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
+            self.f.flow.names[name] = term
+            return
+        if isinstance(term, Choice):
+            if self.f.world.memory.locals.get((self.f.key, name)) is not None:
+                raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
             self.f.flow.names[name] = term
             return
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
+        if isinstance(term, Many) and term.kind is list and name in _changed_in_place(self.f.source.tree):
+            term = self._list(term, node) or term
         of = self.f.values.type_of(term)
         key = (self.f.key, name)
         before = self.f.world.memory.locals.get(key)
@@ -194,10 +228,32 @@ class LoweredAssignments(LoweredSubject):
         if value != place:
             self.f.assign(place, value)
 
+    def _list(self, term: Many, node: ast.AST) -> Code | None:
+        """A list of numbers whose elements are set; None: its elements are of several classes, or none."""
+        codes = [self.f.values.code(each, node) for each in term.terms]
+        kinds = {each.type for each in codes}
+        if len(kinds) != 1 or not is_number(codes[0].type):
+            return None
+        of = list_of(codes[0].type, len(codes))
+        result = self.f.temporary(of)
+        for number, each in enumerate(codes):
+            self.f.assign(Element(result, Literal(number, INT)), each.value)
+        self.f.aliases.sole.add(result)
+        return Code(of, result)
+
+    def _is_of_objects(self, term: Many) -> bool:
+        """Whether this is a tuple of live objects, or of qualities that are accepted."""
+        if not term.terms or not all(isinstance(each, Known) for each in term.terms):
+            return False
+        is_tuple = term.kind is None and self.f.values.type_of(term) is None
+        return is_tuple or all(map(_is_quality, term.terms))
+
     def _is_same(self, name: str, term: Code) -> bool:
-        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch."""
+        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch; an
+        attribute is never assigned another one."""
         others = [each for each in self.f.flow.names if self.f.local(each) == term.value and each != name]
-        if not others or self.f.depth or term.value in self.f.given:
+        of_field = isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
+        if not (others or of_field) or self.f.depth or {term.value, self.f.local(name)} & self.f.given.keys():
             return False
         assigned = [each.id for each in _assigned(self.f.source.tree)]
         return all(assigned.count(each) == 1 for each in (name, *others))
@@ -208,8 +264,20 @@ class LoweredAssignments(LoweredSubject):
 
     def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         base = self.f.term(target.value)
+        if isinstance(base, Choice):
+            new = self.f.values.settled(term)
+            self.f.choices.each(base, lambda each: self._set_field(each, target, new, node), node)
+        else:
+            self._set_field(base, target, term, node)
+
+    def _set_field(self, base: Term, target: ast.Attribute, term: Term, node: ast.AST) -> Known:
+        """An attribute of one object."""
         if not isinstance(base, Known):
             raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+        self._set_attribute(base, target, term, node)
+        return Known(None)
+
+    def _set_attribute(self, base: Known, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         owner, name = base.value, target.attr
         if type(static := inspect.getattr_static(type(owner), target.attr, None)) is property:
             if static.fset is None:
@@ -345,6 +413,12 @@ def _assigned(tree: ast.AST) -> list[ast.Name]:
     changed = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.AugAssign)}
     names = (each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
     return [each for each in names if id(each) not in changed]
+
+
+def _changed_in_place(tree: ast.AST) -> set[str]:
+    """The names of which a function sets elements."""
+    set_ones = (each for each in ast.walk(tree) if isinstance(each, ast.Subscript) and isinstance(each.ctx, ast.Store))
+    return {each.value.id for each in set_ones if isinstance(each.value, ast.Name)}
 
 
 def loaded(target: ast.AST) -> ast.expr:

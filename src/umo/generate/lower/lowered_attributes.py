@@ -30,7 +30,7 @@ from umo.generate.c_types import (
 from umo.generate.form import Literal, Object, OfObject, Runtime, Value, WholeMachine
 from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Known, Present, Term, UnknownText
+from umo.generate.lower.terms import Code, Known, Present, Term
 from umo.generate.translation import Untranslatable
 from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_record, is_ring
 from umo.objects import Compound, DigitalSensor, Quality, Vector
@@ -50,8 +50,7 @@ class LoweredAttributes(LoweredSubject):
 
     def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         owner = base.value
-        if isinstance(owner, UnknownText):
-            raise self.f.telling.undecided(owner, node)
+        self.f.telling.check_decided(base, node)
         if is_ring(owner):
             return self.f.rings.attribute(base, name, node)
         if isinstance(owner, Atomic):

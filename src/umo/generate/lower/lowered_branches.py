@@ -82,25 +82,55 @@ class LoweredBranches(LoweredSubject):
 
     def lower_match(self, node: ast.Match) -> bool:
         """As `if`s, of which each compares with what stands after `case`."""
-        name = f"matched {node.lineno} {node.col_offset}"
+        name = ast.Name(f"matched {node.lineno} {node.col_offset}", ast.Load())
         ways: list[ast.stmt] = []
         for case in reversed(node.cases):
-            test = self._matches(case.pattern, name)
+            test, names = self._pattern(case.pattern, name, node.subject)
+            if isinstance(case.pattern, ast.MatchAs) and case.pattern.pattern is None:
+                ways = [*names, ast.If(case.guard or test, case.body, ways)]  # a name has its value in the guard
+                continue
+            if names and case.guard is not None:
+                raise self.f.refused(case.pattern, "a name in a pattern that has an `if`, too", "an `if` in the case")
             test = test if case.guard is None else ast.BoolOp(ast.And(), [test, case.guard])
-            ways = [ast.If(test, case.body, ways)]
-        new = [ast.Assign([ast.Name(name, ast.Store())], node.subject), *ways]
+            ways = [ast.If(test, [*names, *case.body], ways)]
+        new = [ast.Assign([ast.Name(name.id, ast.Store())], node.subject), *ways]
         return self.f.body([ast.fix_missing_locations(ast.copy_location(each, node)) for each in new])
 
-    def _matches(self, pattern: ast.pattern, name: str) -> ast.expr:
+    def _pattern(self, pattern: ast.pattern, value: ast.expr, subject: ast.expr) -> tuple[ast.expr, list[ast.stmt]]:
+        """The condition of a pattern for a value, and the assignments to its names; `subject` is how it is written."""
         if isinstance(pattern, ast.MatchOr):
-            return ast.BoolOp(ast.Or(), [self._matches(each, name) for each in pattern.patterns])
-        if isinstance(pattern, ast.MatchAs) and pattern.pattern is None and pattern.name is None:
-            return ast.Constant(True)
+            tests, names = zip(*(self._pattern(each, value, subject) for each in pattern.patterns), strict=True)
+            if not any(names):
+                return ast.BoolOp(ast.Or(), [*tests]), []
+        if isinstance(pattern, ast.MatchAs):
+            inner = pattern.pattern
+            test, found = (ast.Constant(True), []) if inner is None else self._pattern(inner, value, subject)
+            store = [] if pattern.name is None else [ast.Assign([ast.Name(pattern.name, ast.Store())], value)]
+            return test, [*found, *store]
         if isinstance(pattern, ast.MatchValue):
-            return ast.Compare(ast.Name(name, ast.Load()), [ast.Eq()], [pattern.value])
+            return ast.Compare(value, [ast.Eq()], [pattern.value]), []
         if isinstance(pattern, ast.MatchSingleton):
-            return ast.Compare(ast.Name(name, ast.Load()), [ast.Is()], [ast.Constant(pattern.value)])
-        raise self.f.refused(pattern, "this pattern does not translate", "values, None, |, _ and `if`")
+            return ast.Compare(value, [ast.Is()], [ast.Constant(pattern.value)]), []
+        if isinstance(pattern, ast.MatchSequence) and isinstance(subject, ast.Tuple):
+            return self._sequence(pattern, value, subject)
+        nearest = "values, None, |, _, names and `if`; (a, b) of a tuple that is written down"
+        raise self.f.refused(pattern, "this pattern does not translate", nearest)
+
+    def _sequence(
+        self, pattern: ast.MatchSequence, value: ast.expr, subject: ast.Tuple
+    ) -> tuple[ast.expr, list[ast.stmt]]:
+        """The patterns of the elements of a tuple that is written down."""
+        parts = pattern.patterns
+        uneven = any(isinstance(each, ast.MatchStar | ast.Starred) for each in (*parts, *subject.elts))
+        if uneven or len(parts) != len(subject.elts):
+            raise self.f.refused(pattern, "a pattern of another number of elements", "a pattern for each element")
+        found = [
+            self._pattern(each, ast.Subscript(value, ast.Constant(n), ast.Load()), of)
+            for n, (each, of) in enumerate(zip(parts, subject.elts, strict=True))
+        ]
+        return ast.BoolOp(ast.And(), [ast.Constant(True), *(test for test, _ in found)]), [
+            each for _, names in found for each in names
+        ]
 
     def _does_something(self, statements: Sequence[ast.stmt]) -> bool:
         """Whether more is left of statements than a text: a statement, or a way out."""

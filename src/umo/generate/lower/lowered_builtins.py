@@ -6,6 +6,7 @@ import ast
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from enum import Enum
 from functools import reduce
 from typing import Any
 
@@ -32,6 +33,7 @@ from umo.generate.form import (
     ONE,
     ZERO,
     Address,
+    Assign,
     Conditional,
     Conversion,
     Do,
@@ -44,12 +46,13 @@ from umo.generate.form import (
     joined,
     negated,
 )
+from umo.generate.lower.known_tables import element_of_terms
 from umo.generate.lower.lowered_expressions import NUMBERS, is_of_numpy
 from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
-from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Known, Many, Term, TruePlaces, UnknownText
+from umo.generate.lower.state_members import as_number, number_of
+from umo.generate.lower.terms import Choice, Code, Known, Many, Term, TruePlaces
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -209,6 +212,8 @@ class LoweredBuiltins(LoweredSubject):
             return self._of_few(terms, default, node)
         if all(isinstance(each, Known) and type(each.value) in NUMBERS for each in terms):
             return Known(target(each.value for each in terms))  # type: ignore[union-attr]
+        if all(map(_is_state, terms)):
+            return self.first_of(target, terms, terms, node)
         kinds = [plain(self.f.values.code(each, node).type) for each in terms]
         codes = [self.f.values.number(each, node) for each in terms]
         of = REAL if any(each.type == REAL for each in codes) else INT
@@ -221,6 +226,27 @@ class LoweredBuiltins(LoweredSubject):
             sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
             return Code(numpy_number(of, sure), found)
         return Code(reduce(joined_type, kinds), found)
+
+    def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
+        """The first element whose key, a number or an ordered state, is the least (`min`), or the greatest."""
+        if len(terms) == 1:
+            return terms[0]
+        found = [number_of(self.f, each, node) for each in keys]
+        if any(each is None for each in found):
+            raise self.f.refused(node, "an extreme by what is no number and no member of an IntEnum", "float(...)")
+        numbers = [self.f.values.number(each, node) for each in found if each is not None]
+        of = REAL if any(each.type == REAL for each in numbers) else INT
+        place, best = self.f.temporary(INT, "place"), self.f.temporary(of, "best")
+        self.f.assign(place, ZERO)
+        self.f.assign(best, self.f.values.as_type(numbers[0], of, node))
+        for at, each in enumerate(numbers[1:], 1):
+            value = self.f.values.as_type(each, of, node)
+            test = Operator("<" if target is min else ">", value, best)
+            self.f.add_if(test, Assign(place, Literal(at, INT)), Assign(best, value))
+        objects = tuple(each for each in terms if isinstance(each, Known) and self.f.values.type_of(each) is None)
+        if len(objects) == len(terms):
+            return Choice(place, objects)
+        return element_of_terms(self.f, terms, Code(INT, place), node)
 
     def _of_few(self, terms: Sequence[Term], default: Term | None, node: ast.Call) -> Term:
         """The extreme of one element, with which nothing is compared, or of none."""
@@ -240,8 +266,7 @@ class LoweredBuiltins(LoweredSubject):
             assert found is not None
             return found
         for each in arguments:
-            if isinstance(each, Known) and isinstance(each.value, UnknownText):
-                raise self.f.telling.undecided(each.value, node)
+            self.f.telling.check_decided(each, node)
         if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
             return self._is_instance(arguments[0], arguments[1], node)
         if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:
@@ -320,6 +345,12 @@ class LoweredBuiltins(LoweredSubject):
     def _any_or_all(self, target: Any, terms: Sequence[Term], node: ast.Call) -> Term:
         truths = [as_value(self.f.values.truth(each, node)) for each in terms]
         return Code(BOOL, joined("||" if target is any else "&&", truths)) if truths else Known(target(()))
+
+
+def _is_state(term: Term) -> bool:
+    if isinstance(term, Known):
+        return isinstance(term.value, Enum)
+    return isinstance(term, Code) and isinstance(term.type, StateType) and not isinstance(term.type, TextType)
 
 
 def _is_finite(value: Value) -> Value:

@@ -54,7 +54,7 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, RingMethod, Term, TruePlaces
+from umo.generate.lower.terms import ArrayMethod, Choice, Code, Known, Many, RecordReplace, RingMethod, Term, TruePlaces
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -72,6 +72,9 @@ class LoweredCalls(LoweredSubject):
         if self.f.telling.is_text(node):
             return self.f.telling.text(node)
         func = self.f.term(node.func)
+        if isinstance(func, Choice):
+            arguments, named = self._arguments(node.args, node.keywords)
+            return self._of_each(func, arguments, named, node)
         if not isinstance(func, Known):
             raise self.f.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
@@ -85,7 +88,22 @@ class LoweredCalls(LoweredSubject):
         passed = node.args[:1] if func.value in CONSUMERS and any(map(self._is_passage, node.args[:1])) else []
         elements = [Many(tuple(self.f.sequences.gone_through(each))) for each in passed]
         arguments, named = self._arguments(node.args[len(passed) :], node.keywords)
-        return self.apply(func, [*elements, *arguments], named, node)
+        return self._of_each(func, [*elements, *arguments], named, node)
+
+    def _of_each(self, func: Known | Choice, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+        """A call; where it is, or is given, one of several objects, the call for each of them."""
+        terms = [func, *arguments, *named.values()]
+        place = next((n for n, each in enumerate(terms) if isinstance(each, Choice)), None)
+        if place is None:
+            return self.apply(func, arguments, named, node)  # type: ignore[arg-type]
+        settled = [self.f.values.settled(each) for each in terms]
+
+        def call(option: Known) -> Term:
+            given = [*settled[:place], option, *settled[place + 1 :]]
+            rest = dict(zip(named, given[1 + len(arguments) :], strict=True))
+            return self._of_each(given[0], given[1 : 1 + len(arguments)], rest, node)  # type: ignore[arg-type]
+
+        return self.f.choices.each(terms[place], call, node)  # type: ignore[arg-type]
 
     def _is_passage(self, node: ast.AST) -> bool:
         """Whether its elements are given once."""
@@ -139,6 +157,8 @@ class LoweredCalls(LoweredSubject):
             around = terms_around(self.f, target, node)
             terms = self._by_name(target.source.function, arguments, named, node)
             return self.f.world.invoke(self.f, target.source, terms | around, node)
+        if isinstance(target, RecordReplace) and not arguments:
+            return self._changed_record(target.record, named, node)
         if isinstance(target, RingMethod) and not named:
             return self.f.rings.call(target, arguments, node)
         if isinstance(target, ArrayMethod) and not named:
@@ -224,6 +244,14 @@ class LoweredCalls(LoweredSubject):
             raise self.f.refused(node, "`replace` of what is no frozen dataclass", "a frozen dataclass")
         before = dict(zip((each.name for each in dataclasses.fields(kind)), self.members(term, node), strict=True))
         return self._record(kind, [], before | named, node)
+
+    def _changed_record(self, term: Term, named: dict[str, Term], node: ast.AST) -> Many:
+        """A NamedTuple with other values for some fields."""
+        kind = record_kind(term)
+        before = dict(zip(kind._fields, self.members(term, node), strict=True))
+        if named.keys() - before.keys():
+            raise self.f.refused(node, f"it does not give the fields of {kind.__name__}", ", ".join(kind._fields))
+        return Many(tuple((before | named).values()), kind._fields, kind)
 
     def is_super(self, node: ast.AST) -> bool:
         """Whether this is `super()`."""

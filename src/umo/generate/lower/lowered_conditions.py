@@ -47,7 +47,7 @@ from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import number_of
-from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth, UnknownText
+from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
 from umo.generate.value_kinds import (
     compares_by_identity,
@@ -102,8 +102,7 @@ class LoweredConditions(LoweredSubject):
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
         for each in (left, right):
-            if isinstance(each, Known) and isinstance(each.value, UnknownText):
-                raise self.f.telling.undecided(each.value, left_node)
+            self.f.telling.check_decided(each, left_node)
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
         none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]

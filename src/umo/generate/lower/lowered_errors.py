@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+import numpy as np
+
 from umo.generate.c_types import BOOL, INT
 from umo.generate.check.form_effects import may_fail, returns
 from umo.generate.form import TRUE, ErrorHandler, Fail, Finally, Statement, Temporary, Try, negated
@@ -154,12 +156,20 @@ class LoweredErrors(LoweredSubject):
         call = node.items[0].context_expr
         if len(node.items) == 1 and node.items[0].optional_vars is None and isinstance(call, ast.Call):
             func = self.f.term(call.func)
+            if isinstance(func, Known) and func.value is np.errstate and all(map(_lets_go_on, call.keywords)):
+                return self.f.body(node.body)
             if isinstance(func, Known) and func.value is suppress and call.args and not call.keywords:
                 kinds = ast.Tuple(call.args, ast.Load())
                 handler = ast.ExceptHandler(ast.copy_location(kinds, call), None, [ast.copy_location(ast.Pass(), node)])
                 tried = ast.Try(node.body, [ast.copy_location(handler, node)], [], [])
                 return self.lower_try(ast.copy_location(tried, node))
-        raise self.f.refused(node, "`with` does not translate", "with suppress(...)")
+        nearest = "with suppress(...), with np.errstate(all='ignore')"
+        raise self.f.refused(node, "`with` does not translate", nearest)
+
+
+def _lets_go_on(setting: ast.keyword) -> bool:
+    """Whether numpy goes on with this setting of its errors."""
+    return isinstance(setting.value, ast.Constant) and setting.value.value in ("ignore", "warn")
 
 
 def error_arguments(error: ast.expr) -> list[ast.expr]:

@@ -52,10 +52,10 @@ from umo.generate.lower.known_tables import element_of, element_of_terms, is_dic
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS
 from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
-from umo.generate.lower.terms import NO_VALUE, TEXT, Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import NO_VALUE, TEXT, Choice, Code, Elementwise, Known, Many, RecordReplace, Term
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_container, is_plain_dataclass, is_ring
+from umo.generate.value_kinds import is_container, is_immutable, is_plain_dataclass, is_plain_record, is_ring
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -87,7 +87,7 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_name(self, node: ast.Name) -> Term:
         found = self.f.flow.names.get(node.id)
-        if isinstance(found, Known):
+        if isinstance(found, Known | Choice):
             return found
         if found is not None:
             return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
@@ -105,6 +105,8 @@ class LoweredExpressions(LoweredSubject):
         return self.attribute_of(self.f.term(node.value), node)
 
     def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
+        if isinstance(base, Choice):
+            return self.f.choices.each(base, lambda each: self.attribute_of(each, node), node)
         if isinstance(base, Known):
             return self.f.attributes.attribute(base, node.attr, node)
         if self.f.arrays.is_array(base):
@@ -134,6 +136,8 @@ class LoweredExpressions(LoweredSubject):
         self.f.takes(kind, node.attr, node)
         if type(static) is property and static.fget is not None:
             return self.f.calls.function(static.fget, [base], {}, node)
+        if node.attr == "_replace" and is_plain_record(kind):
+            return Known(RecordReplace(self.f.values.settled(base)))
         if isinstance(static, FunctionType) and not node.attr.startswith("_"):
             return Known(StateMethod(static, self.f.values.settled(base)))
         if static is None or isinstance(static, FunctionType) or hasattr(type(static), "__get__"):
@@ -165,6 +169,15 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_list(self, node: ast.List) -> Term:
         return Many(tuple(self.f.sequences.spread(node.elts)), kind=list)
+
+    def lower_dict(self, node: ast.Dict) -> Term:
+        """A table that is written down."""
+        keys = [each for each in node.keys if each is not None]
+        terms = [self.f.term(each) for pair in zip(keys, node.values, strict=False) for each in pair]
+        known = [each.value for each in terms if isinstance(each, Known) and is_immutable(each.value)]
+        if len(keys) < len(node.values) or len(known) < len(terms):
+            raise self.f.refused(node, "a dict of what is not known when the code is generated", "an `if` for each key")
+        return Known(dict(zip(known[::2], known[1::2], strict=True)))
 
     def lower_subscript(self, node: ast.Subscript) -> Term:
         if isinstance(node.slice, ast.Slice):
@@ -203,6 +216,7 @@ class LoweredExpressions(LoweredSubject):
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
         self.check_elements(base, node)
+        self.f.telling.check_decided(index, node)
         if not (isinstance(base, Known) and is_dict(base.value)):
             index = as_number(self.f, index, node)
         if isinstance(base, Known) and is_ring(base.value):
@@ -218,13 +232,14 @@ class LoweredExpressions(LoweredSubject):
                 return Known(base.value[index.value])
             raise self.f.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
         if isinstance(base, Known) and isinstance(index, Code):
+            if (found := self.f.choices.of_table(base.value, index, node)) is not None:
+                return found
             if is_table(base.value):
                 return element_of(self.f, base.value, index, node)
             if is_dict(base.value):
                 return value_of(self.f, base.value, index, node)
         if isinstance(base, Many) and isinstance(index, Known):
-            found: Term = base.terms[index.value]
-            return found
+            return base.terms[index.value]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
             name, of = base.type.members[index.value]
             return Code(of, Member(self.place(base).value, name))
@@ -346,7 +361,7 @@ class LoweredExpressions(LoweredSubject):
                 numpy_number(REAL, sure),
                 Operator("/", self.f.values.as_type(a, REAL, node), self.f.values.as_type(b, REAL, node)),
             )
-        if type(sign) not in CHECKED:
+        if type(sign) not in CHECKED and not _is_like_python(sign, {a.type, b.type}, right):
             raise self.f.refused(
                 node, "numbers of numpy and of Python differ here where the divisor is 0", "float(...)"
             )
@@ -416,6 +431,12 @@ class LoweredExpressions(LoweredSubject):
         named = divisor if is_named(divisor) else self.f.values.kept(Code(of, divisor)).value
         self.f.raises(ZeroDivisionError, node, Operator("==", named, ZERO))
         return named
+
+
+def _is_like_python(sign: ast.operator, kinds: set[CType], right: Term) -> bool:
+    """Whether numbers of numpy are divided as those of Python: by one that is known, and not 0."""
+    by_known = isinstance(right, Known) and bool(right.value)
+    return by_known and (isinstance(sign, ast.Mod) or (isinstance(sign, ast.FloorDiv) and REAL not in kinds))
 
 
 def record_kind(term: Term) -> Any:

@@ -74,6 +74,8 @@ class LoweredGenerators(LoweredSubject):
         generator = node.args[0] if node.args else None
         if target not in OVER or generator is None:
             return None
+        if target in (min, max) and len(node.args) == 1 and [each.arg for each in node.keywords] == ["key"]:
+            return self._by_key(target, generator, node.keywords[0].value, node)
         if target in (any, all, sum, min, max) and self._is_open(generator) and (target is sum or len(node.args) == 1):
             each, over = ast.Name("element", ast.Load()), ast.Name("element", ast.Store())
             generator = _placed(ast.GeneratorExp(each, [ast.comprehension(over, generator, [], 0)]), node)
@@ -90,6 +92,24 @@ class LoweredGenerators(LoweredSubject):
         if target in (min, max):
             return self._extreme(target, generator, node)
         return self._sum(generator, node) if target is sum else self._of_list(target, generator)
+
+    def _by_key(self, target: Any, over: ast.expr, key: ast.expr, node: ast.Call) -> Term:
+        """`min` and `max` of so many elements, by what a function gives for each."""
+        if isinstance(over, Generator):
+            raise self.f.refused(node, "an extreme by a key, of a generator", "a list, a tuple, a loop")
+        if isinstance(key, ast.Lambda) and _takes_one(key):
+            name, value = key.args.args[0].arg, key.body
+        elif isinstance(key, ast.Name | ast.Attribute):
+            name, value = "an element", ast.Call(key, [ast.Name("an element", ast.Load())], [])
+        else:
+            raise self.f.refused(key, "a key that is computed", "lambda each: ..., the name of a function")
+        each = ast.Tuple([ast.Name(name, ast.Load()), value], ast.Load())
+        turns = [ast.comprehension(ast.Name(name, ast.Store()), over, [], 0)]
+        pairs = self.f.sequences.gone_through(_placed(ast.GeneratorExp(each, turns), node))
+        terms, keys = zip(*(self.f.calls.parts(each, node) for each in pairs), strict=True) if pairs else ((), ())
+        if not terms:
+            raise self.f.refused(node, "an extreme of no elements", "elements")
+        return self.f.builtins.first_of(target, terms, keys, node)
 
     def _is_open(self, node: ast.expr) -> bool:
         """Whether the number of turns of a loop over this is not known: a deque, a range that is computed."""
@@ -318,6 +338,12 @@ class LoweredGenerators(LoweredSubject):
             raise self.f.refused(node, "an argument that is computed", "a name for it first")
         self.f.statements += needed
         return term
+
+
+def _takes_one(function: ast.Lambda) -> bool:
+    """Whether it has one argument, and no other name of its own."""
+    own = [each for each in ast.walk(function) if isinstance(each, ast.arg | ast.NamedExpr | ast.Starred)]
+    return own == function.args.args and not function.args.defaults
 
 
 def _placed(new: Any, node: ast.AST) -> Any:

@@ -67,7 +67,7 @@ class LoweredLoops(LoweredSubject):
             if truth is not True:
                 ways.append(Way(at_end, set(self.f.flow.known)))
             self.f.flow.names = in_turn
-            left = self._turns(node, start, loop)
+            _, left = self._turns(node, start, loop)
         return self._after_loop(node, loop, Forever(loop.end, tuple(body)), ways, left)
 
     def _loop_of_c(self, node: ast.For | ast.While) -> LoopAround:
@@ -99,8 +99,9 @@ class LoweredLoops(LoweredSubject):
         self.around.pop()
         return goes_on is not False
 
-    def _turns(self, node: ast.For | ast.While, start: dict[str, Any], loop: LoopAround) -> list[Way]:
-        """The turns of a loop, whose first one begins with these names; what is known where it is left."""
+    def _turns(self, node: ast.For | ast.While, start: dict[str, Any], loop: LoopAround) -> tuple[list[Way], list[Way]]:
+        """The turns of a loop, whose first one begins with these names; what is known at the end of one, and where the
+        loop is left."""
         goes_on = self._turn(node.body, loop)
         again = [*([self.f.flow.way()] if goes_on else []), *self.f.flow.left.pop(loop.again, [])]
         for each in again:
@@ -108,7 +109,7 @@ class LoweredLoops(LoweredSubject):
                 if name in start and start[name] != of:
                     told = f"{name!r} stands for another object in the next turn"
                     raise self.f.refused(node.body[0], told, "a name for each")
-        return self.f.flow.left.pop(loop.out, [])
+        return again, self.f.flow.left.pop(loop.out, [])
 
     def _end(self, ways: Sequence[Way]) -> None:
         """After a loop: nothing is known to be there that a turn may change."""
@@ -171,9 +172,9 @@ class LoweredLoops(LoweredSubject):
         start, loop = self.f.flow.way(), self._loop_of_c(node)
         with self.f.body_of() as body:
             self.f.assignments.store(node.target, Code(INT, turn if one_by_one else Conversion(INT, turn)), node)
-            left = self._turns(node, start.names, loop)
+            again, left = self._turns(node, start.names, loop)
         whole = CountedLoop(loop.end, turn, begin, end, step.value, tuple(body))
-        return self._after_loop(node, loop, whole, [start], left)
+        return self._after_loop(node, loop, whole, again if _has_a_turn(terms) else [start], left)
 
     def _each(self, node: ast.For, turns: Turns, find_at: Callable[[Value], Term]) -> bool | None:
         turn = self.f.temporary(INT, "i")
@@ -182,10 +183,11 @@ class LoweredLoops(LoweredSubject):
         start, rebound, loop = self.f.flow.way(), len(self.f.aliases.rebound), self._loop_of_c(node)
         with self.f.body_of() as body, self.f.rings.held(turns, node):
             self.f.assignments.store(node.target, find_at(turn), node)
-            left = self._turns(node, start.names, loop)
+            again, left = self._turns(node, start.names, loop)
         self.f.sequences.check_same(turns, body, rebound, node)
         whole = CountedLoop(loop.end, turn, ZERO, turns.until or Literal(turns.count, INT), 1, tuple(body))
-        return self._after_loop(node, loop, whole, [start], left)
+        ends = again if turns.count and turns.until is None else [start]
+        return self._after_loop(node, loop, whole, ends, left)
 
     def _unroll(self, node: ast.For, turns: Turns) -> bool | None:
         """A loop over objects: each turn is written out."""
@@ -245,6 +247,12 @@ class LoweredLoops(LoweredSubject):
         if self.f.errors.tries > self.around[-1].tries:
             raise self.f.refused(node, "it leaves a `try`", "a flag")
         self.f.flow.left.setdefault(label, []).append(self.f.flow.way())
+
+
+def _has_a_turn(terms: Sequence[Term]) -> bool:
+    """Whether a range of these numbers is known to have one."""
+    numbers = [each.value for each in terms if isinstance(each, Known)]
+    return len(numbers) == len(terms) and len(range(*numbers)) > 0
 
 
 def _is_numbered(turns: Turns) -> bool:

@@ -14,7 +14,7 @@ from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import LocalFunction
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import TEXT, ArrayMethod, Known, Term, TruePlaces, UnknownText
+from umo.generate.lower.terms import TEXT, ArrayMethod, Choice, Known, Term, TruePlaces, UnknownText
 from umo.generate.lower.text_makers import error_as_written, evaluated, is_certain
 from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
 from umo.generate.translation import Teller
@@ -51,10 +51,11 @@ class LoweredTelling(LoweredSubject):
             return False
         return True
 
-    def undecided(self, text: UnknownText, node: ast.AST) -> NoTranslation:
-        """The refusal to decide by a text: one that is read from an attribute may be a state in the next pass."""
-        self.f.world.memory.ask_text(text)
-        return self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")
+    def check_decided(self, term: Term, node: ast.AST) -> None:
+        """That code does not decide by a text that is only told; that of an attribute may be a state next time."""
+        if isinstance(term, Known) and isinstance(term.value, UnknownText):
+            self.f.world.memory.ask_text(term.value)
+            raise self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")
 
     def is_text(self, node: ast.AST) -> bool:
         """Whether an expression makes a text at run time."""
@@ -144,6 +145,8 @@ class LoweredTelling(LoweredSubject):
                 if isinstance(found.value, UnknownText | NOT_OF_PYTHON):
                     return None
                 known[name] = found.value
+            elif isinstance(found, Choice):
+                return None
             elif found is not None:
                 place = self.f.aliases.same.get(name) or self.f.local(name)
                 if not is_certain(found) or not isinstance(place, Local):

@@ -47,9 +47,10 @@ from umo.generate.form import (
     is_settled,
     negated,
 )
+from umo.generate.lower.known_tables import OF_OBJECTS
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Present, Term, Truth, UnknownText
+from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Term, Truth
 from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, parts_of, refused_truth
 from umo.objects import Quality
@@ -69,7 +70,7 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Many):
             types = [self.type_of(each) for each in term.terms]
             return self.f.world.fields.tuple_type(types, term.names, term.kind or tuple)
-        if isinstance(term, Present | Truth):
+        if isinstance(term, Present | Truth | Choice):
             return None
         found = self.f.world.fields.type_of_value(term.value)
         return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
@@ -114,9 +115,8 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Code):
             return term
         if isinstance(term, Known):
+            self.f.telling.check_decided(term, node)
             value = term.value
-            if isinstance(value, UnknownText):
-                raise self.f.telling.undecided(value, node)
             if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
                 raise self.f.refused(node, f"a {type(value).__name__} of numpy", "np.float64, np.int64, float(...)")
             of = self.f.world.fields.type_of_value(value)
@@ -217,8 +217,7 @@ class LoweredValues(LoweredSubject):
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
         """A condition; a bool if it is known already."""
         if isinstance(term, Known):
-            if isinstance(term.value, UnknownText):
-                raise self.f.telling.undecided(term.value, node)
+            self.f.telling.check_decided(term, node)
             if is_ring(term.value):
                 return differs(self.f.rings.count(term, node).value)
             if refused_truth(term.value):
@@ -228,6 +227,10 @@ class LoweredValues(LoweredSubject):
             return term.test
         if isinstance(term, Many):
             return bool(term.terms)
+        if isinstance(term, Choice):
+            if all(self.truth(each, node) is True for each in term.options):
+                return True
+            raise self.f.refused(node, *only_asked(term))
         term = replace(term, type=plain_number(term.type))
         if isinstance(term.type, OptionalType):
             place = term.value if is_place(term.value) else self.kept(term).value
@@ -258,8 +261,10 @@ def _widens(one: CType, other: CType) -> bool:
     return one == other or other == REAL or (one == BOOL and other == INT)
 
 
-def only_asked(term: Present | Truth) -> tuple[str, str]:
+def only_asked(term: Present | Truth | Choice) -> tuple[str, str]:
     """Why this is no value, and what is nearest."""
+    if isinstance(term, Choice):
+        return OF_OBJECTS
     if isinstance(term, Present):
         return "only whether it is None is known on the controller", "is None, is not None"
     return "one of two values of different types", "bool(...), one type for both"

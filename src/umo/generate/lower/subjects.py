@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, RingMethod, Term, Turns, UnknownText
+from umo.generate.lower.terms import ArrayMethod, Choice, Code, Elementwise, Known, Many, RingMethod, Term, Turns
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -89,8 +89,8 @@ class AskedOfTelling(Protocol):
     def does_nothing(self, test: ast.expr) -> bool:
         """Whether evaluating a condition only looks at what there is."""
 
-    def undecided(self, text: UnknownText, node: ast.AST) -> Exception:
-        """The refusal to decide by a text."""
+    def check_decided(self, term: Term, node: ast.AST) -> None:
+        """That code does not decide by a text that is only told."""
 
     def is_text(self, node: ast.AST) -> bool:
         """Whether an expression makes a text at run time."""
@@ -156,6 +156,12 @@ class AskedOfArrays(Protocol):
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
         """The length is known."""
 
+    def length_of(self, code: Code, node: ast.AST) -> int:
+        """The length of one array, which is known."""
+
+    def each_place(self, length: int) -> AbstractContextManager[Value]:
+        """A loop over the places of an array."""
+
     def at(self, code: Code, of: CType, length: int) -> Value:
         """An element, as this type."""
 
@@ -197,8 +203,10 @@ class AskedOfArrays(Protocol):
     def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
         """The elements of a slice become others, which are computed before."""
 
-    def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
-        """The elements of an array become others: all, or those that a mask chooses."""
+    def overwrite(
+        self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
+    ) -> None:
+        """The elements of an array become others: all, or those that a mask chooses, each that of its place."""
 
 
 class AskedOfVectors(Protocol):
@@ -257,6 +265,19 @@ class AskedOfBuiltins(Protocol):
 
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         """A function of Python itself, or of math; None: it is another one."""
+
+    def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
+        """The first element whose key, a number or an ordered state, is the least (`min`), or the greatest."""
+
+
+class AskedOfChoices(Protocol):
+    """The objects of a function that are chosen when it runs."""
+
+    def of_table(self, table: Any, index: Term, node: ast.AST) -> Choice | None:
+        """The object at a computed place, or of a computed key; None: the table has none, or numbers and states."""
+
+    def each(self, choice: Choice, what: Callable[[Known], Term], node: ast.AST) -> Term:
+        """What is found for each of the objects, of the one that it is."""
 
 
 class AskedOfGenerators(Protocol):

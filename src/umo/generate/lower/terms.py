@@ -42,6 +42,13 @@ class ArrayMethod:
 
 
 @dataclass(frozen=True)
+class RecordReplace:
+    """`_replace` of a NamedTuple."""
+
+    record: Term
+
+
+@dataclass(frozen=True)
 class TruePlaces:
     """The places of the elements of an array that are true: how many there are is of run time."""
 
@@ -117,7 +124,16 @@ class Truth:
     test: Value
 
 
-Term = Code | Known | Many | Present | Truth
+@dataclass(frozen=True)
+class Choice:
+    """One of several live objects, of which it is computed which one."""
+
+    place: Value
+    """The number of the object, which nothing changes any longer."""
+    options: tuple[Known, ...]
+
+
+Term = Code | Known | Many | Present | Truth | Choice
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,11 @@
+"""A key that is computed."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ExtremeByAKeyThatIsComputed(Program):
+    def control(self) -> None:
+        # refused: a key that is computed; lambda each: ..., the name of a function
+        self.k = max((1.0, self.u), key=[abs, float][self.n])

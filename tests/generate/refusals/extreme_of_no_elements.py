@@ -1,0 +1,11 @@
+"""An extreme of no elements, by a key."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class ExtremeOfNoElements(Program):
+    def control(self) -> None:
+        # refused: an extreme of no elements; elements
+        self.k = max((), key=abs)

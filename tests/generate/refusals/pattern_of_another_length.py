@@ -1,0 +1,13 @@
+"""Pattern of another number of elements."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class PatternOfAnotherLength(Program):
+    def control(self) -> None:
+        match self.u, self.n:
+            # refused: a pattern of another number of elements; a pattern for each element
+            case (_,):  # type: ignore[misc]
+                self.k = 1.0

@@ -1,0 +1,16 @@
+"""A square root of booleans, of 16 bits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class SquareRootOfBooleans(Program):
+    def begin(self) -> None:
+        self.row, self.mask = np.array([0.5, 1.5]), np.array([True, False])
+
+    def control(self) -> None:
+        # refused: what numpy computes of booleans in 16 bits, or not at all; astype(float)
+        self.row = np.sqrt(self.mask)

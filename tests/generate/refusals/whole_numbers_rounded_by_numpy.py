@@ -1,0 +1,16 @@
+"""Whole numbers that numpy rounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class WholeNumbersRoundedByNumpy(Program):
+    def begin(self) -> None:
+        self.counts = np.array([1, 2])
+
+    def control(self) -> None:
+        # refused: whole numbers are rounded, which become real in some versions of numpy; them
+        self.k = float(np.floor(self.counts).sum())
