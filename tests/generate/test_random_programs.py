@@ -6,6 +6,7 @@ A failure names the command that plays its program again, and reduces it.
 from __future__ import annotations
 
 import ast
+import builtins
 from collections import Counter
 
 import pytest
@@ -68,6 +69,23 @@ def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:
 @pytest.mark.parametrize("planted", PLANTED, ids=lambda planted: planted.what)
 def test_each_planted_fault_has_its_place(planted: Planted) -> None:
     assert planted.place().is_file()
+
+
+IN_PYTHON = [each for each in PLANTED if each.file.endswith(".py")]
+
+
+@pytest.mark.parametrize("planted", IN_PYTHON, ids=lambda planted: planted.what)
+def test_a_planted_fault_has_no_name_without_a_value(planted: Planted) -> None:
+    """Any program would find that."""
+    text = planted.place().read_text("utf-8")
+    assert _names(text.replace(planted.text, planted.wrong)) <= _names(text) | {*dir(builtins)}
+
+
+def _names(text: str) -> set[str]:
+    """What a module reads, assigns and imports."""
+    nodes = [*ast.walk(ast.parse(text))]
+    imported = {each.asname or each.name for each in nodes if isinstance(each, ast.alias)}
+    return imported | {each.id for each in nodes if isinstance(each, ast.Name)}
 
 
 @needs_a_compiler

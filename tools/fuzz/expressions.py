@@ -52,10 +52,12 @@ def _listed(w: Writer) -> str:
 
 
 def _any(w: Writer) -> str:
+    """Its name may be one of the function, too, which stays what it is."""
+    each = [*w.names["real"], "each"][0]
     with w.without_calls():
-        tests = w.pick(f"each {sign(w)} {w.real()}", f"each > {w.real(0)} and {w.truth(0)}")
-        left_out = w.pick("", f" if each {sign(w)} {w.pick('0.0', '1.0')}")
-    return f"{w.pick('any', 'all')}({tests} for each in {some_list(w)}{left_out})"
+        tests = w.pick(f"{each} {sign(w)} {w.real()}", f"{each} > {w.real(0)} and {w.truth(0)}")
+        left_out = w.pick("", f" if {each} {sign(w)} {w.pick('0.0', '1.0')}")
+    return f"{w.pick('any', 'all')}({tests} for {each} in {some_list(w)}{left_out})"
 
 
 def _no_division(w: Writer) -> str:
