@@ -23,6 +23,10 @@ from umo.testing import VirtualTimer
 pytestmark = needs_a_compiler
 
 
+RATES = (3, 7, 5), (2, 2, 2), (4, 6, 12), (1, 10, 3), (6, 1, 1), (5, 3, 2)
+"""Those of the parts of the plant, by the seed."""
+
+
 def begin_to_move(axis: Slide) -> None:
     """What the host does with an axis: it enables it, and plans a motion."""
     axis._accept = HOMING
@@ -33,16 +37,16 @@ def begin_to_move(axis: Slide) -> None:
         Profile.to(axis.profile, axis.profile.setpoint.position + 3.0)
 
 
-@pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(6)))
+@pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(len(RATES))))
 def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed: int, tmp_path: Path) -> None:
-    random, machine, box, steps = Random(seed), rated_plant_with_axis(), Fragile(), 10_000 if seed else 3_000
+    random, machine, box, steps = Random(seed), rated_plant_with_axis(RATES[seed]), Fragile(), 10_000 if seed else 3_000
     missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5, 23)) for _ in range(steps)]
     running = connect(machine, wired(machine, box, VirtualTimer(missed)))
     inputs = [each.path for each in atoms(machine) if isinstance(each, Sensor) and each.path != "timer"]
     set_inputs(box, inputs, [0] * len(inputs), [False] * len(inputs))
     with running as m:
         both = Beside.translated(running, box, tmp_path)
-        assert [(each.path, each.every) for each in both.model.groups] == [("tank", 3), ("carriage", 5), ("furnace", 7)]
+        assert [each.every for each in both.model.groups] == sorted(each for each in RATES[seed] if each > 1)
         without_host(m)
         following = random_inputs(both.model, random)
         parts = [each.path for each in both.model.equipment]

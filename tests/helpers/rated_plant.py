@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from types import new_class
 from typing import Any
 
 from helpers.equipment_plant import Slide, actuator, sensor
@@ -128,8 +129,18 @@ class RatedPlantWithAxis(RatedPlant):
     carriage: Carriage
 
 
-def rated_plant(beyond: float = 0.0, kind: type[RatedPlant] = RatedPlant, **more: Compound) -> RatedPlant:
-    """`beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
+def at(every: int, kind: type[Any]) -> type[Any]:
+    """The same class at another rate."""
+    return new_class(kind.__name__, (kind,), {"every": every, "equipment": kind._settings.equipment})
+
+
+def rated_plant(
+    beyond: float = 0.0,
+    rates: Sequence[int] = (3, 7),
+    kind: type[RatedPlant] = RatedPlant,
+    **more: Compound,
+) -> RatedPlant:
+    """`rates`: of tank and furnace. `beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
 
     def age(periods: int) -> str:
         return f"{periods + beyond} ms"
@@ -145,7 +156,7 @@ def rated_plant(beyond: float = 0.0, kind: type[RatedPlant] = RatedPlant, **more
         speed=sensor(on_error="mark"),
         fan=actuator(expires=age(5)),
         brake=actuator(slew_rate=2000.0),
-        tank=Tank(
+        tank=at(rates[0], Tank)(
             level=sensor(on_error="hold", max_age=age(7)),
             flow=sensor(filter="9 ms", velocity="4 ms", on_error="mark"),
             lid=BinarySensor(PassFail, one=PassFail.FAIL, debounce="8 ms", on_error="hold", max_age=age(10)),
@@ -154,7 +165,7 @@ def rated_plant(beyond: float = 0.0, kind: type[RatedPlant] = RatedPlant, **more
             lamp=relay(),
             mixer=mixer(on_error="mark"),
         ),
-        furnace=Furnace(
+        furnace=at(rates[1], Furnace)(
             temperature=sensor(on_error="mark"),
             pressure=sensor(on_error="hold", max_age=age(30)),
             heater=actuator(on_error="retry", max_age=age(20)),
@@ -167,6 +178,7 @@ def rated_plant(beyond: float = 0.0, kind: type[RatedPlant] = RatedPlant, **more
     )
 
 
-def rated_plant_with_axis() -> RatedPlant:
-    carriage = Carriage(slide=Slide(encoder=sensor(incremental=True), motor=actuator()))
-    return rated_plant(0.0, RatedPlantWithAxis, carriage=carriage)
+def rated_plant_with_axis(rates: Sequence[int]) -> RatedPlant:
+    """`rates`: of tank, furnace and axis."""
+    slide = Slide(encoder=sensor(incremental=True), motor=actuator())
+    return rated_plant(0.0, rates, RatedPlantWithAxis, carriage=at(rates[2], Carriage)(slide=slide))
