@@ -305,6 +305,25 @@ class ListsUnderAName(Program):
 
 
 @equal
+class ListsThatAreAssigned(Program):
+    def begin(self) -> None:
+        self.history, self.front, self.back = [0.5, -0.0, 2.0], [0.0, 1.0], [2.0, 3.0]
+
+    def last(self) -> float:
+        return self.history[-1]
+
+    def control(self) -> None:
+        before = self.history[0]
+        self.history = self.history[1:] + [self.u]
+        self.history[0] += before
+        self.k = max(self.history) - self.last()
+        self.front, self.back = self.back, self.front
+        if self.n > 1:
+            self.front = [self.k, self.x.read()]
+        self.k += self.front[0] + self.back[1]
+
+
+@equal
 class ListsThatAreSorted(Program):
     def middle(self, values: list[float]) -> list[float]:
         found = [each * 2.0 for each in values]

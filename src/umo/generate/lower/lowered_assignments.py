@@ -36,6 +36,10 @@ from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring
 from umo.objects import Quality
 
 
+WHOLE_LIST = "a list is assigned as a whole", "its elements, one by one: x[:] = ..."
+"""Why a list is not assigned to an attribute."""
+
+
 class LoweredAssignments(LoweredSubject):
     """The part of a function that is assignments."""
 
@@ -308,7 +312,10 @@ class LoweredAssignments(LoweredSubject):
         new = self.f.values.type_of(term)
         key = id(owner), name
         if isinstance(new, TupleType) and new.kind is list:
-            raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            made = self._list(term, node) if isinstance(term, Many) and not self.f.world.target.tells else None
+            if made is None:
+                raise self.f.refused(node, *WHOLE_LIST)
+            term, new = made, made.type
         if new is None:
             raise self.f.refused(
                 node, f"{self.f.source.segment(target)} is no number or state", "numbers, states, tuples of them"
@@ -325,8 +332,8 @@ class LoweredAssignments(LoweredSubject):
                 raise self.f.refused(node, f"{name} does not become a field", "another name, or one type")
             return  # in the next pass it is a field
         if isinstance(plain(place.type), ArrayType):
-            if isinstance(getattr(owner, name), list):
-                raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            if isinstance(getattr(owner, name), list) and self.f.world.target.tells:
+                raise self.f.refused(node, *WHOLE_LIST)  # whoever has the list before would have the new one
             self.f.world.memory.rebind(place.value)
             self.f.aliases.rebound.append(place.value)
             if not (self.f.aliases.is_copied(term) or self.f.aliases.is_new(term)):
