@@ -314,7 +314,7 @@ class ListsThatAreAssigned(Program):
 
     def control(self) -> None:
         before = self.history[0]
-        self.history = self.history[1:] + [self.u]
+        self.history = self.history[1:] + [self.u]  # noqa: RUF005
         self.history[0] += before
         self.k = max(self.history) - self.last()
         self.front, self.back = self.back, self.front
@@ -343,6 +343,21 @@ class ListsThatAreSorted(Program):
         counts = [0] * 3
         counts[self.n % 3] += self.c
         self.c = counts[0] + 10 * counts[1] + (3 in counts)
+
+
+@equal
+class SortedNumbers(Program):
+    def begin(self) -> None:
+        self.row = [0.5, -0.0, 2.0, 0.0, -7.0]
+
+    def control(self) -> None:
+        u = self.u if self.u == self.u else -1.0
+        self.row[self.n % 5] = u
+        ordered = sorted(self.row)
+        self.k = ordered[0] * 100.0 + ordered[2] + sum(ordered[1:-1]) + sorted([self.x.read(), u, 1.0])[1]
+        self.c = sorted(each + self.n % 7 for each in (3, 1, 2))[-1] + sorted((self.n % 3, 1))[0]
+        self.row[:] = ordered
+        sorted([self.u])
 
 
 # Arrays ----------------------------------------------------------------------------------------------------

@@ -35,7 +35,6 @@ from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
 
-
 WHOLE_LIST = "a list is assigned as a whole", "its elements, one by one: x[:] = ..."
 """Why a list is not assigned to an attribute."""
 

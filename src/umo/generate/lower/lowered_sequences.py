@@ -20,7 +20,7 @@ from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
 """What gives its elements once: it stands where it is gone through at once."""
-CONSUMERS = any, all, sum, min, max, list, tuple
+CONSUMERS = any, all, sum, min, max, sorted, list, tuple
 """Functions that go through their argument."""
 MOST_TURNS = 256
 """Turns in one expression, each written out."""
