@@ -8,7 +8,6 @@ from typing import Any
 
 from umo.generate.c_types import (
     BOOL,
-    INT,
     NOTHING,
     REAL,
     ArrayType,
@@ -16,15 +15,13 @@ from umo.generate.c_types import (
     OptionalType,
     TupleType,
     array,
-    is_number,
-    list_of,
     may_be_bool,
     of_python,
     plain,
     plain_number,
 )
 from umo.generate.check.form_effects import changes
-from umo.generate.form import Element, Field, Literal
+from umo.generate.form import Element, Field
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -202,7 +199,7 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
         if isinstance(term, Many) and term.kind is list and name in _changed_in_place(self.f.source.tree):
-            term = self._list(term, node) or term
+            term = self.f.values.new_list(term.terms, node) or term
         of = self.f.values.type_of(term)
         key = (self.f.key, name)
         before = self.f.world.memory.locals.get(key)
@@ -232,19 +229,6 @@ class LoweredAssignments(LoweredSubject):
         value = self.f.values.as_type(term, of, node)
         if value != place:
             self.f.assign(place, value)
-
-    def _list(self, term: Many, node: ast.AST) -> Code | None:
-        """A list of numbers whose elements are set; None: its elements are of several classes, or none."""
-        codes = [self.f.values.code(each, node) for each in term.terms]
-        kinds = {each.type for each in codes}
-        if len(kinds) != 1 or not is_number(codes[0].type):
-            return None
-        of = list_of(codes[0].type, len(codes))
-        result = self.f.temporary(of)
-        for number, each in enumerate(codes):
-            self.f.assign(Element(result, Literal(number, INT)), each.value)
-        self.f.aliases.sole.add(result)
-        return Code(of, result)
 
     def _is_of_objects(self, term: Many) -> bool:
         """Whether this is a tuple of live objects, or of qualities that are accepted."""
@@ -311,7 +295,8 @@ class LoweredAssignments(LoweredSubject):
         new = self.f.values.type_of(term)
         key = id(owner), name
         if isinstance(new, TupleType) and new.kind is list:
-            made = self._list(term, node) if isinstance(term, Many) and not self.f.world.target.tells else None
+            is_made = isinstance(term, Many) and not self.f.world.target.tells
+            made = self.f.values.new_list(term.terms, node) if is_made else None  # type: ignore[union-attr]
             if made is None:
                 raise self.f.refused(node, *WHOLE_LIST)
             term, new = made, made.type

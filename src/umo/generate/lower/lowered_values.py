@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 from typing import Any
@@ -23,6 +24,7 @@ from umo.generate.c_types import (
     TextType,
     TupleType,
     is_number,
+    list_of,
     numpy_number,
     plain,
     plain_number,
@@ -135,6 +137,18 @@ class LoweredValues(LoweredSubject):
                 raise self.f.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
             return self.made(term, of, node)
         raise self.f.refused(node, *only_asked(term))
+
+    def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
+        """A list of its own with these numbers; None: they are of several classes, or none."""
+        codes = [self.code(each, node) for each in terms]
+        if len({each.type for each in codes}) != 1 or not is_number(codes[0].type):
+            return None
+        of = list_of(codes[0].type, len(codes))
+        result = self.f.temporary(of)
+        for number, each in enumerate(codes):
+            self.f.assign(Element(result, Literal(number, INT)), each.value)
+        self.f.aliases.sole.add(result)
+        return Code(of, result)
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 
-from umo.generate.c_types import INT, REAL, is_number, list_of
+from umo.generate.c_types import INT, REAL, ArrayType
 from umo.generate.form import (
     ONE,
     ZERO,
@@ -29,16 +29,11 @@ MOST_SORTED = 64
 
 def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Code:
     """A new list. ControllerLimit for a NaN: where Python puts it depends on its version."""
-    codes = [f.values.code(each, node) for each in terms]
-    kinds = {each.type for each in codes}
-    of = codes[0].type if codes else REAL
-    if len(kinds) != 1 or not is_number(of) or len(codes) > MOST_SORTED:
+    found = f.values.new_list(terms, node) if len(terms) <= MOST_SORTED else None
+    if found is None:
         raise f.refused(node, f"`sorted` of what is not 1 to {MOST_SORTED} numbers of one class", "float(...), a loop")
-    kind = list_of(of, len(codes))
-    result = f.temporary(kind)
-    for number, each in enumerate(codes):
-        f.assign(Element(result, Literal(number, INT)), each.value)
-    f.aliases.sole.add(result)
+    assert isinstance(found.type, ArrayType)
+    result, of = found.value, found.type.of
     turn, at, moved = f.temporary(INT, "i"), f.temporary(INT, "at"), f.temporary(of, "moved")
     with f.body_of() as body:
         f.assign(moved, Element(result, turn))
@@ -47,8 +42,8 @@ def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Cod
         f.assign(at, turn)
         _move_down(f, result, at, moved)
         f.assign(Element(result, at), moved)
-    f.add(CountedLoop(f.label("turn"), turn, ZERO, Literal(len(codes), INT), 1, tuple(body)))
-    return Code(kind, result)
+    f.add(CountedLoop(f.label("turn"), turn, ZERO, Literal(len(terms), INT), 1, tuple(body)))
+    return found
 
 
 def _move_down(f: FunctionBuilder, result: Value, at: Value, moved: Value) -> None:

@@ -26,6 +26,9 @@ class AskedOfValues(Protocol):
     def copied(self, code: Code) -> Code:
         """The same value under another name than it has."""
 
+    def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
+        """A list of its own with these numbers; None: they are of several classes, or none."""
+
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value: ...
 
     def settled(self, term: Term) -> Term:
