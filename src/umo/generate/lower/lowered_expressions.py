@@ -239,7 +239,8 @@ class LoweredExpressions(LoweredSubject):
             if is_dict(base.value):
                 return value_of(self.f, base.value, index, node)
         if isinstance(base, Many) and isinstance(index, Known):
-            return base.terms[index.value]
+            one: Term = base.terms[index.value]
+            return one
         if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
             name, of = base.type.members[index.value]
             return Code(of, Member(self.place(base).value, name))
