@@ -346,6 +346,30 @@ class ListsThatAreSorted(Program):
 
 
 @equal
+class ListsThatConditionsChoose(Program):
+    def begin(self) -> None:
+        self.row, self.counts = [0.5, -0.0, 2.0, 7.0], [3, 1, 2]
+
+    def at_least(self, u: float) -> bool:
+        self.c += 1
+        return u >= self.u
+
+    def control(self) -> None:
+        self.row[self.n % 4] = self.x.read()
+        good = [each * 2.0 for each in self.row if self.at_least(each)]
+        few = [n for n in self.counts if n > self.n % 4 if n != 3]
+        if good:
+            self.k = sum(good) / len(good) + max(good) - min(good) + good[0] - good[-1]
+        elif not few:
+            self.c += 100
+        for place, each in enumerate(good):
+            self.k += each * place
+        self.c += 10 * len(few) + sum(few) + (few[1] if len(few) > 1 else 0)
+        self.yes = any(each > 3.0 for each in good) or all(few)
+        self.k += good[self.n]
+
+
+@equal
 class SortedNumbers(Program):
     def begin(self) -> None:
         self.row = [0.5, -0.0, 2.0, 0.0, -7.0]

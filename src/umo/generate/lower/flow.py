@@ -13,10 +13,10 @@ from umo.generate.form import (
     Field,
     root,
 )
-from umo.generate.lower.terms import Choice, Code, Known
+from umo.generate.lower.terms import Choice, Code, Known, Selection
 
-Names: TypeAlias = dict[str, CType | Known | Choice]
-"""Local names: their types, or the live object that each stands for, or one of several."""
+Names: TypeAlias = dict[str, CType | Known | Choice | Selection]
+"""Local names: their types, or the live object that each stands for, or one or some of several."""
 
 
 class Way(NamedTuple):

@@ -27,7 +27,7 @@ from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Selection, Term, Truth
 from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
@@ -191,7 +191,7 @@ class LoweredAssignments(LoweredSubject):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
-        if isinstance(term, Choice):
+        if isinstance(term, Choice | Selection):
             if self.f.world.memory.locals.get((self.f.key, name)) is not None:
                 raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
             self.f.flow.names[name] = term
