@@ -45,10 +45,21 @@ class Mixer(Compound):
         self.motor.write(own if self.manual is None else self.manual)
 
 
-def run() -> CompiledRun:
+class AskedMixer(Mixer):
+    def setup(self) -> None:
+        super().setup()
+        self.asked: float | None = None
+
+    def control(self) -> None:
+        super().control()
+        if self.asked is not None:
+            self.motor.write(self.asked)
+
+
+def run(kind: type[Mixer] = Mixer) -> CompiledRun:
     level = DigitalSensor("%", minimum=0.0, maximum=100.0, resolution=0.1)
     motor = DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01)
-    return CompiledRun(Mixer(timer=timer(), level=level, motor=motor))
+    return CompiledRun(kind(timer=timer(), level=level, motor=motor))
 
 
 GIVEN = {
@@ -203,3 +214,13 @@ def test_whole_numbers_of_an_array_have_64_bits_as_in_numpy() -> None:
         compiled.step()
         compiled.m.counts[0] = 7
         assert compiled.laws.state == "python" and compiled.m.counts.tolist() == [7, 5, 6]
+
+
+def test_what_setup_declares_to_be_none_may_be_set() -> None:
+    with run(AskedMixer) as compiled:
+        compiled.m.asked = 4.5
+        compiled.step(2)
+        assert compiled.laws.state == "compiled" and compiled.m.motor.read() == 4.5
+        compiled.m.asked = None
+        compiled.step(2)
+        assert compiled.laws.state == "compiled" and compiled.m.motor.read() != 4.5

@@ -12,7 +12,7 @@ from helpers.refused_programs import FOLDER, Reached, expected, places, told
 from helpers.side_by_side import Rig, connected_rig
 
 FILES = sorted(FOLDER.glob("*.py"))
-WITHOUT_A_PROGRAM = 6
+WITHOUT_A_PROGRAM = 7
 """Places that refuse something that no program of this kind reaches: homing and objects that the rig does not have,
 what only compiled laws refuse, and what an earlier refusal forestalls."""
 

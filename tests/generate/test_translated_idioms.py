@@ -305,6 +305,25 @@ class ListsUnderAName(Program):
 
 
 @equal
+class ListsThatAreAssigned(Program):
+    def begin(self) -> None:
+        self.history, self.front, self.back = [0.5, -0.0, 2.0], [0.0, 1.0], [2.0, 3.0]
+
+    def last(self) -> float:
+        return self.history[-1]
+
+    def control(self) -> None:
+        before = self.history[0]
+        self.history = self.history[1:] + [self.u]  # noqa: RUF005
+        self.history[0] += before
+        self.k = max(self.history) - self.last()
+        self.front, self.back = self.back, self.front
+        if self.n > 1:
+            self.front = [self.k, self.x.read()]
+        self.k += self.front[0] + self.back[1]
+
+
+@equal
 class ListsThatAreSorted(Program):
     def middle(self, values: list[float]) -> list[float]:
         found = [each * 2.0 for each in values]
@@ -324,6 +343,45 @@ class ListsThatAreSorted(Program):
         counts = [0] * 3
         counts[self.n % 3] += self.c
         self.c = counts[0] + 10 * counts[1] + (3 in counts)
+
+
+@equal
+class ListsThatConditionsChoose(Program):
+    def begin(self) -> None:
+        self.row, self.counts = [0.5, -0.0, 2.0, 7.0], [3, 1, 2]
+
+    def at_least(self, u: float) -> bool:
+        self.c += 1
+        return u >= self.u
+
+    def control(self) -> None:
+        self.row[self.n % 4] = self.x.read()
+        good = [each * 2.0 for each in self.row if self.at_least(each)]
+        few = [n for n in self.counts if n > self.n % 4 if n != 3]
+        if good:
+            self.k = sum(good) / len(good) + max(good) - min(good) + good[0] - good[-1]
+        elif not few:
+            self.c += 100
+        for place, each in enumerate(good):
+            self.k += each * place
+        self.c += 10 * len(few) + sum(few) + (few[1] if len(few) > 1 else 0)
+        self.yes = any(each > 3.0 for each in good) or all(few)
+        self.k += good[self.n]
+
+
+@equal
+class SortedNumbers(Program):
+    def begin(self) -> None:
+        self.row = [0.5, -0.0, 2.0, 0.0, -7.0]
+
+    def control(self) -> None:
+        u = self.u if self.u == self.u else -1.0
+        self.row[self.n % 5] = u
+        ordered = sorted(self.row)
+        self.k = ordered[0] * 100.0 + ordered[2] + sum(ordered[1:-1]) + sorted([self.x.read(), u, 1.0])[1]
+        self.c = sorted(each + self.n % 7 for each in (3, 1, 2))[-1] + sorted((self.n % 3, 1))[0]
+        self.row[:] = ordered
+        sorted([self.u])
 
 
 # Arrays ----------------------------------------------------------------------------------------------------

@@ -131,7 +131,7 @@ class _Places:
             dict_of = around if self._is_called(node) else node
             of = self._around[id(dict_of)]
             key = of.slice if isinstance(of, ast.Subscript) and of.value is dict_of else None
-        yield Changed(f".{key.value}" if isinstance(key, ast.Constant) else ANY)
+        yield Changed(f".{key.value!s}" if isinstance(key, ast.Constant) else ANY)
 
 
 def _defined(tree: ast.AST) -> Iterator[str]:

@@ -173,8 +173,8 @@ def _parsed(path: str, changed: float) -> Read:
     renamed = (each for each in ast.walk(tree) if isinstance(each, ast.alias) and each.asname is not None)
     imported = frozenset((str(each.asname), each.name) for each in renamed)
     methods, values, again = frozenset(_methods(tree)), frozenset(_values(tree, tree)), frozenset(_again(tree))
-    changed = frozenset(changed_in(tree, BEFORE))
-    return Read(tuple(_Search(path).of(tree)), classes, imported, methods, values, again, changed)
+    containers = frozenset(changed_in(tree, BEFORE))
+    return Read(tuple(_Search(path).of(tree)), classes, imported, methods, values, again, containers)
 
 
 def _read(path: str) -> Read:
@@ -233,8 +233,8 @@ class _Search:
         line = getattr(node, "lineno", 0)
         if isinstance(node, ast.Attribute) and _is_set(node):
             name = ANY if node.attr in PARTS else node.attr
-            of = kind if _is_of(node.value, me) else ""
-            yield Setting(name, of, self._file, line, function, base=_last(node.value) if name else "")
+            own, base = kind if _is_of(node.value, me) else "", _last(node.value) if name else ""
+            yield Setting(name, own, self._file, line, function, base=base)
         elif isinstance(node, ast.Name) and _is_set(node) and node.id in outer:
             yield Setting(node.id, "", self._file, line, function)
         elif isinstance(node, ast.Call):

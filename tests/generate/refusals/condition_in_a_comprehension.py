@@ -8,5 +8,5 @@ from helpers.written_programs import Program
 class ConditionInAComprehension(Program):
     def control(self) -> None:
         # refused: `if` in a comprehension, whose length is then not known; any, all, sum, min, max, len or next of it; a loop
-        found = [each for each in (self.u, 1.0) if each > 0.0]
+        found = tuple(each for each in (self.u, 1.0) if each > 0.0)
         self.k = found[0]

@@ -10,5 +10,5 @@ class ListIsReplaced(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a list is assigned as a whole; its elements, one by one
-        self.row = [self.u, 2.0]
+        # refused: a list is assigned as a whole; its elements, one by one: x[:] = ...
+        self.row = [self.u, self.n]

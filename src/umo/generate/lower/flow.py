@@ -8,10 +8,10 @@ from typing import NamedTuple, TypeAlias
 
 from umo.generate.c_types import CType, OptionalType
 from umo.generate.form import Field, inside, root
-from umo.generate.lower.terms import Choice, Code, Known, Term
+from umo.generate.lower.terms import Choice, Code, Known, Selection, Term
 
-Names: TypeAlias = dict[str, CType | Known | Choice]
-"""Local names: their types, or the live object that each stands for, or one of several."""
+Names: TypeAlias = dict[str, CType | Known | Choice | Selection]
+"""Local names: their types, or the live object that each stands for, or one or some of several."""
 
 
 class Way(NamedTuple):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from enum import Enum
+from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ForwardRef, Union, get_args, get_origin
 
@@ -34,6 +37,8 @@ from umo.generate.c_types import (
     unmixed,
 )
 from umo.generate.form import FALSE, TRUE, Assign, Element, Field, Literal, Member, Statement, Value, has, inside
+from umo.generate.function_source import NoSource, bound
+from umo.generate.known_values import is_installed
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier, member_name
 from umo.generate.translation import StructField
@@ -276,11 +281,29 @@ def _letter(of: CType | None) -> str:
 
 
 def _hinted(owner: Any, name: str) -> CType | None:
-    """The type that a class declares for an attribute, if it is a number, a state, or one of these or None."""
+    """The type that a class declares for an attribute, if it is a number, a state, or one of these or None. Where it is
+    set first, only what may be None is declared."""
     for each in owner.__mro__:
+        names = vars(sys.modules[each.__module__])
         if name in getattr(each, "__annotations__", {}):
-            return _type_of_hint(_evaluated(each.__annotations__[name], vars(sys.modules[each.__module__])))
+            return _type_of_hint(_evaluated(each.__annotations__[name], names))
+        if name in _hints_of(each):
+            found = _type_of_hint(_evaluated(_hints_of(each)[name], names))
+            return found if isinstance(found, OptionalType) else None
     return None
+
+
+@cache
+def _hints_of(kind: type) -> dict[str, str]:
+    """The annotations of `self.name: float | None = None` in `setup` and `__init__`."""
+    found: dict[str, str] = {}
+    for each in ("__init__", "setup") if not is_installed(kind.__module__) else ():
+        with suppress(NoSource):
+            tree = bound(vars(kind).get(each)).source.tree  # type: ignore[arg-type]
+            for node in (node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign)):
+                if isinstance(node.target, ast.Attribute) and isinstance(node.target.value, ast.Name):
+                    found[node.target.attr] = ast.unparse(node.annotation)
+    return found
 
 
 def _evaluated(hint: Any, names: dict[str, Any]) -> Any:

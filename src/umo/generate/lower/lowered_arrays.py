@@ -137,12 +137,12 @@ class LoweredArrays(LoweredSubject):
         """A loop that sets the elements of an array, those for which the condition holds. What it reads of the array at
         another place is computed before."""
         assert isinstance(code.type, ArrayType)
+        length = code.type.length
         if _reads_elsewhere(place, code.value):
             code = Elementwise(code.type, Element(self.f.values.kept(code).value, Here()))
         if test is not None and _reads_elsewhere(place, test):
-            chosen = self.f.values.kept(Elementwise(array(BOOL, code.type.length), test))  # type: ignore[attr-defined]
-            test = Element(chosen.value, Here())
-        with self.each_place(code.type.length) as turn:
+            test = Element(self.f.values.kept(Elementwise(array(BOOL, length), test)).value, Here())
+        with self.each_place(length) as turn:
             step = Assign(Element(place, turn), placed(code.value, turn))
             if test is None:
                 self.f.add(step)

@@ -8,7 +8,6 @@ from typing import Any
 
 from umo.generate.c_types import (
     BOOL,
-    INT,
     NOTHING,
     REAL,
     ArrayType,
@@ -16,24 +15,25 @@ from umo.generate.c_types import (
     OptionalType,
     TupleType,
     array,
-    is_number,
-    list_of,
     may_be_bool,
     of_python,
     plain,
     plain_number,
 )
 from umo.generate.check.form_effects import changes
-from umo.generate.form import Element, Field, Literal
+from umo.generate.form import Element, Field
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Selection, Term, Truth
 from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
+
+WHOLE_LIST = "a list is assigned as a whole", "its elements, one by one: x[:] = ..."
+"""Why a list is not assigned to an attribute."""
 
 
 class LoweredAssignments(LoweredSubject):
@@ -189,7 +189,7 @@ class LoweredAssignments(LoweredSubject):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
-        if isinstance(term, Choice):
+        if isinstance(term, Choice | Selection):
             if self.f.world.memory.locals.get((self.f.key, name)) is not None:
                 raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
             self.f.flow.names[name] = term
@@ -197,7 +197,7 @@ class LoweredAssignments(LoweredSubject):
         if isinstance(term, Present | Truth):
             raise self.f.refused(node, *only_asked(term))
         if isinstance(term, Many) and term.kind is list and name in _changed_in_place(self.f.source.tree):
-            term = self._list(term, node) or term
+            term = self.f.values.new_list(term.terms, node) or term
         of = self.f.values.type_of(term)
         key = (self.f.key, name)
         before = self.f.world.memory.locals.get(key)
@@ -227,19 +227,6 @@ class LoweredAssignments(LoweredSubject):
         value = self.f.values.as_type(term, of, node)
         if value != place:
             self.f.assign(place, value)
-
-    def _list(self, term: Many, node: ast.AST) -> Code | None:
-        """A list of numbers whose elements are set; None: its elements are of several classes, or none."""
-        codes = [self.f.values.code(each, node) for each in term.terms]
-        kinds = {each.type for each in codes}
-        if len(kinds) != 1 or not is_number(codes[0].type):
-            return None
-        of = list_of(codes[0].type, len(codes))
-        result = self.f.temporary(of)
-        for number, each in enumerate(codes):
-            self.f.assign(Element(result, Literal(number, INT)), each.value)
-        self.f.aliases.sole.add(result)
-        return Code(of, result)
 
     def _is_of_objects(self, term: Many) -> bool:
         """Whether this is a tuple of live objects, or of qualities that are accepted."""
@@ -306,7 +293,11 @@ class LoweredAssignments(LoweredSubject):
         new = self.f.values.type_of(term)
         key = id(owner), name
         if isinstance(new, TupleType) and new.kind is list:
-            raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            is_made = isinstance(term, Many) and not self.f.world.target.tells
+            made = self.f.values.new_list(term.terms, node) if is_made else None  # type: ignore[union-attr]
+            if made is None:
+                raise self.f.refused(node, *WHOLE_LIST)
+            term, new = made, made.type
         if new is None:
             raise self.f.refused(
                 node, f"{self.f.source.segment(target)} is no number or state", "numbers, states, tuples of them"
@@ -323,8 +314,8 @@ class LoweredAssignments(LoweredSubject):
                 raise self.f.refused(node, f"{name} does not become a field", "another name, or one type")
             return  # in the next pass it is a field
         if isinstance(plain(place.type), ArrayType):
-            if isinstance(getattr(owner, name), list):
-                raise self.f.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            if isinstance(getattr(owner, name), list) and self.f.world.target.tells:
+                raise self.f.refused(node, *WHOLE_LIST)  # whoever has the list before would have the new one
             self.f.world.memory.rebind(place.value)
             self.f.aliases.rebound.append(place.value)
             if not (self.f.aliases.is_copied(term) or self.f.aliases.is_new(term)):

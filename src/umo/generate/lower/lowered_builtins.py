@@ -51,8 +51,9 @@ from umo.generate.lower.lowered_expressions import NUMBERS, is_of_numpy
 from umo.generate.lower.lowered_sequences import ITERATORS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
+from umo.generate.lower.sorted_lists import sorted_list
 from umo.generate.lower.state_members import as_number, number_of
-from umo.generate.lower.terms import Choice, Code, Known, Many, Term, TruePlaces
+from umo.generate.lower.terms import Choice, Code, Known, Many, Selection, Term, TruePlaces
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -94,6 +95,8 @@ class LoweredBuiltins(LoweredSubject):
             return self._extreme(target, arguments, node)
         if target is sum and len(arguments) == 2:
             return self.added(self.f.calls.parts(arguments[0], node), node, arguments[1])
+        if target is sorted and len(arguments) == 1:
+            return sorted_list(self.f, self.f.calls.parts(arguments[0], node), node)
         if target is divmod and len(arguments) == 2:
             return self._divided(arguments, node)
         one = arguments[0] if len(arguments) == 1 else None
@@ -259,6 +262,8 @@ class LoweredBuiltins(LoweredSubject):
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and isinstance(arguments[0], Known) and is_ring(arguments[0].value):
             return self.f.rings.count(arguments[0], node)
+        if target is len and isinstance(arguments[0], Selection):
+            return Code(INT, arguments[0].count)
         if target is len and (length := self._length(arguments[0], node)) is not None:
             return Known(length)
         if target is len and isinstance(arguments[0], Known) and isinstance(arguments[0].value, TruePlaces):

@@ -60,7 +60,8 @@ class LoweredErrors(LoweredSubject):
         self.f.flow.names, _ = self.f.flow.names_if(node.test)
         if truth is not True:
             self.f.telling.check_told([] if node.msg is None else [node.msg])
-            self.f.raises(AssertionError, node, TRUE if truth is False else negated(truth))
+            said = node.msg.value if isinstance(node.msg, ast.Constant) and isinstance(node.msg.value, str) else None
+            self.f.raises(AssertionError, node, TRUE if truth is False else negated(truth), said)
         self.f.flow.known |= proved_by(node.test) if shown else set()
 
     def lower_try(self, node: ast.Try) -> bool | None:

@@ -52,7 +52,18 @@ from umo.generate.lower.known_tables import element_of, element_of_terms, is_dic
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS
 from umo.generate.lower.state_members import StateMethod, as_number, has_own_value, value_of_state
-from umo.generate.lower.terms import NO_VALUE, TEXT, Choice, Code, Elementwise, Known, Many, RecordReplace, Term
+from umo.generate.lower.terms import (
+    NO_VALUE,
+    TEXT,
+    Choice,
+    Code,
+    Elementwise,
+    Known,
+    Many,
+    RecordReplace,
+    Selection,
+    Term,
+)
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_immutable, is_plain_dataclass, is_plain_record, is_ring
@@ -87,7 +98,7 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_name(self, node: ast.Name) -> Term:
         found = self.f.flow.names.get(node.id)
-        if isinstance(found, Known | Choice):
+        if isinstance(found, Known | Choice | Selection):
             return found
         if found is not None:
             return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
@@ -221,6 +232,8 @@ class LoweredExpressions(LoweredSubject):
             index = as_number(self.f, index, node)
         if isinstance(base, Known) and is_ring(base.value):
             return self.f.rings.element(base, index, node)
+        if isinstance(base, Selection):
+            return self.f.rings.element_among(base, index, node)
         if isinstance(index, Known) and type(index.value) in (int, bool):
             count = self._count_of(base)
             if count and not -count <= index.value < count:
@@ -239,7 +252,8 @@ class LoweredExpressions(LoweredSubject):
             if is_dict(base.value):
                 return value_of(self.f, base.value, index, node)
         if isinstance(base, Many) and isinstance(index, Known):
-            return base.terms[index.value]
+            one: Term = base.terms[index.value]
+            return one
         if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
             name, of = base.type.members[index.value]
             return Code(of, Member(self.place(base).value, name))

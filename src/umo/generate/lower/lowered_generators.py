@@ -19,6 +19,7 @@ from umo.generate.c_types import (
     NumpyNumber,
     OptionalType,
     joined,
+    list_of,
     plain,
     plain_number,
 )
@@ -32,6 +33,7 @@ from umo.generate.form import (
     Checked,
     Conditional,
     Do,
+    Element,
     If,
     Labelled,
     Leave,
@@ -48,7 +50,7 @@ from umo.generate.lower.lowered_builtins import MAKES_UP
 from umo.generate.lower.lowered_conditions import calls_in
 from umo.generate.lower.lowered_sequences import mark_of, with_own_names, without_own
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Known, Term, Turns
+from umo.generate.lower.terms import Code, Known, Selection, Term, Turns
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_ring
 
@@ -115,7 +117,10 @@ class LoweredGenerators(LoweredSubject):
         """Whether the number of turns of a loop over this is not known: a deque, a range that is computed."""
         if isinstance(node, ast.Call) and (self.f.sequences.is_iterator(node) or self.f.loops.is_range(node)):
             return any(map(self._is_open, node.args)) or (self.f.loops.is_range(node) and self._is_computed(node.args))
-        return isinstance(node, ast.Name | ast.Attribute) and is_ring(getattr(self._looked_at(node), "value", None))
+        if not isinstance(node, ast.Name | ast.Attribute):
+            return False
+        term = self._looked_at(node)
+        return isinstance(term, Selection) or is_ring(getattr(term, "value", None))
 
     def _is_computed(self, nodes: Sequence[ast.expr]) -> bool:
         return not all(isinstance(self._looked_at(each), Known) for each in nodes)
@@ -308,6 +313,40 @@ class LoweredGenerators(LoweredSubject):
                 self.f.add(If(there, (Assign(result, a),), (Assign(result, b),)))
                 return Code(kind, result)
         raise self.f.refused(node, "two values of different types", "one type for both")
+
+    def chosen(self, generator: ast.ListComp) -> Selection:
+        """A list of the numbers for which the conditions hold."""
+        first, most = self._first_of(generator)
+        kind = self._learnt(generator, first)
+        of = list_of(plain_number(kind), most)
+        at, count = self.f.temporary(of, "chosen"), self.f.temporary(INT, "count")
+        self.f.assign(count, ZERO)
+
+        def take(term: Term, node: ast.AST) -> None:
+            code = self._number(term, node)
+            found = self._learnt(generator, code.type)
+            if isinstance(found, MixedNumber | NumpyNumber):
+                raise self.f.refused(node, ELEMENTS, "float(...)")
+            if found == kind:
+                self.f.assign(Element(at, count), self.f.values.as_type(code, of.of, node))
+                self.f.assign(count, Operator("+", count, ONE))
+
+        self._loops(generator, take)
+        return Selection(at, count, of)
+
+    def _first_of(self, generator: ast.ListComp) -> tuple[CType, int]:
+        """The type of the first element, and how many there are at most. Nothing of this is kept."""
+        names = dict(self.f.flow.names)
+        with self.f.gathered():
+            own, turns = self.f.sequences.opened(generator)
+            with self.f.loops.bound_to(own.generators[0].target, turns.find(0)):
+                term = self.f.term(own.elt)
+                if isinstance(term, Known) and self.f.values.type_of(term) is None:
+                    told = "objects of which the number is not known"
+                    raise self.f.refused(generator, told, "a loop; min or max by a key")
+                of = self._number(term, own.elt).type
+        self.f.flow.names = names
+        return of, turns.count
 
     def _of_list(self, target: Any, generator: Generator) -> Term:
         """`len`, `any` and `all` of a list, which is made before it is asked."""

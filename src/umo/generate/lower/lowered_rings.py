@@ -31,7 +31,7 @@ from umo.generate.form import (
     differs,
 )
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Known, RingMethod, Term, Turns
+from umo.generate.lower.terms import Code, Known, RingMethod, Selection, Term, Turns
 
 MOST_ELEMENTS = 4096
 METHODS = "append", "appendleft", "pop", "popleft", "clear", "extend", "rotate", "maxlen"
@@ -131,14 +131,22 @@ class LoweredRings(LoweredSubject):
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
         """IndexError beyond its ends."""
         ring = self.of(term, node)
+        count = self.f.values.copied(Code(INT, ring.count)).value
+        return Code(ring.of, Element(ring.at, self._place(index, count, node)))
+
+    def element_among(self, chosen: Selection, index: Term, node: ast.AST) -> Code:
+        """The same of a list of those that were chosen."""
+        return Code(chosen.of.of, Element(chosen.at, self._place(index, chosen.count, node)))
+
+    def _place(self, index: Term, count: Value, node: ast.AST) -> Value:
         code = self.f.values.number(index, node)
         if code.type != INT:
             raise self.f.refused(node, "a place in a deque is a whole number")
-        place, count = self.f.values.kept(code).value, self.f.values.copied(Code(INT, ring.count)).value
+        place = self.f.values.kept(code).value
         from_end, is_below = Operator("+", place, count), Operator("<", place, ZERO)
         below = Operator("&&", is_below, Operator("<", from_end, ZERO))
         self.f.raises(IndexError, node, Operator("||", Operator(">=", place, count), below))
-        return Code(ring.of, Element(ring.at, Conditional(is_below, from_end, place)))
+        return Conditional(is_below, from_end, place)
 
     def set_element(self, term: Term, index: Term, value: Term, node: ast.AST) -> None:
         place = self.element(term, index, node)

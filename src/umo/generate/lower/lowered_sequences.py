@@ -15,12 +15,12 @@ from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, St
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, SliceView, Term, Turns
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, Selection, SliceView, Term, Turns
 from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
 """What gives its elements once: it stands where it is gone through at once."""
-CONSUMERS = any, all, sum, min, max, list, tuple
+CONSUMERS = any, all, sum, min, max, sorted, list, tuple
 """Functions that go through their argument."""
 MOST_TURNS = 256
 """Turns in one expression, each written out."""
@@ -114,6 +114,15 @@ class LoweredSequences(LoweredSubject):
         """What the turns of a loop over this find."""
         if isinstance(term, Known) and is_ring(term.value):
             return self.f.rings.turns(term, node)
+        if isinstance(term, Selection):
+            chosen = term
+            return Turns(
+                chosen.of.length,
+                lambda n: Code(chosen.of.of, Element(chosen.at, Literal(n, INT))),
+                lambda at: Code(chosen.of.of, Element(chosen.at, at)),
+                (chosen.at,),
+                chosen.count,
+            )
         if isinstance(term, SliceView):
             of = of_element(term.type)  # type: ignore[arg-type]
 
@@ -202,7 +211,25 @@ class LoweredSequences(LoweredSubject):
     # Comprehensions ------------------------------------------------------------------------------------
 
     def lower_list_comp(self, node: ast.ListComp) -> Term:
+        if self._chooses(node):
+            return self.f.generators.chosen(node)
         return Many(tuple(self.gone_through(node)), kind=list)
+
+    def _chooses(self, node: ast.ListComp) -> bool:
+        """Whether conditions decide when it runs which elements the list has. Nothing of this is kept."""
+        if len(node.generators) != 1 or not node.generators[0].ifs:
+            return False
+        names, known = dict(self.f.flow.names), set(self.f.flow.known)
+        with self.f.gathered():
+            own, turns = self.opened(node)
+            first = own.generators[0]
+            found = False
+            for number in range(turns.count):
+                with self.f.loops.bound_to(first.target, turns.find(number)):
+                    truths = (self.f.values.truth(self.f.term(each), each) for each in first.ifs)
+                    found = found or next((True for each in truths if each is not True), False) is not False
+        self.f.flow.names, self.f.flow.known = names, known
+        return found
 
     def gone_through(self, node: ast.expr) -> list[Term]:
         """What a comprehension, a generator or an iterator gives, computed in its order."""

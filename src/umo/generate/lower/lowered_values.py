@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 from typing import Any
@@ -23,6 +24,7 @@ from umo.generate.c_types import (
     TextType,
     TupleType,
     is_number,
+    list_of,
     numpy_number,
     plain,
     plain_number,
@@ -50,12 +52,16 @@ from umo.generate.form import (
 from umo.generate.lower.known_tables import OF_OBJECTS
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Selection, Term, Truth
 from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, parts_of, refused_truth
 from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
+OF_UNKNOWN_LENGTH = (
+    "a list of which the length is not known",
+    "any, all, sum, min, max, len or next of it, whether it is empty, a loop",
+)
 NO_ELEMENTS = "an element of what is no list and no array in C", "a list of floats or of ints, np.zeros(n)"
 """Why an element does not translate."""
 
@@ -70,7 +76,7 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Many):
             types = [self.type_of(each) for each in term.terms]
             return self.f.world.fields.tuple_type(types, term.names, term.kind or tuple)
-        if isinstance(term, Present | Truth | Choice):
+        if isinstance(term, Present | Truth | Choice | Selection):
             return None
         found = self.f.world.fields.type_of_value(term.value)
         return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
@@ -142,6 +148,18 @@ class LoweredValues(LoweredSubject):
                 raise self.f.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
             return self.made(term, of, node)
         raise self.f.refused(node, *only_asked(term))
+
+    def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
+        """A list of its own with these numbers; None: they are of several classes, or none."""
+        codes = [self.code(each, node) for each in terms]
+        if len({each.type for each in codes}) != 1 or not is_number(codes[0].type):
+            return None
+        of = list_of(codes[0].type, len(codes))
+        result = self.f.temporary(of)
+        for number, each in enumerate(codes):
+            self.f.assign(Element(result, Literal(number, INT)), each.value)
+        self.f.aliases.sole.add(result)
+        return Code(of, result)
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value:
         try:
@@ -227,6 +245,8 @@ class LoweredValues(LoweredSubject):
             return term.test
         if isinstance(term, Many):
             return bool(term.terms)
+        if isinstance(term, Selection):
+            return differs(term.count)
         if isinstance(term, Choice):
             if all(self.truth(each, node) is True for each in term.options):
                 return True
@@ -261,8 +281,10 @@ def _widens(one: CType, other: CType) -> bool:
     return one == other or other == REAL or (one == BOOL and other == INT)
 
 
-def only_asked(term: Present | Truth | Choice) -> tuple[str, str]:
+def only_asked(term: Present | Truth | Choice | Selection) -> tuple[str, str]:
     """Why this is no value, and what is nearest."""
+    if isinstance(term, Selection):
+        return OF_UNKNOWN_LENGTH
     if isinstance(term, Choice):
         return OF_OBJECTS
     if isinstance(term, Present):

@@ -9,7 +9,18 @@ from typing import Any, Protocol
 
 from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
-from umo.generate.lower.terms import ArrayMethod, Choice, Code, Elementwise, Known, Many, RingMethod, Term, Turns
+from umo.generate.lower.terms import (
+    ArrayMethod,
+    Choice,
+    Code,
+    Elementwise,
+    Known,
+    Many,
+    RingMethod,
+    Selection,
+    Term,
+    Turns,
+)
 from umo.objects import Vector
 from umo.objects.atomic import Atomic
 
@@ -25,6 +36,9 @@ class AskedOfValues(Protocol):
 
     def copied(self, code: Code) -> Code:
         """The same value under another name than it has."""
+
+    def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
+        """A list of its own with these numbers; None: they are of several classes, or none."""
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value: ...
 
@@ -287,6 +301,9 @@ class AskedOfGenerators(Protocol):
         """any, all, sum, min, max, len or next of a generator; None: it is another call, or the number of elements is
         known."""
 
+    def chosen(self, generator: ast.ListComp) -> Selection:
+        """A list of the numbers for which the conditions hold."""
+
 
 class AskedOfAssignments(Protocol):
     """The part of a function that is assignments."""
@@ -359,6 +376,9 @@ class AskedOfRings(Protocol):
 
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
         """IndexError beyond its ends."""
+
+    def element_among(self, chosen: Selection, index: Term, node: ast.AST) -> Code:
+        """The same of a list of those that were chosen."""
 
     def set_element(self, term: Term, index: Term, value: Term, node: ast.AST) -> None: ...
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from umo.generate.c_types import CType
+from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Value
 
 
@@ -133,7 +133,17 @@ class Choice:
     options: tuple[Known, ...]
 
 
-Term = Code | Known | Many | Present | Truth | Choice
+@dataclass(frozen=True)
+class Selection:
+    """A list of those that a condition has chosen: how many there are is of run time."""
+
+    at: Value
+    """Where they are: the first ones of a list of `of`."""
+    count: Value
+    of: ArrayType
+
+
+Term = Code | Known | Many | Present | Truth | Choice | Selection
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,11 @@
+"""Sorted numbers of two classes."""
+
+from __future__ import annotations
+
+from helpers.written_programs import Program
+
+
+class SortedValuesOfTwoClasses(Program):
+    def control(self) -> None:
+        # refused: `sorted` of what is not 1 to 64 numbers of one class; float(...), a loop
+        self.k = sorted([self.u, self.n])[0] * 1.0
