@@ -226,11 +226,6 @@ def test_it_is_what_numpy_does(name: str, methods: CompiledMethods) -> None:
 class Refused:
     """What is refused, each with a word of the reason."""
 
-    def alias(self, law: Arrays) -> None:
-        """may have another name"""
-        here = law.a
-        here += 1.0
-
     def parameter(self, law: Arrays) -> None:
         """may have another name"""
         self.changed(law.a)
