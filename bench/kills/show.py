@@ -14,6 +14,8 @@ from bench.kills.campaign import Row, Try
 from bench.kills.kinds import KINDS, possible
 from bench.report import duration
 
+LINES = 100
+"""Tries for a line, where there is no terminal for a bar."""
 QUICK = 0.03
 """The share of the full numbers: about one try of each kind."""
 
@@ -43,6 +45,9 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
 
         def said(one: Try) -> None:
             bar.update(task, advance=1, description=one.kind)
+            done = int(bar.tasks[task].completed)
+            if not console.is_terminal and done % LINES == 0:
+                console.print(f"{done} of {total} tries")
             if one.unsafe or one.wrong:
                 console.print(str(one), markup=False, highlight=False, soft_wrap=True)
 
