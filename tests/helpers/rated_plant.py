@@ -140,7 +140,8 @@ def rated_plant(
     kind: type[RatedPlant] = RatedPlant,
     **more: Compound,
 ) -> RatedPlant:
-    """`rates`: of tank and furnace. `beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
+    """`rates`: of tank and furnace. `beyond`: time in ms by which the ages that are allowed are longer than whole
+    periods."""
 
     def age(periods: int) -> str:
         return f"{periods + beyond} ms"
