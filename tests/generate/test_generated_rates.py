@@ -9,8 +9,10 @@ import pytest
 
 from helpers.equipment_plant import Slide
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired, without_host
+from helpers.machines import actuator, timer
 from helpers.rated_plant import rated_plant_with_axis
 from helpers.tiers import some
+from umo import Compound, DigitalActuator, DigitalSensor
 from umo.control import Profile
 from umo.control.axis import Interruption
 from umo.control.axis_state import AxisState
@@ -85,3 +87,38 @@ def test_every_period_is_the_same_where_ticks_are_missed_and_channels_fail(seed:
         assert refused > 1 and cleared > 1
         assert both.told.keys() >= {None, "BadInput", "DriverError"}
         assert both.told[None] > steps / 4
+
+
+class Pump(Compound, equipment=True):
+    motor: DigitalActuator
+
+    def control(self) -> None:
+        self.motor.write(5.0)
+
+
+class Slow(Compound, every=2):
+    valve: DigitalActuator
+
+    def control(self) -> None:
+        self.valve.write(5.0)
+
+
+class PumpAndSlow(Compound):
+    timer: DigitalSensor
+    pump: Pump
+    slow: Slow
+
+
+def test_defaults_of_equipment_in_fault_are_sent_before_a_slow_part_acts(tmp_path: Path) -> None:
+    machine = PumpAndSlow(timer=timer(), pump=Pump(motor=actuator()), slow=Slow(valve=actuator()))
+    running = connect(machine, wired(machine, Fragile(), VirtualTimer()))
+    with running:
+        both = Beside.translated(running, Fragile(), tmp_path)
+        c, seen = both.c, list[list[int]]()
+        assert both.outputs == ["pump.motor", "slow.valve"]
+        assert (c.step(2, []), c.raws_out) == (0, [10, 0])
+        assert c.sent([True, False]) == 0
+        while c.changed:
+            seen.append(c.raws_out)
+            assert c.sent() == 0
+        assert seen == [[0, 0], [0, 10]]
