@@ -13,9 +13,9 @@ from umo.generate.form import (
     Field,
     root,
 )
-from umo.generate.lower.terms import Choice, Code, Known, Selection
+from umo.generate.lower.terms import Code, Known, OneOf, Selection
 
-Names: TypeAlias = dict[str, CType | Known | Choice | Selection]
+Names: TypeAlias = dict[str, CType | Known | OneOf | Selection]
 """Local names: their types, or the live object that each stands for, or one or some of several."""
 
 

@@ -54,7 +54,7 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Choice, Code, Known, Many, RecordReplace, RingMethod, Term, TruePlaces
+from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, OneOf, RecordReplace, RingMethod, Term, TruePlaces
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -72,7 +72,7 @@ class LoweredCalls(LoweredSubject):
         if self.f.telling.is_text(node):
             return self.f.telling.text(node)
         func = self.f.term(node.func)
-        if isinstance(func, Choice):
+        if isinstance(func, OneOf):
             arguments, named = self._arguments(node.args, node.keywords)
             return self._of_each(func, arguments, named, node)
         if not isinstance(func, Known):
@@ -90,10 +90,10 @@ class LoweredCalls(LoweredSubject):
         arguments, named = self._arguments(node.args[len(passed) :], node.keywords)
         return self._of_each(func, [*elements, *arguments], named, node)
 
-    def _of_each(self, func: Known | Choice, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+    def _of_each(self, func: Known | OneOf, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         """A call; where it is, or is given, one of several objects, the call for each of them."""
         terms = [func, *arguments, *named.values()]
-        place = next((n for n, each in enumerate(terms) if isinstance(each, Choice)), None)
+        place = next((n for n, each in enumerate(terms) if isinstance(each, OneOf)), None)
         if place is None:
             return self.apply(func, arguments, named, node)  # type: ignore[arg-type]
         settled = [self.f.values.settled(each) for each in terms]
