@@ -6,8 +6,8 @@ from helpers.written_programs import Program
 
 
 class SequenceIsCalled(Program):
-    def moves(self):
-        yield 1.0
+    async def moves(self) -> float:
+        return 1.0
 
     def control(self) -> None:
         # refused: a sequence stays on the host; functions without await

@@ -358,14 +358,16 @@ class LoweredCalls(LoweredSubject):
     def function(
         self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
     ) -> Term:
+        if inspect.iscoroutinefunction(target):
+            raise self.f.refused(node, "a sequence stays on the host", "functions without await")
         try:
             found = bound(target)
         except NoSource as error:
             raise self.f.refused(
                 node, f"{getattr(target, '__name__', target)}: {error}", "`def` in a file of the station"
             ) from None
-        if inspect.iscoroutinefunction(found.source.function) or inspect.isgeneratorfunction(found.source.function):
-            raise self.f.refused(node, "a sequence stays on the host", "functions without await")
+        if inspect.isgeneratorfunction(found.source.function):
+            raise self.f.refused(node, "a function that gives its elements one by one", "sum(... for ...), a loop")
         given = [*map(Known, found.given), *arguments]
         terms = self._by_name(found.source.function, given, {k: Known(v) for k, v in found.named} | named, node)
         return self.f.world.invoke(self.f, found.source, terms, node)
