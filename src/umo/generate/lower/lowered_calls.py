@@ -151,6 +151,10 @@ class LoweredCalls(LoweredSubject):
 
     def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
+        own = inspect.getattr_static(type(target), "__call__", None)
+        if isinstance(own, FunctionType) and not isinstance(target, type):
+            self.f.takes(type(target), "__call__", node)
+            return self.function(own, [func, *arguments], named, node)
         if isinstance(target, StateMethod):
             return self.function(target.function, [target.member, *arguments], named, node)
         if isinstance(target, LocalFunction):
@@ -210,10 +214,6 @@ class LoweredCalls(LoweredSubject):
             return self.function(target, arguments, named, node)
         if isinstance(target, type) and issubclass(target, Enum) and len(arguments) == 1 and not named:
             return member_of(self.f, target, arguments[0], node)
-        own = inspect.getattr_static(type(target), "__call__", None)
-        if isinstance(own, FunctionType) and not isinstance(target, type):
-            self.f.takes(type(target), "__call__", node)
-            return self.function(own, [func, *arguments], named, node)
         raise self.f.refused(
             node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
         )
