@@ -53,6 +53,16 @@ class Product:
 PRODUCTS = {"glue": Product(1.5, Speed.LOW), "soap": Product(0.0, Speed.HIGH)}
 
 
+@dataclass
+class Lag:
+    gain: float
+    last: float = 0.0
+
+    def __call__(self, u: float) -> float:
+        self.last += self.gain * (u - self.last)
+        return self.last
+
+
 class Part:
     def __init__(self, gain: float) -> None:
         self.gain, self.runs = gain, 0
@@ -110,6 +120,15 @@ class GeneratorsThatAreUnpacked(Program):
         self.k = fast - slow
         [self.c, also] = (each.runs + self.n % 3 for each in self.parts)
         self.c += also
+
+
+@equal
+class DataclassesThatAreCalled(Program):
+    def begin(self) -> None:
+        self.fast, self.slow = Lag(0.5), Lag(0.125)
+
+    def control(self) -> None:
+        self.k = self.fast(self.u) - self.slow(self.x.read())
 
 
 @equal

@@ -8,9 +8,9 @@ from typing import NamedTuple, TypeAlias
 
 from umo.generate.c_types import CType, OptionalType
 from umo.generate.form import Field, inside, root
-from umo.generate.lower.terms import Choice, Code, Known, Selection, Term
+from umo.generate.lower.terms import Code, Known, OneOf, Selection, Term
 
-Names: TypeAlias = dict[str, CType | Known | Choice | Selection]
+Names: TypeAlias = dict[str, CType | Known | OneOf | Selection]
 """Local names: their types, or the live object that each stands for, or one or some of several."""
 
 

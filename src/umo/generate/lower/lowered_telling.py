@@ -14,7 +14,7 @@ from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import LocalFunction
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import TEXT, ArrayMethod, Choice, Known, Selection, Term, TruePlaces, UnknownText
+from umo.generate.lower.terms import TEXT, ArrayMethod, Known, OneOf, Selection, Term, TruePlaces, UnknownText
 from umo.generate.lower.text_makers import error_as_written, evaluated, is_certain
 from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
 from umo.generate.translation import Teller
@@ -145,7 +145,7 @@ class LoweredTelling(LoweredSubject):
                 if isinstance(found.value, UnknownText | NOT_OF_PYTHON):
                     return None
                 known[name] = found.value
-            elif isinstance(found, Choice | Selection):
+            elif isinstance(found, OneOf | Selection):
                 return None
             elif found is not None:
                 place = self.f.aliases.same.get(name) or self.f.local(name)
