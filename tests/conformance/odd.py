@@ -42,6 +42,38 @@ class Memory(Driver):
         LEVELS[channel.text] = raw
 
 
+class Lags(Driver):
+    """An input that takes its time to come to the level of its output, through those in between."""
+
+    CHANNELS = {
+        "out": Channel("out", Direction.OUTPUT, 8),
+        "in": Channel("in", Direction.INPUT, 8),
+        "none": Channel("none", Direction.BOTH, 8),
+    }
+    TIME = 0.03
+    """s until it is there."""
+    goal, left, since = 0, 0, 0.0
+    """Of the circuit, which all drivers have in common: where it goes to, and where it was at which time."""
+
+    def channel(self, text: str) -> Channel:
+        if text not in self.CHANNELS:
+            raise ChannelError(text, self.CHANNELS)
+        return self.CHANNELS[text]
+
+    def read(self, channel: Channel) -> int:
+        if channel.text != "in":
+            raise DriverError(f"{channel.text} cannot be read")
+        share = min(1.0, (monotonic() - Lags.since) / self.TIME)
+        return round(Lags.left + share * (Lags.goal - Lags.left))
+
+    def write(self, channel: Channel, raw: int) -> None:
+        channel.check(raw)
+        if channel.text == "none":
+            raise DriverError("there is no such output")
+        if raw != Lags.goal:
+            Lags.left, Lags.since, Lags.goal = self.read(self.CHANNELS["in"]), monotonic(), raw
+
+
 class NearItsTimeout(Careful):
     """Each exchange takes most of the timeout."""
 

@@ -71,14 +71,12 @@ def block_read(context: RuleContext) -> str | None:
     with context.opened() as probe:
         levels = cycle(patterns(outputs))
         for order in context.as_time_allows(orders(texts), FEWEST_BLOCKS, "blocks"):
-            written = dict(zip(outputs, next(levels), strict=True))
-            for output, raw in written.items():
+            for output, raw in zip(outputs, next(levels), strict=True):
                 probe.write(output.channel, raw)
             _compare(context, probe, order)
         probe.read_many(())
         if not context.told(probe):
-            for output in context.viewed:
-                context.is_read(probe, output, written[output])
+            context.await_levels(probe)
             _read_in_turns(context, probe)
     moving = [each.channel for each in context.subject.inputs if not each.steady]
     return f"{some(moving)}: only as far as they stand still" if moving else None
@@ -266,6 +264,7 @@ def block_failures(context: RuleContext) -> str | None:
 
 
 def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
+    context.await_levels(probe)
     expected = {text: probe.read(text) for text in context.readable}
     texts = list(context.readable)
     for place in (0, len(texts) // 2, len(texts)):

@@ -82,14 +82,16 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
 
 @rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away each call fails in time; when it is back the next call works, however many have failed,
-    its reading is right, and what failed is not made up for. A level that was written before is written again, alone
-    and as a block: the device may have lost it."""
+    """While the device is away each call fails in time; when it is back the next call works, however many have
+    failed (if none has, the first may find the end of the connection), its reading is right, and what failed is not
+    made up for. A level that was written before is written again, alone and as a block: the device may have lost
+    it."""
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
         for call in (*context.transfers(probe), *alone):
             call()  # what is kept of it must not be given later
+        context.await_levels(probe)
         before = {text: probe.read(text) for text in context.known[:MAX_ALONE]}
         probe.timeout = context.haste
         with loss():

@@ -68,9 +68,7 @@ def _moved(context: RuleContext, witness: Witness, happening: Happening, number:
     probe, witness.seen, witness.lost = witness.probe, "", happening is _away
     for place, output in enumerate(context.subject.outputs):
         rewrite(context, probe, output, output.other(number + place), "what was tried before")
-    for place, output in enumerate(context.subject.outputs):
-        if output in context.viewed:
-            context.is_read(probe, output, output.other(number + place))
+    context.await_levels(probe)
     happening(context, witness, number)
     witness.write(context.subject.outputs[0], number + OTHER_LEVEL)
     probe.timeout = context.patience

@@ -199,9 +199,7 @@ def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
     outputs = context.subject.outputs
     for number, output in enumerate(outputs):
         rewrite(context, probe, output, output.other(number), "what was tried before")
-    for number, output in enumerate(outputs):
-        if output in context.viewed:
-            context.is_read(probe, output, output.other(number))
+    context.await_levels(probe)
     return {text: probe.read(text) if text in context.known else None for text in context.readable}
 
 

@@ -125,7 +125,8 @@ def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 @contextmanager
 def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
-    """The clock of the day is set back by so much, as seen by `time.time`, also where it was imported by a name."""
+    """The clock of the day is set back by so much, or forward if that is below 0, as seen by `time.time`, also where it
+    was imported by a name."""
     right = time.time
 
     def wrong() -> float:
