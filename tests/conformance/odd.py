@@ -74,6 +74,39 @@ class Lags(Driver):
             Lags.left, Lags.since, Lags.goal = self.read(self.CHANNELS["in"]), monotonic(), raw
 
 
+class NeedsInitialise(Careful):
+    """A channel can be used from when it was initialised until it is finalised, as umo does."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.ready: set[Place] = set()
+
+    def initialize(self, channel: Place, default: int | None) -> None:
+        self.ready.add(channel)
+        super().initialize(channel, default)
+
+    def finalize(self, channel: Place) -> None:
+        self.must_be_ready((channel,))
+        self.ready.discard(channel)
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        self.must_be_ready((channel,))
+        super().reset(channel, default)
+
+    def read_many(self, channels: Sequence[Place], out: Any) -> None:
+        self.must_be_ready(channels)
+        super().read_many(channels, out)
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        self.must_be_ready(channels)
+        super().write_raws(channels, raws)
+
+    def must_be_ready(self, channels: Sequence[Place]) -> None:
+        for channel in channels:
+            if channel not in self.ready and channel.text not in ("io:40", "in:40"):
+                raise DriverError(f"{channel.text} was not initialised")
+
+
 class NearItsTimeout(Careful):
     """Each exchange takes most of the timeout."""
 

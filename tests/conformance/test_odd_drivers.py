@@ -26,6 +26,7 @@ from conformance.odd import (
     Memory,
     Moving,
     NearItsTimeout,
+    NeedsInitialise,
     Noisy,
     OneByOne,
     OutputsOnly,
@@ -63,6 +64,8 @@ ODD: dict[str, Callable[[], Any]] = {
     "its answers take 5 ms": lambda: careful(Distant),
     "it starts slowly": lambda: careful(StartsSlowly),
     "its timeout is 5 s": lambda: careful(timeout=5.0),
+    "its channels must be initialised": lambda: careful(NeedsInitialise),
+    "its channels must be initialised, and nobody records levels": lambda: careful(NeedsInitialise, levels=None),
     "it sends changes only": lambda: careful(SendsChangesOnly),
     "it reads back what it wrote": lambda: careful(ChecksWhatItWrote),
     "it switches outputs on first": lambda: careful(SwitchesOnFirst, levels=None),
@@ -243,6 +246,10 @@ def test_an_error_answer_that_comes_too_late_on_a_busy_computer_is_waited_for() 
 @pytest.mark.parametrize(("what", "rule"), [
     ("its readings are as old as the call before", "ages"),
     ("it has the device alone from its first call on", "vanish"),
+    ("its channels must be initialised", "patience"),
+    ("its channels must be initialised", "fresh"),
+    ("its channels must be initialised", "levels kept"),
+    ("its channels must be initialised", "end"),
 ])  # fmt: skip
 def test_a_rule_that_accused_a_correct_driver_passes(what: str, rule: str) -> None:
     with ODD[what]() as subject:

@@ -158,10 +158,11 @@ def _writes_again(context: RuleContext, probe: Probe) -> None:
         return
     first = context.visible[0]
     with context.second(direct=context.subject.direct is not None) as other:
-        if other is None or context.failure(context.insist, other.write, first.channel, first.default) is not None:
+        if other is None or context.failure(context.insist, context.ready, other, first.channel) is not None:
             return  # a driver may find out with its first call only that there is no room for it
         for output, many in _by_both_forms(context.visible):
             raw = output.other()
+            context.ready(other, output.channel)
             rewrite(context, probe, output, raw, "the device was away", many=many)
             with context.loss():
                 context.failure(context.transfers(probe)[0])
@@ -370,6 +371,7 @@ def _is_old(
     levels = levels or (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
+    context.ready(mover, output.channel)
     mover.write(output.channel, before)
     context.is_read(probe, output, before)
     for _ in range(still):

@@ -102,12 +102,12 @@ def _check_while_open(context: RuleContext) -> None:
         after = _counts(context, before, known)
         for what, count in before.items():
             if (more := after[what] - count) >= LOSSES:
-                lost = f"{LOSSES} lost connections, as many garbled answers and as many lost ones"
+                lost = f"{LOSSES} lost connections, as many garbled answers, lost ones and looks"
                 raise RuleBroken(f"{more} more {what} are there after {lost}, while the driver is open")
 
 
 def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
-    """A connection is lost, an answer is garbled, another one gets lost."""
+    """A connection is lost, an answer is garbled, another one gets lost; then a look is under way as a call comes."""
     call = context.transfers(probe)[0]
     line.drop()
     for change in (_all_wrong, lambda answer: b""):
@@ -115,6 +115,7 @@ def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
         probe.timeout = context.haste
         context.spoiled(change, False, call)
         probe.timeout = context.patience
+    context.look(probe)
 
 
 def _check_inherited(context: RuleContext) -> None:

@@ -152,6 +152,7 @@ class Witness:
     def write(self, output: Output, number: int) -> None:
         """What another client writes meanwhile stays, where it may write."""
         if self._apart is not None and self.context.readable and not self.context.subject.sole_writer:
+            self.context.insist(self.context.ready, self._apart, output.channel)
             self.context.insist(self._apart.write, output.channel, output.other(number))
             if output in self._looped:
                 self.context.is_read(self._apart, output, output.other(number))

@@ -18,6 +18,8 @@ from umo.text import some
 
 FEWEST_OUTPUTS = 2
 """Outputs that are initialised at any rate, each from two levels; that are watched while a driver is opened again."""
+TRIES = 3
+"""Plain writes of which one shows that a loop-back takes its time."""
 MAX_OTHERS = 8
 """Other outputs that are looked at beside one."""
 
@@ -207,13 +209,17 @@ def _direct(
 
 def _is_gradual(context: RuleContext, probe: Probe, output: Output, levels: Sequence[int], left: int) -> bool:
     """Whether it is the loop-back that goes from one level to another through several in between: it does so with a
-    plain write too. A driver that writes in two parts shows one in between, and a record shows the output itself."""
+    plain write too. A driver that writes in two parts shows always the same one, and a record the output itself."""
     if context.subject.levels is not None or list(levels) not in (sorted(levels), sorted(levels, reverse=True)):
         return False
-    probe.write(output.channel, left)
-    with context.observing(output, left, until=output.default) as written:
-        probe.write(output.channel, output.default)
-    return len(written) > 2 and max(len(written), len(levels)) > 3
+    between = set(levels[1:-1])
+    for _ in range(TRIES):
+        probe.write(output.channel, left)
+        with context.observing(output, left, until=output.default) as written:
+            probe.write(output.channel, output.default)
+        if written[1:-1] and len(between.union(written[1:-1])) > 1:
+            return True
+    return False
 
 
 @rule(Cost(opens=2, each=13))

@@ -88,8 +88,7 @@ class OutputObserver(DriverFactory):
     def reading(self, probe: Probe, output: Output) -> int:
         """Reading of the level of an output."""
         view = self.view(output)
-        if view not in probe.opened:
-            probe.initialize(view, self.default(view))
+        self.ready(probe, view)
         return probe.read(view)
 
     def recorded(self, output: Output) -> Sequence[int]:
