@@ -82,6 +82,7 @@ SIGNS_OF_LIFE = (
     "Ctrl-C leaves the connection with the answer that is still to come, and answers carry no number",
     "a call while a look is under way leaves the connection of that open",
     "a number with a zero in front is another channel",
+    "a report that has failed once is empty for ever",
 )
 """Those that `make test` tries, with their rule alone."""
 

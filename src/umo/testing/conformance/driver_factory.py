@@ -94,8 +94,8 @@ class DriverFactory:
         probe.reset(output.channel, output.default)
 
     def ready(self, probe: Probe, text: str) -> None:
-        """A channel is initialised by the driver that uses it, as umo does it; again if that has failed. An output comes to
-        its default then."""
+        """A channel is initialised by the driver that uses it, as umo does; again if that has failed. An output comes
+        to its default then."""
         if text in probe.opened:
             return
         try:

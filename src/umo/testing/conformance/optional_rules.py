@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from umo.drivers.optional import HasWatchdog, Inspects, PhysicalScale, Reports, ages_of, inspection_of, scale_of
+from umo.drivers.optional import (
+    HasWatchdog,
+    Inspects,
+    PhysicalScale,
+    Reports,
+    ages_of,
+    inspection_of,
+    report_of,
+    scale_of,
+)
 from umo.errors import DeclarationError, text_of
 from umo.objects.units import check_unit, convert, line_between
 from umo.presentation.digits import number_text
@@ -260,7 +269,7 @@ def _time(seconds: float) -> str:
 def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
     moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
-    away. Asked again, a report still has what it had."""
+    away. Asked again, a report still has what it had, also once the device was away."""
     if not isinstance(context.new().driver, Reports | Inspects):
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
@@ -345,12 +354,15 @@ def _inspects_aside(context: RuleContext, probe: Probe) -> None:
 def _reports_while_away(context: RuleContext, probe: Probe) -> None:
     if context.subject.line is None and context.subject.gone is None:
         return
+    before = report_of(probe.driver)
     with context.in_haste(probe), context.loss():
         context.failure(context.transfers(probe)[0])
         for call in context.enquiries(probe):
             if isinstance(error := context.failure(call), WrongKind):
                 raise RuleBroken(f"while the device is away, {context.watch.doing} raises {text_of(error)}")
     context.try_out(probe)
+    if lost := before.keys() - context.insist(probe.call, "report", report_of, probe.driver).keys():
+        raise RuleBroken(f"report has lost {some(sorted(map(repr, lost)))} since the device was away, and is back")
 
 
 def _check_report(probe: Probe) -> None:
