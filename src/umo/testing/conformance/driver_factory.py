@@ -118,8 +118,6 @@ class DriverFactory:
                     if self.failure(self.bring_to_default, probe, output) is None:
                         left = [text for text in left if text != output.channel]
             finally:
-                for text in reversed(tuple(probe.opened)):
-                    self.failure(probe.finalize, text)
                 probe.close()
         self.unreached = left
 
