@@ -52,8 +52,8 @@ class Lags(Driver):
     }
     TIME = 0.03
     """s until it is there."""
-    goal, left, since = 0, 0, 0.0
-    """Of the circuit, which all drivers have in common: where it goes to, and where it was at which time."""
+    way = 0, 0.0, 0
+    """Of the circuit, which all drivers have in common: where it was at which time, and where it goes to."""
 
     def channel(self, text: str) -> Channel:
         if text not in self.CHANNELS:
@@ -63,15 +63,15 @@ class Lags(Driver):
     def read(self, channel: Channel) -> int:
         if channel.text != "in":
             raise DriverError(f"{channel.text} cannot be read")
-        share = min(1.0, (monotonic() - Lags.since) / self.TIME)
-        return round(Lags.left + share * (Lags.goal - Lags.left))
+        left, since, goal = Lags.way  # at once: another driver writes in a thread
+        return round(left + min(1.0, (monotonic() - since) / self.TIME) * (goal - left))
 
     def write(self, channel: Channel, raw: int) -> None:
         channel.check(raw)
         if channel.text == "none":
             raise DriverError("there is no such output")
-        if raw != Lags.goal:
-            Lags.left, Lags.since, Lags.goal = self.read(self.CHANNELS["in"]), monotonic(), raw
+        if raw != Lags.way[-1]:
+            Lags.way = self.read(self.CHANNELS["in"]), monotonic(), raw
 
 
 class NeedsInitialise(Careful):

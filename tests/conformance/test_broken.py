@@ -83,6 +83,7 @@ SIGNS_OF_LIFE = (
     "a call while a look is under way leaves the connection of that open",
     "a number with a zero in front is another channel",
     "a report that has failed once is empty for ever",
+    "close says goodbye, and a failure of that leaves the socket",
 )
 """Those that `make test` tries, with their rule alone."""
 

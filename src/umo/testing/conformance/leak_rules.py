@@ -76,7 +76,7 @@ def descriptors(context: RuleContext) -> str:
     before, known = _counts(context), frozenset(threading.enumerate())
     # The closed drivers are kept: closing is not left to the garbage collector.
     closed = _open_often(context, FEWEST_OPENINGS, most, SILENT_OPENINGS)
-    after, openings = _counts(context, before, known), len(closed) - 2 * SILENT_OPENINGS
+    after, openings = _counts(context, before, known), len(closed) - len(IN_SILENCE) * SILENT_OPENINGS
     context.left_out += [f"{openings} of {most} openings"] if openings < most else []
     for what, number in before.items():
         if after[what] > number:
@@ -148,7 +148,7 @@ def _open_often(context: RuleContext, least: int, most: int, silent: int) -> lis
         context.share, began = len(closed) / most, monotonic()
         closed.append(_open_and_cut(context))
         longest = max(longest, monotonic() - began)
-    return closed + [each(context) for _ in range(silent) for each in (_open_in_silence, _close_in_silence)]
+    return closed + [each(context) for _ in range(silent) for each in IN_SILENCE]
 
 
 def _open_in_silence(context: RuleContext) -> Probe:
@@ -177,6 +177,20 @@ def _close_in_silence(context: RuleContext) -> Probe:
         context.look(probe)
         context.failure(probe.close)
     return probe
+
+
+def _close_unnoticed(context: RuleContext) -> Probe:
+    """Left while nobody answers, before any call has found that out."""
+    probe, line = context.new(), context.subject.line
+    context.bring_up(probe)
+    context.failure(context.insist, context.transfers(probe)[0])
+    probe.timeout = context.haste
+    with line.silent() if line is not None else nullcontext():
+        context.failure(probe.close)
+    return probe
+
+
+IN_SILENCE = (_open_in_silence, _close_in_silence, _close_unnoticed)
 
 
 def _look_often(context: RuleContext, probe: Probe) -> None:
