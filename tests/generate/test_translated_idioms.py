@@ -53,6 +53,11 @@ class Product:
 PRODUCTS = {"glue": Product(1.5, Speed.LOW), "soap": Product(0.0, Speed.HIGH)}
 
 
+class Rows:
+    def __init__(self, value: float) -> None:
+        self.row = [value, 1.0]
+
+
 class Part:
     def __init__(self, gain: float) -> None:
         self.gain, self.runs = gain, 0
@@ -384,7 +389,47 @@ class SortedNumbers(Program):
         sorted([self.u])
 
 
+@equal
+class ListsOfObjectsUnderAName(Program):
+    def begin(self) -> None:
+        self.rows = Rows(0.5), Rows(2.0)
+
+    def control(self) -> None:
+        for each in self.rows:
+            row = each.row
+            row[0] += 1.0
+            if self.n > 2:
+                continue
+            row[1] = self.u
+        self.k = row[0] + row[1]
+
+
+@equal
+class ElementsThatAreChosenBefore(Program):
+    def control(self) -> None:
+        low, high = [each for each in (1.0, 2.0, 3.0) if each != 2.0]
+        for each in [one for one in (self.a, self.b) if one is not self.a]:
+            each.write(low)
+        self.k = high
+
+
 # Arrays ----------------------------------------------------------------------------------------------------
+
+
+@equal
+class ArraysThatAreNotThere(Program):
+    def begin(self) -> None:
+        self.grid: Any = np.zeros(2)
+
+    def control(self) -> None:
+        if self.n > 3:
+            self.grid = None
+        elif self.n > 1:
+            self.grid = np.array([self.u, 1.0])
+        if self.grid is not None:
+            for each in self.grid:
+                self.k += each
+        self.k += float(self.grid.sum())
 
 
 class OfArrays(Program):

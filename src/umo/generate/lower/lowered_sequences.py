@@ -11,7 +11,7 @@ from typing import Any
 
 from umo.generate.c_types import INT, ArrayType, TupleType
 from umo.generate.check.form_effects import calls
-from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, Statement, Value, walk
+from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, Statement, Value, walk, whole
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -129,7 +129,7 @@ class LoweredSequences(LoweredSubject):
             def find_at(at: Value) -> Term:
                 return Code(of, Element(term.base, term.place(at)))
 
-            return Turns(term.type.length, lambda n: find_at(Literal(n, INT)), find_at, (term.base,))  # type: ignore[attr-defined]
+            return Turns(term.type.length, lambda n: find_at(Literal(n, INT)), find_at, (whole(term.base),))  # type: ignore[attr-defined]
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
             return self._turns_of_array(self.f.values.kept(term) if isinstance(term, Elementwise) else term, node)
         elements = [self.f.values.settled(each) for each in self._elements(term, node)]
@@ -143,7 +143,7 @@ class LoweredSequences(LoweredSubject):
         def find_at(at: Value) -> Term:
             return Code(of, Element(code.value, at))
 
-        return Turns(code.type.length, lambda n: find_at(Literal(n, INT)), find_at, (code.value,))
+        return Turns(code.type.length, lambda n: find_at(Literal(n, INT)), find_at, (whole(code.value),))
 
     def _elements(self, term: Term, node: ast.AST) -> list[Term]:
         if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, TupleType)):
@@ -227,7 +227,7 @@ class LoweredSequences(LoweredSubject):
             for number in range(turns.count):
                 with self.f.loops.bound_to(first.target, turns.find(number)):
                     truths = (self.f.values.truth(self.f.term(each), each) for each in first.ifs)
-                    found = found or next((True for each in truths if each is not True), False) is not False
+                    found = found or next((each for each in truths if each is not True), False) is not False
         self.f.flow.names, self.f.flow.known = names, known
         return found
 
