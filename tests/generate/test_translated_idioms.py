@@ -405,6 +405,28 @@ class ListsOfObjectsUnderAName(Program):
 
 
 @equal
+class ListsThatLaterArgumentsChange(Program):
+    def begin(self) -> None:
+        self.row, self.other = [1.0, 2.0], [1.0, 2.0]
+
+    def move(self) -> float:
+        self.row[0] += 1.0
+        self.other = [self.u, 1.0]
+        return self.u
+
+    def first(self, row: list[float], other: list[float], _: float) -> float:
+        return 10.0 * row[0] + other[0]
+
+    def all(self, a: float, b: float, c: float) -> float:
+        return a + 10.0 * b + 100.0 * c
+
+    def control(self) -> None:
+        self.k = self.first(self.row, self.other, self.move())
+        self.k += self.all(*self.row, self.move())
+        self.k += [*self.row, self.move()][0]
+
+
+@equal
 class ElementsThatAreChosenBefore(Program):
     def control(self) -> None:
         low, high = [each for each in (1.0, 2.0, 3.0) if each != 2.0]

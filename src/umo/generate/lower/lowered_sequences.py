@@ -166,12 +166,16 @@ class LoweredSequences(LoweredSubject):
     # Tuples and lists as wholes ------------------------------------------------------------------------
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
-        """Elements that are written down, or arguments; those after a `*` are several ones."""
-        values = [each.value if isinstance(each, ast.Starred) else each for each in nodes]
+        """Elements that are written down, or arguments; those after a `*` are several ones, as they are there."""
         found: list[Term] = []
-        for each, term in zip(nodes, self.f.ordered(values), strict=True):
-            found += self.f.calls.parts(term, each) if isinstance(each, ast.Starred) else [term]
+        for each, term in zip(nodes, self.f.ordered(nodes, self._unpacked), strict=True):
+            found += term.terms if isinstance(each, ast.Starred) else [term]  # type: ignore[union-attr]
         return found
+
+    def _unpacked(self, node: ast.AST) -> Term:
+        if isinstance(node, ast.Starred):
+            return Many(tuple(self.f.calls.parts(self.f.term(node.value), node)))
+        return self.f.term(node)
 
     def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
         """The ends and the step of a slice."""

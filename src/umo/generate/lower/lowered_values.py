@@ -102,7 +102,7 @@ class LoweredValues(LoweredSubject):
         """Whether it is the list of an attribute, which stays that list: what changes in it is seen by all."""
         if not (isinstance(term, Code) and isinstance(term.type, ArrayType)):
             return False
-        return term.type.listed and isinstance(term.value, Field)
+        return term.type.listed and isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
 
     def settled(self, term: Term) -> Term:
         """The same, which nothing changes any longer."""
