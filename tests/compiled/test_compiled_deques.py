@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -78,12 +79,13 @@ def test_what_others_change_in_it_counts_in_the_same_period() -> None:
         assert run.m.motor.inhibited and run.laws.state == "compiled"
 
 
-def test_an_element_of_another_class_gives_the_laws_back_to_python() -> None:
+@pytest.mark.parametrize("value", [80, np.float64(80.0)])
+def test_an_element_of_another_class_gives_the_laws_back_to_python(value: float) -> None:
     with compiled() as run:
-        run.m.window[1] = 80
+        run.m.window[1] = value
         run.step()
         assert run.laws.state == "python" and "the deque window has an element of another class" in run.events
-        assert list(run.m.window) == [80, 20.0, 20.0, 20.0] and run.m.motor.pending == 8.0
+        assert list(run.m.window) == [80, 20.0, 20.0, 20.0] and run.m.window[0] is value and run.m.motor.pending == 8.0
 
 
 def test_another_deque_in_its_place_gives_the_laws_back_to_python() -> None:

@@ -295,6 +295,8 @@ CHANGED = [
     ("value(names=m.kinds)", ".names"),
     ("m.names = value", ".names"),
     ("self.names.sort()", ".names"),
+    ("self.names += value", ".names"),
+    ('setattr(m, "names", value)', ".names"),
     ('TABLE["a"] = value', "TABLE"),
     ("TABLE.update(value)", "TABLE"),
     ("for TABLE['a'] in value: pass", "TABLE"),
@@ -331,6 +333,7 @@ def test_a_container_that_may_be_changed_is_found(line: str, told: str) -> None:
         ("@dataclass\nclass Other:\n    names: list[str] = field(default_factory=list)", ".names"),
         ("from .base import TABLE\nTABLE.clear()", "TABLE"),
         ("class Other:\n    def setup(self, m):\n        m.names.append(1)", ".names"),
+        ("class Other:\n    def work(self):\n        self.names += [1]", ".names"),
         ("class Other:\n    def setup(self):\n        self.put = lambda: self.names.append(1)", ".names"),
     ],
 )

@@ -63,6 +63,11 @@ class Lag:
         return self.last
 
 
+class Rows:
+    def __init__(self, value: float) -> None:
+        self.row = [value, 1.0]
+
+
 class Part:
     def __init__(self, gain: float) -> None:
         self.gain, self.runs = gain, 0
@@ -403,7 +408,69 @@ class SortedNumbers(Program):
         sorted([self.u])
 
 
+@equal
+class ListsOfObjectsUnderAName(Program):
+    def begin(self) -> None:
+        self.rows = Rows(0.5), Rows(2.0)
+
+    def control(self) -> None:
+        for each in self.rows:
+            row = each.row
+            row[0] += 1.0
+            if self.n > 2:
+                continue
+            row[1] = self.u
+        self.k = row[0] + row[1]
+
+
+@equal
+class ListsThatLaterArgumentsChange(Program):
+    def begin(self) -> None:
+        self.row, self.other = [1.0, 2.0], [1.0, 2.0]
+
+    def move(self) -> float:
+        self.row[0] += 1.0
+        self.other = [self.u, 1.0]
+        return self.u
+
+    def first(self, row: list[float], other: list[float], _: float) -> float:
+        return 10.0 * row[0] + other[0]
+
+    def all(self, a: float, b: float, c: float) -> float:
+        return a + 10.0 * b + 100.0 * c
+
+    def control(self) -> None:
+        self.k = self.first(self.row, self.other, self.move())
+        self.k += self.all(*self.row, self.move())
+        self.k += [*self.row, self.move()][0]
+
+
+@equal
+class ElementsThatAreChosenBefore(Program):
+    def control(self) -> None:
+        low, high = [each for each in (1.0, 2.0, 3.0) if each != 2.0]
+        for each in [one for one in (self.a, self.b) if one is not self.a]:
+            each.write(low)
+        self.k = high
+
+
 # Arrays ----------------------------------------------------------------------------------------------------
+
+
+@equal
+class ArraysThatAreNotThere(Program):
+    def begin(self) -> None:
+        self.grid: Any = np.zeros(2)
+
+    def control(self) -> None:
+        if self.n > 3:
+            self.grid = None
+        elif self.n > 1:
+            self.grid = np.array([self.u, 1.0])
+        if self.grid is not None:
+            for each in self.grid:
+                self.k += each
+        self.k += float(self.grid.sum())
 
 
 class OfArrays(Program):

@@ -11,14 +11,14 @@ from operator import is_
 from typing import Any
 
 from umo.generate.lower.lowered_rings import DequeFields
-from umo.generate.struct_memory import WRONG, StructMemory, Unfitting
+from umo.generate.struct_memory import WRONG, StructMemory, Unfitting, require
 
 
 class BoundDeque:
     """One deque, and its fields in the memory of a compiled library."""
 
     def __init__(self, memory: StructMemory, fields: DequeFields) -> None:
-        self._memory, self._held = memory, fields.held
+        self._memory, self._fields, self._held = memory, fields, fields.held
         self._elements: list[Any] = []
         """Those that both have."""
         self._content = b""
@@ -27,6 +27,7 @@ class BoundDeque:
     def bind(self) -> None:
         """The library has the elements of the deque. Unfitting if it cannot have them."""
         try:
+            require(self._memory.fields["at"], self._fields.at)  # a number of numpy is none of Python
             self._memory.push()
         except WRONG:
             raise Unfitting(f"the deque {self._memory.label} has an element of another class") from None

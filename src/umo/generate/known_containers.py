@@ -26,8 +26,10 @@ READING = "items", "keys", "values", "get", "copy", "index", "count"
 TESTED = ast.If, ast.While, ast.IfExp, ast.Assert
 LOOPS = ast.For, ast.AsyncFor, ast.comprehension
 READ_IN = ast.Compare, ast.UnaryOp, ast.BinOp, ast.Starred, ast.FormattedValue, ast.Expr
-BY_NAME = "getattr", "attrgetter", "__getattribute__", "vars", "globals", "locals", "__dict__"
-"""What gives attributes whose names are texts."""
+PLACES_OF_NAMES = {"getattr": 1, "setattr": -2, "__setattr__": -2}
+"""The place of the name among the arguments of these functions."""
+BY_NAME = *PLACES_OF_NAMES, "attrgetter", "__getattribute__", "vars", "globals", "locals", "__dict__"
+"""What gives attributes whose names are texts, or sets them."""
 
 
 class ChangedPlace(NamedTuple):
@@ -114,9 +116,11 @@ class _Places:
         return (isinstance(around, TESTED) and around.test is node) or isinstance(around, READ_IN)
 
     def _is_filled(self, node: ast.AST) -> bool:
-        """Whether this sets an element, or calls a method."""
+        """Whether this sets an element, adds to it, or calls a method."""
         around = self._around[id(node)]
-        return isinstance(around, ast.Subscript) or (isinstance(around, ast.Attribute) and self._is_called(around))
+        return isinstance(around, ast.Subscript | ast.AugAssign) or (
+            isinstance(around, ast.Attribute) and self._is_called(around)
+        )
 
     def _is_called(self, node: ast.AST) -> bool:
         around = self._around[id(node)]
@@ -125,8 +129,8 @@ class _Places:
     def _by_name(self, node: ast.AST) -> Iterator[ChangedPlace]:
         """Attributes that are found by a text: `getattr(m, "name")`, `vars(m)["name"]`."""
         around: Any = self._around[id(node)]
-        if _last(node) == "getattr" and self._is_called(node):
-            key = around.args[1] if len(around.args) > 1 else None
+        if _last(node) in PLACES_OF_NAMES and self._is_called(node):
+            key = around.args[PLACES_OF_NAMES[_last(node)]] if len(around.args) > 1 else None
         else:
             dict_of = around if self._is_called(node) else node
             of = self._around[id(dict_of)]
@@ -150,8 +154,6 @@ def _fresh_targets(node: ast.AST) -> Iterator[ast.AST]:
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Attribute) and _is_fresh(node.value):
         yield node.target
     if isinstance(node, ast.AnnAssign) and "ClassVar" in ast.dump(node.annotation) and _is_fresh(node.value):
-        yield node.target
-    if isinstance(node, ast.AugAssign):
         yield node.target
     if isinstance(node, ast.Assign) and len(node.targets) == 1:
         (target,) = node.targets

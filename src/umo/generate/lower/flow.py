@@ -8,10 +8,11 @@ from typing import NamedTuple, TypeAlias
 
 from umo.generate.c_types import CType, OptionalType
 from umo.generate.form import Field, inside, root
-from umo.generate.lower.terms import Code, Known, OneOf, Selection, Term
+from umo.generate.lower.terms import Code, Term
 
-Names: TypeAlias = dict[str, CType | Known | OneOf | Selection]
-"""Local names: their types, or the live object that each stands for, or one or some of several."""
+Names: TypeAlias = dict[str, CType | Term]
+"""Local names: the types of those that are variables, or what each stands for: a live object, one or some of several,
+the array of another name."""
 
 
 class Way(NamedTuple):

@@ -192,12 +192,12 @@ class FunctionBuilder:
             )
         return self.flow.proved(lower(node), node)
 
-    def ordered(self, nodes: Sequence[ast.AST]) -> list[Term]:
+    def ordered(self, nodes: Sequence[ast.AST], lower: Callable[[ast.AST], Term] | None = None) -> list[Term]:
         """Several expressions, each computed after those before it."""
         terms: list[Term] = []
         for each in nodes:
             with self.gathered() as rest:
-                new = self.term(each)
+                new = (lower or self.term)(each)
             if any(map(changes, rest)):  # what was computed before may change: it is kept under a name
                 terms = [old if self.values.is_list_itself(old) else self.values.settled(old) for old in terms]
             self.statements += rest

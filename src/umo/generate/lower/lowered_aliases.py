@@ -27,8 +27,6 @@ class LoweredAliases(LoweredSubject):
         super().__init__(f)
         self.shared: set[Value] = set()
         """Arrays that have several names."""
-        self.same: dict[str, Value] = {}
-        """Names that stand for the array of another local name, as long as the function runs."""
         self.sole: set[Value] = set()
         """Temporary arrays that nobody else has."""
         self.sole_result = True
@@ -41,8 +39,8 @@ class LoweredAliases(LoweredSubject):
         """Whether an array that it was given is had by others after it."""
 
     def check_sole(self, place: Code, node: ast.AST) -> None:
-        """That nobody else has this array."""
-        if isinstance(place, Elementwise) or self.shares(place.value):
+        """That nobody else has this array; one that may be None is not looked at."""
+        if isinstance(place, Elementwise) or place.value != whole(place.value) or self.shares(place.value):
             nearest = "a new array: x = x + 1, np.where, a copy"
             raise self.f.refused(node, "an array is changed in place, and may have another name", nearest)
 

@@ -83,10 +83,11 @@ class LoweredArrays(LoweredSubject):
         return isinstance(of, ArrayType) and not of.listed
 
     def array(self, term: Term, node: ast.AST) -> Code:
-        """An array, or a number; TypeError where it is None."""
+        """An array, or a number. For numpy None is NaN, an object, or an error."""
         if isinstance(term, Known) and isinstance(term.value, int) and not isinstance(term.value, bool):
             term = Known(int(term.value))  # a Quality beside numbers of qualities
-        code = self.f.values.present(self.f.values.code(term, node), node)
+        code = self.f.values.code(term, node)
+        self.f.values.check_there(code.type, "beside an array, or in one", node)
         code = replace(code, type=plain_number(code.type))
         if not isinstance(code.type, ArrayType) and not is_number(code.type):
             raise self.f.refused(node, "it is neither an array nor a number")
@@ -324,7 +325,7 @@ class LoweredArrays(LoweredSubject):
     def _of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         if target in CREATED:
             return self._created(target, arguments, named, node)
-        if target is np.nan_to_num and named.keys() == {"nan"} and getattr(named["nan"], "value", None) in (0.0,):
+        if target is np.nan_to_num and named.keys() == {"nan"} and _is_zero(named["nan"]):
             named = {}
         if target in (np.nan_to_num, np.array, np.asarray, np.copy) and len(arguments) == 1 and not named:
             return self._converted(target, arguments[0], node)
@@ -441,7 +442,7 @@ class LoweredArrays(LoweredSubject):
         )
 
     def listed(self, term: Many, node: ast.AST) -> Code:
-        codes = [self.f.values.number(each, node) for each in term.terms]
+        codes = [self.f.values.number(self.array(each, node), node) for each in term.terms]
         kinds = {each.type for each in codes}
         of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
         kind = array(of, len(codes))
@@ -505,12 +506,10 @@ class LoweredArrays(LoweredSubject):
         return Code(numpy_number(INT), result)
 
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
-        kind = plain(code.type)
-        assert isinstance(kind, ArrayType)
         if name in ("size", "shape"):
-            self.check_length(kind, node)
-            return Known(kind.length if name == "size" else (kind.length,))
-        return Known(ArrayMethod(self.f.values.present(code, node), name))
+            length = self.length_of(code, node)
+            return Known(length if name == "size" else (length,))
+        return Known(ArrayMethod(code, name))
 
     def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code:
         code, name = method.array, method.name
@@ -543,6 +542,11 @@ class LoweredArrays(LoweredSubject):
         code = self._given(place, value, 1 if where is not None and not by_place else n, node)
         test = None if where is None else self.at(where, BOOL, n)
         self.fill(place.value, Elementwise(place.type, self.at(code, of, n)), test)
+
+
+def _is_zero(term: Term) -> bool:
+    """Whether it is known to be 0, and not -0.0."""
+    return isinstance(term, Known) and repr(term.value) in ("0", "0.0")
 
 
 def _reads_elsewhere(place: Value, value: Value) -> bool:

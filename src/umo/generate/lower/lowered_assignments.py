@@ -34,6 +34,8 @@ from umo.objects import Quality
 
 WHOLE_LIST = "a list is assigned as a whole", "its elements, one by one: x[:] = ..."
 """Why a list is not assigned to an attribute."""
+CHOSEN = ast.Name("the chosen object", ast.Load())
+"""The one of several objects of which an attribute is changed."""
 
 
 class LoweredAssignments(LoweredSubject):
@@ -78,6 +80,8 @@ class LoweredAssignments(LoweredSubject):
         left = self.f.term(ast.copy_location(loaded(node.target), node.target))
         left, right = self._after(left, node.value)
         self._change(node, left, right)
+        self.f.flow.forget(CHOSEN)
+        self.f.flow.names.pop(CHOSEN.id, None)
 
     def _found_once(self, node: ast.AugAssign, target: ast.Attribute) -> ast.AugAssign:
         """The object is found where it is read, and where it is set; one of several has a name."""
@@ -87,11 +91,9 @@ class LoweredAssignments(LoweredSubject):
             raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
         if not isinstance(base, OneOf):
             return node
-        name = f"chosen {node.lineno} {node.col_offset}"
-        self.f.flow.names[name] = base
-        of = ast.copy_location(ast.Name(name, ast.Load()), target)
-        new = ast.AugAssign(ast.copy_location(ast.Attribute(of, target.attr, ast.Store()), target), node.op, node.value)
-        return ast.copy_location(new, node)
+        self.f.flow.names[CHOSEN.id] = base
+        of = ast.copy_location(ast.Attribute(CHOSEN, target.attr, ast.Store()), target)
+        return ast.copy_location(ast.AugAssign(of, node.op, node.value), node)
 
     def lower_named_expr(self, node: ast.NamedExpr) -> Term:
         term = self.f.term(node.value)
@@ -113,10 +115,10 @@ class LoweredAssignments(LoweredSubject):
             self._aug_slice(node, target, target.slice)
             return
         base, index = self.f.expressions.base_and_index(target)
-        of = base.type if isinstance(base, Code) else None
-        if not (isinstance(of, ArrayType) or (isinstance(base, Known) and is_ring(base.value))):
+        is_array = isinstance(base, Code) and isinstance(base.type, ArrayType)
+        if not (is_array or (isinstance(base, Known) and is_ring(base.value))):
             raise self.f.refused(node, *NO_ELEMENTS)
-        if isinstance(of, ArrayType) and isinstance(index, Code) and index.type.name == array(BOOL, of.length).name:
+        if _is_mask(index, base):
             self._aug_masked(node, target, base, index)  # type: ignore[arg-type]
             return
         index = self.f.values.settled(index)
@@ -208,10 +210,10 @@ class LoweredAssignments(LoweredSubject):
                 return
             raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
         of = self.f.world.memory.learn(self.f.world.memory.locals, key, of, lambda: self._odd(name, node))
-        self.f.flow.names[name] = of
         if isinstance(of, ArrayType) and isinstance(term, Code) and self._is_same(name, term):
-            self.f.aliases.same[name] = term.value
+            self.f.flow.names[name] = Code(of, term.value)
             return
+        self.f.flow.names[name] = of
         place = self.f.local(name)
         if place not in self.f.given:
             self.f.variables[place] = of
@@ -365,10 +367,11 @@ class LoweredAssignments(LoweredSubject):
             raise self.f.refused(node, *NO_ELEMENTS)
         self._note_assigned(target)
         self.f.aliases.check_sole(base, node)
-        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
-            self.f.arrays.overwrite(base, term, node, where=index)
+        if _is_mask(index, base):
+            self.f.arrays.overwrite(base, term, node, where=index)  # type: ignore[arg-type]
             return
         self.f.arrays.check_length(base.type, node)
+        self.f.values.check_there(self.f.values.type_of(term), "in a list or an array", node)
         if base.type.listed and is_of_numpy(term):
             raise self.f.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
         if base.type.listed and base.type.of != BOOL and may_be_bool(self.f.values.type_of(term) or NOTHING):
@@ -380,6 +383,13 @@ class LoweredAssignments(LoweredSubject):
         place = Element(base.value, self.f.expressions.index(base.type, index, node))
         self.f.aliases.changes.add(base.value)
         self.f.assign(place, self.f.values.as_type(term, base.type.of, node))
+
+
+def _is_mask(index: Term, of: Term) -> bool:
+    """Whether a place in an array is one of booleans, which chooses its elements; a list has no such places."""
+    if not (isinstance(of, Code) and isinstance(of.type, ArrayType) and isinstance(index, Code)):
+        return False
+    return not of.type.listed and index.type.name == array(BOOL, of.type.length).name
 
 
 def _is_there(term: Term) -> bool:

@@ -45,6 +45,7 @@ from umo.generate.form import (
     is_named,
     joined,
     negated,
+    whole,
 )
 from umo.generate.function_source import ABSENT
 from umo.generate.lower.bit_operators import inverted, inverted_known, is_of_bits, of_bits, of_known
@@ -98,10 +99,10 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_name(self, node: ast.Name) -> Term:
         found = self.f.flow.names.get(node.id)
-        if isinstance(found, Known | OneOf | Selection):
-            return found
+        if isinstance(found, CType):
+            return Code(found, self.f.local(node.id))
         if found is not None:
-            return Code(found, self.f.aliases.same.get(node.id) or self.f.local(node.id))
+            return found
         if self.f.source.is_local(node.id):
             raise self.f.refused(node, *NO_VALUE)
         value = self.f.source.meaning(node.id)
@@ -120,14 +121,14 @@ class LoweredExpressions(LoweredSubject):
             return self.f.choices.each(base, lambda each: self.attribute_of(each, node), node)
         if isinstance(base, Known):
             return self.f.attributes.attribute(base, node.attr, node)
+        if isinstance(base, Code) and isinstance(base.type, OptionalType) and _has_attributes(base):
+            return self.attribute_of(self._there(base, node), node)
         if self.f.arrays.is_array(base):
             return self.f.arrays.attribute_of_array(base, node.attr, node)  # type: ignore[arg-type]
         if isinstance(base, Many) and node.attr in base.names:
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], Member(self.place(base).value, node.attr))
-        if isinstance(base, Code) and isinstance(base.type, OptionalType) and record_kind(base) is not None:
-            return self.attribute_of(self._there(base, node), node)
         kind = record_kind(base)
         if kind is not None:
             return self._of_record(base, kind, node)
@@ -216,7 +217,7 @@ class LoweredExpressions(LoweredSubject):
             index = self.f.term(node.slice)
         self.f.statements += of_base
         if any(map(changes, of_index)):
-            place = base.value if isinstance(base, Code) else None
+            place = whole(base.value) if isinstance(base, Code) else None
             if isinstance(base, Many) or (isinstance(base, Code) and isinstance(plain(base.type), TupleType)):
                 base = self.f.values.settled(base)
             elif any(map(changes, of_base)) or place in self.f.world.memory.rebound or place in self.f.aliases.sole:
@@ -451,6 +452,11 @@ def _is_like_python(sign: ast.operator, kinds: set[CType], right: Term) -> bool:
     """Whether numbers of numpy are divided as those of Python: by one that is known, and not 0."""
     by_known = isinstance(right, Known) and bool(right.value)
     return by_known and (isinstance(sign, ast.Mod) or (isinstance(sign, ast.FloorDiv) and REAL not in kinds))
+
+
+def _has_attributes(code: Code) -> bool:
+    """Whether what may be None is an array or a record where it is not."""
+    return isinstance(plain(code.type), ArrayType) or record_kind(code) is not None
 
 
 def record_kind(term: Term) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 from umo.generate.c_types import INT, ArrayType, TupleType
 from umo.generate.check.form_effects import calls
-from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, Statement, Value, walk
+from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, Statement, Value, walk, whole
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -129,7 +129,7 @@ class LoweredSequences(LoweredSubject):
             def find_at(at: Value) -> Term:
                 return Code(of, Element(term.base, term.place(at)))
 
-            return Turns(term.type.length, lambda n: find_at(Literal(n, INT)), find_at, (term.base,))  # type: ignore[attr-defined]
+            return Turns(term.type.length, lambda n: find_at(Literal(n, INT)), find_at, (whole(term.base),))  # type: ignore[attr-defined]
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
             return self._turns_of_array(self.f.values.kept(term) if isinstance(term, Elementwise) else term, node)
         elements = [self.f.values.settled(each) for each in self._elements(term, node)]
@@ -143,7 +143,7 @@ class LoweredSequences(LoweredSubject):
         def find_at(at: Value) -> Term:
             return Code(of, Element(code.value, at))
 
-        return Turns(code.type.length, lambda n: find_at(Literal(n, INT)), find_at, (code.value,))
+        return Turns(code.type.length, lambda n: find_at(Literal(n, INT)), find_at, (whole(code.value),))
 
     def _elements(self, term: Term, node: ast.AST) -> list[Term]:
         if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, TupleType)):
@@ -166,12 +166,16 @@ class LoweredSequences(LoweredSubject):
     # Tuples and lists as wholes ------------------------------------------------------------------------
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
-        """Elements that are written down, or arguments; those after a `*` are several ones."""
-        values = [each.value if isinstance(each, ast.Starred) else each for each in nodes]
+        """Elements that are written down, or arguments; those after a `*` are several ones, as they are there."""
         found: list[Term] = []
-        for each, term in zip(nodes, self.f.ordered(values), strict=True):
-            found += self.f.calls.parts(term, each) if isinstance(each, ast.Starred) else [term]
+        for each, term in zip(nodes, self.f.ordered(nodes, self._unpacked), strict=True):
+            found += term.terms if isinstance(each, ast.Starred) else [term]  # type: ignore[union-attr]
         return found
+
+    def _unpacked(self, node: ast.AST) -> Term:
+        if isinstance(node, ast.Starred):
+            return Many(tuple(self.f.calls.parts(self.f.term(node.value), node)))
+        return self.f.term(node)
 
     def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
         """The ends and the step of a slice."""
@@ -227,7 +231,7 @@ class LoweredSequences(LoweredSubject):
             for number in range(turns.count):
                 with self.f.loops.bound_to(first.target, turns.find(number)):
                     truths = (self.f.values.truth(self.f.term(each), each) for each in first.ifs)
-                    found = found or next((True for each in truths if each is not True), False) is not False
+                    found = found or next((each for each in truths if each is not True), False) is not False
         self.f.flow.names, self.f.flow.known = names, known
         return found
 

@@ -14,7 +14,7 @@ from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import LocalFunction
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import TEXT, ArrayMethod, Known, OneOf, Selection, Term, TruePlaces, UnknownText
+from umo.generate.lower.terms import TEXT, ArrayMethod, Code, Known, Term, TruePlaces, UnknownText
 from umo.generate.lower.text_makers import error_as_written, evaluated, is_certain
 from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
 from umo.generate.translation import Teller
@@ -145,13 +145,11 @@ class LoweredTelling(LoweredSubject):
                 if isinstance(found.value, UnknownText | NOT_OF_PYTHON):
                     return None
                 known[name] = found.value
-            elif isinstance(found, OneOf | Selection):
-                return None
             elif found is not None:
-                place = self.f.aliases.same.get(name) or self.f.local(name)
-                if not is_certain(found) or not isinstance(place, Local):
+                of, place = (found.type, found.value) if isinstance(found, Code) else (found, self.f.local(name))
+                if not (isinstance(of, CType) and is_certain(of) and isinstance(place, Local)):
                     return None
-                given[name] = found, place
+                given[name] = of, place
             elif name in self.f.source.function.__code__.co_freevars or name == "super":
                 return None
         return evaluated(self.f.source, node, known, list(given)), list(given.values())

@@ -102,7 +102,7 @@ class LoweredValues(LoweredSubject):
         """Whether it is the list of an attribute, which stays that list: what changes in it is seen by all."""
         if not (isinstance(term, Code) and isinstance(term.type, ArrayType)):
             return False
-        return term.type.listed and isinstance(term.value, Field)
+        return term.type.listed and isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
 
     def settled(self, term: Term) -> Term:
         """The same, which nothing changes any longer."""
@@ -170,8 +170,7 @@ class LoweredValues(LoweredSubject):
     def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
         for each, (_, kind) in zip(term.terms, of.members, strict=True):
             given = self.code(each, node).type if isinstance(each, Known | Code) else kind
-            if isinstance(given, OptionalType):
-                raise self.f.refused(node, "what may be None in a tuple", "`if x is not None`")
+            self.check_there(given, "in a tuple", node)
             if isinstance(given, NumpyNumber):
                 raise self.f.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
             if (kind == REAL and plain_number(given) != REAL) or isinstance(given, MixedNumber):
@@ -224,6 +223,11 @@ class LoweredValues(LoweredSubject):
         code = code if is_place(code.value) else self.kept(code)
         self.f.raises(TypeError, node, negated(has(code.value)))
         return Code(plain(code.type), inside(code.value))
+
+    def check_there(self, of: CType | None, where: str, node: ast.AST) -> None:
+        """That a value of this type is never None."""
+        if isinstance(of, OptionalType):
+            raise self.f.refused(node, f"what may be None {where}", "`if x is not None`")
 
     def number(self, term: Term, node: ast.AST) -> Code:
         code = self.present(self.code(term, node), node)

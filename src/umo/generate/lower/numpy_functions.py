@@ -33,7 +33,7 @@ def of_numbers(f: FunctionBuilder, target: Any, arguments: Sequence[Term], node:
     if not (target in OF_ELEMENTS or target in BINARY or target is np.clip) or not all(map(_is_number, arguments)):
         return None
     f.expressions.check_sure(arguments, node)
-    first = f.values.kept(f.values.number(arguments[0], node))
+    first = f.values.kept(f.arrays.array(arguments[0], node))
     one = Elementwise(array(first.type, 1), first.value)
     found = f.arrays.of_numpy(target, [one, *arguments[1:]], {}, node)
     if not isinstance(found, Code):

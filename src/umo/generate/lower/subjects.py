@@ -57,6 +57,9 @@ class AskedOfValues(Protocol):
     def present(self, code: Code, node: ast.AST) -> Code:
         """The value of what may be None: TypeError where it is."""
 
+    def check_there(self, of: CType | None, where: str, node: ast.AST) -> None:
+        """That a value of this type is never None."""
+
     def number(self, term: Term, node: ast.AST) -> Code: ...
 
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
@@ -65,8 +68,6 @@ class AskedOfValues(Protocol):
 
 class AskedOfAliases(Protocol):
     """What is known of the arrays of a function."""
-
-    same: dict[str, Value]
 
     sole: set[Value]
 

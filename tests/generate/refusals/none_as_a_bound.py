@@ -1,0 +1,13 @@
+"""What may be None as a bound: numpy takes it for none."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.written_programs import Program
+
+
+class NoneAsABound(Program):
+    def control(self) -> None:
+        # refused: what may be None beside an array, or in one; `if x is not None`
+        self.k = float(np.clip(self.u, self.maybe, 5.0))
