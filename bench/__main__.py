@@ -55,7 +55,8 @@ def main() -> int:
     console = Console()
     console = Console(width=max(console.width, 140), highlight=False)
     if options.kills:
-        return show.run(console, quick=options.quick, only=options.only, seed=options.seed, jobs=options.jobs)
+        how = {name: getattr(options, name) for name in ("quick", "only", "seed", "jobs", "first")}
+        return show.run(console, **how)
     if options.against:
         return against.run(console, options.against, options.only, options.pairs)
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
@@ -202,6 +203,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--markdown", action="store_true", help="--bounds: print the rows of docs/bounds.md")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills and --fleet: other random moments")
     parser.add_argument("--jobs", type=int, default=1, help="tries of --kills at a time; default: 1")
+    parser.add_argument("--from", type=int, default=0, dest="first", help="--kills: go on with this try")
     return parser.parse_args()
 
 

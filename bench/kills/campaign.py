@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from random import Random
 from time import monotonic, sleep
@@ -88,12 +89,13 @@ def measure(
     seed: int = SEED,
     said: Callable[[Try], object] = lambda one: None,
     jobs: int = 1,
+    first: int = 0,
 ) -> list[Row]:
-    """Try them, in turns, so that a busy hour of this computer hits all alike; `jobs` of them at a time. `said` hears
-    of every try."""
+    """Try them, in turns, so that a busy hour of this computer hits all alike; `jobs` of them at a time, from the
+    `first` on, where another run had those before. `said` hears of every try."""
     rows = {kind.name: Row(kind) for kind in kinds}
     with _usual_signals(), ThreadPoolExecutor() as later, ThreadPoolExecutor(jobs) as trying:
-        turns = _turns(kinds, counts(kinds, share))
+        turns = islice(_turns(kinds, counts(kinds, share)), first, None)
         try:
             for one in [trying.submit(_try, kind, number, seed, later) for kind, number in turns]:
                 found = one.result().result()

@@ -20,8 +20,10 @@ QUICK = 0.03
 """The share of the full numbers: about one try of each kind."""
 
 
-def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.SEED, jobs: int = 1) -> int:
-    """The whole campaign; the exit status, 1 if anything was unsafe or not as it must be."""
+def run(
+    console: Console, *, quick: bool, only: str = "", seed: int = campaign.SEED, jobs: int = 1, first: int = 0
+) -> int:
+    """The whole campaign, from the `first` try on; the exit status, 1 if anything was unsafe or not as it must be."""
     if (why := box.missing()) is not None:
         console.print(f"not measured: {why}")
         return 1
@@ -40,8 +42,10 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
         f"{total} tries of {len(kinds)} kinds, about {duration(seconds / jobs)}; {platform.machine()}, seed {seed}"
     )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    if first:
+        console.print(f"from try {first} on")
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("kills", total=total)
+        task = bar.add_task("kills", total=total, completed=first)
 
         def said(one: Try) -> None:
             bar.update(task, advance=1, description=one.kind)
@@ -51,12 +55,12 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
             if one.unsafe or one.wrong:
                 console.print(str(one), markup=False, highlight=False, soft_wrap=True)
 
-        rows = campaign.measure(kinds, share, seed, said, jobs)
+        rows = campaign.measure(kinds, share, seed, said, jobs, first)
     console.print(grid(rows))
     unsafe, wrong = (sum(len(getattr(row, what)) for row in rows) for what in ("unsafe", "wrong"))
-    if oldest := max(one.kept_age for row in rows for one in row.tries):
+    if oldest := max((one.kept_age for row in rows for one in row.tries), default=0.0):
         console.print(f"where all were killed at once, kept values were up to {oldest:.2f} s old")
-    console.print(f"{total} tries: {unsafe} unsafe, {wrong} not as they must be")
+    console.print(f"{sum(len(row.tries) for row in rows)} tries: {unsafe} unsafe, {wrong} not as they must be")
     return 1 if unsafe or wrong else 0
 
 

@@ -1,4 +1,4 @@
-"""Broken drivers: the careful one (careful.py) with one change of its text each. They stand in five tables (.txt)."""
+"""Broken drivers: the careful one (careful.py) with one change of its text each. They stand in six tables (.txt)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from conformance import careful
 from conformance.careful import Careful
 
 SOURCE = Path(careful.__file__).read_text("utf-8")
-NAMES = ("mutants.txt", "further.txt", "third.txt", "fourth.txt", "fifth.txt")
+NAMES = ("mutants.txt", "further.txt", "third.txt", "fourth.txt", "fifth.txt", "sixth.txt")
 TABLES = [Path(__file__).with_name(name).read_text("utf-8") for name in NAMES]
 HEADING = re.compile(r"^## (.+) -> ([a-z ]+)(?:, (\d+) cycles)?$", re.MULTILINE)
 ADDED = {"ages": "KnowsAges", "stop_waiting": "EndsWait"}

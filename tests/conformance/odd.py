@@ -42,6 +42,71 @@ class Memory(Driver):
         LEVELS[channel.text] = raw
 
 
+class Lags(Driver):
+    """An input that takes its time to come to the level of its output, through those in between."""
+
+    CHANNELS = {
+        "out": Channel("out", Direction.OUTPUT, 8),
+        "in": Channel("in", Direction.INPUT, 8),
+        "none": Channel("none", Direction.BOTH, 8),
+    }
+    TIME = 0.03
+    """s until it is there."""
+    way = 0, 0.0, 0
+    """Of the circuit, which all drivers have in common: where it was at which time, and where it goes to."""
+
+    def channel(self, text: str) -> Channel:
+        if text not in self.CHANNELS:
+            raise ChannelError(text, self.CHANNELS)
+        return self.CHANNELS[text]
+
+    def read(self, channel: Channel) -> int:
+        if channel.text != "in":
+            raise DriverError(f"{channel.text} cannot be read")
+        left, since, goal = Lags.way  # at once: another driver writes in a thread
+        return round(left + min(1.0, (monotonic() - since) / self.TIME) * (goal - left))
+
+    def write(self, channel: Channel, raw: int) -> None:
+        channel.check(raw)
+        if channel.text == "none":
+            raise DriverError("there is no such output")
+        if raw != Lags.way[-1]:
+            Lags.way = self.read(self.CHANNELS["in"]), monotonic(), raw
+
+
+class NeedsInitialise(Careful):
+    """A channel can be used from when it was initialised until it is finalised, as umo does."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.ready: set[Place] = set()
+
+    def initialize(self, channel: Place, default: int | None) -> None:
+        self.ready.add(channel)
+        super().initialize(channel, default)
+
+    def finalize(self, channel: Place) -> None:
+        self.must_be_ready((channel,))
+        self.ready.discard(channel)
+
+    def reset(self, channel: Place, default: int | None) -> None:
+        self.must_be_ready((channel,))
+        super().reset(channel, default)
+
+    def read_many(self, channels: Sequence[Place], out: Any) -> None:
+        self.must_be_ready(channels)
+        super().read_many(channels, out)
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        self.must_be_ready(channels)
+        super().write_raws(channels, raws)
+
+    def must_be_ready(self, channels: Sequence[Place]) -> None:
+        for channel in channels:
+            if channel not in self.ready and channel.text not in ("io:40", "in:40"):
+                raise DriverError(f"{channel.text} was not initialised")
+
+
 class NearItsTimeout(Careful):
     """Each exchange takes most of the timeout."""
 

@@ -78,6 +78,12 @@ SIGNS_OF_LIFE = (
     "a report is that of the call before",
     "it takes its channel for still selected, and another client has selected another",
     "a block before is given for 50 ms, with an age of zero",
+    "ages hang on the clock of the day, and none is below 0",
+    "Ctrl-C leaves the connection with the answer that is still to come, and answers carry no number",
+    "a call while a look is under way leaves the connection of that open",
+    "a number with a zero in front is another channel",
+    "a report that has failed once is empty for ever",
+    "close says goodbye, and a failure of that leaves the socket",
 )
 """Those that `make test` tries, with their rule alone."""
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from time import sleep
 from typing import Any
 
 import pytest
@@ -17,12 +19,14 @@ from conformance.odd import (
     EventsOnly,
     GreetsTheDevice,
     HasAWorker,
+    Lags,
     LocksItself,
     LogsItsFailures,
     LooksByReading,
     Memory,
     Moving,
     NearItsTimeout,
+    NeedsInitialise,
     Noisy,
     OneByOne,
     OutputsOnly,
@@ -41,6 +45,7 @@ from conformance.odd import (
 from conformance.plain import Bytes, Scpi, TwoBytes, of_bytes, scpi
 from conformance.subjects import careful, plain, without_watchdog
 from helpers.tiers import some
+from umo.drivers.contract import Channel
 from umo.errors import DeviceTimeout
 from umo.testing.conformance import Input, Judgement, Output, Subject, conform
 from umo.testing.conformance.budget import Budget
@@ -59,6 +64,8 @@ ODD: dict[str, Callable[[], Any]] = {
     "its answers take 5 ms": lambda: careful(Distant),
     "it starts slowly": lambda: careful(StartsSlowly),
     "its timeout is 5 s": lambda: careful(timeout=5.0),
+    "its channels must be initialised": lambda: careful(NeedsInitialise),
+    "its channels must be initialised, and nobody records levels": lambda: careful(NeedsInitialise, levels=None),
     "it sends changes only": lambda: careful(SendsChangesOnly),
     "it reads back what it wrote": lambda: careful(ChecksWhatItWrote),
     "it switches outputs on first": lambda: careful(SwitchesOnFirst, levels=None),
@@ -156,6 +163,42 @@ def test_a_channel_of_64_bits_and_a_single_binary_output_pass(subject: Callable[
     assert certificate.passed, str(certificate)
 
 
+def lagging() -> Subject:
+    return Subject(
+        "lags", make=Lags, outputs=(Output("out", 5, 0, 255),), inputs=(Input("in"),), loopbacks=(("out", "in"),),
+        refused=("none",), settle=0.3,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rule", ["directions", "block read", "block failures", "glitch"])
+def test_an_input_that_comes_slowly_to_its_level_is_not_blamed_for_it(rule: str) -> None:
+    """Its output is elsewhere as the rule begins."""
+    Lags().write(Lags.CHANNELS["out"], 250)
+    certificate = conform(lagging(), only=[rule], cycles=CYCLES)
+    assert not certificate.failed, str(certificate)
+
+
+@pytest.mark.full
+def test_a_driver_of_a_slow_loop_back_passes() -> None:
+    certificate = conform(lagging(), cycles=CYCLES)
+    assert certificate.passed, str(certificate)
+    assert "in comes to a level through those in between" in certificate.finding("glitch").why
+
+
+def test_a_glitch_is_seen_through_a_loop_back_that_comes_slowly_to_its_level() -> None:
+    class OverTheTop(Lags):
+        """Reset goes over the highest level."""
+
+        def reset(self, channel: Channel, default: int | None) -> None:
+            if default is not None:
+                self.write(channel, channel.highest)
+                sleep(self.TIME)
+            super().reset(channel, default)
+
+    found = conform(replace(lagging(), make=OverTheTop), only=["glitch"]).finding("glitch")
+    assert found.verdict is Judgement.FAILED, found
+
+
 @pytest.mark.full
 def test_a_loop_back_that_follows_late_and_with_noise_passes() -> None:
     with careful(
@@ -203,6 +246,10 @@ def test_an_error_answer_that_comes_too_late_on_a_busy_computer_is_waited_for() 
 @pytest.mark.parametrize(("what", "rule"), [
     ("its readings are as old as the call before", "ages"),
     ("it has the device alone from its first call on", "vanish"),
+    ("its channels must be initialised", "patience"),
+    ("its channels must be initialised", "fresh"),
+    ("its channels must be initialised", "levels kept"),
+    ("its channels must be initialised", "end"),
 ])  # fmt: skip
 def test_a_rule_that_accused_a_correct_driver_passes(what: str, rule: str) -> None:
     with ODD[what]() as subject:

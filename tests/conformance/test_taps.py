@@ -220,3 +220,41 @@ def test_the_settings_of_a_serial_line_are_passed_on_each_time_it_is_opened(monk
     assert [modes[4] for modes in seen] == [termios.B9600, termios.B19200]
     shape = termios.CSIZE | termios.PARENB | termios.PARODD | termios.CSTOPB
     assert [modes[2] & shape for modes in seen] == [termios.CS7 | termios.PARENB | termios.CSTOPB] * 2
+
+
+def test_of_a_device_that_never_pauses_an_answer_ends_all_the_same() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        end = threading.Event()
+
+        def tell() -> None:
+            client, _ = listener.accept()
+            with client:
+                while not end.wait(0.0002):
+                    client.sendall(b".")
+
+        teller = threading.Thread(target=tell)
+        teller.start()
+        with TcpTap(*listener.getsockname()) as tap:
+            line = Line(lambda: socket.create_connection((tap.host, tap.port)).detach())
+            try:
+                assert line.take().startswith(b".")  # nobody has asked
+                with tap.spoiling(lambda answer: b"changed"):
+                    until(lambda: b"changed" in line.take())
+            finally:
+                end.set()
+                teller.join()
+                os.close(line.descriptor)
+
+
+def test_what_has_passed_is_not_delivered_once_more_with_a_late_answer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener, TcpTap(*listener.getsockname()) as tap:
+        line = Line(lambda: socket.create_connection((tap.host, tap.port)).detach())
+        client, _ = listener.accept()
+        with client:
+            client.sendall(b"passed")
+            assert line.take() == b"passed"
+            with tap.late():
+                client.sendall(b"late")
+                until(lambda: any(each.answer or each.held for each in tap._open))
+            assert line.take() == b"late"
+        os.close(line.descriptor)

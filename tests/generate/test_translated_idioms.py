@@ -58,6 +58,16 @@ class Rows:
         self.row = [value, 1.0]
 
 
+@dataclass
+class Lag:
+    gain: float
+    last: float = 0.0
+
+    def __call__(self, u: float) -> float:
+        self.last += self.gain * (u - self.last)
+        return self.last
+
+
 class Part:
     def __init__(self, gain: float) -> None:
         self.gain, self.runs = gain, 0
@@ -115,6 +125,15 @@ class GeneratorsThatAreUnpacked(Program):
         self.k = fast - slow
         [self.c, also] = (each.runs + self.n % 3 for each in self.parts)
         self.c += also
+
+
+@equal
+class DataclassesThatAreCalled(Program):
+    def begin(self) -> None:
+        self.fast, self.slow = Lag(0.5), Lag(0.125)
+
+    def control(self) -> None:
+        self.k = self.fast(self.u) - self.slow(self.x.read())
 
 
 @equal

@@ -32,7 +32,7 @@ BY_NAME = *PLACES_OF_NAMES, "attrgetter", "__getattribute__", "vars", "globals",
 """What gives attributes whose names are texts, or sets them."""
 
 
-class Changed(NamedTuple):
+class ChangedPlace(NamedTuple):
     """A place at which a container may be changed, or gets another name."""
 
     name: str
@@ -55,7 +55,7 @@ def is_changed(content: Content, changed: frozenset[str]) -> bool:
     return f".{name.name}" in changed or (is_module and name.name in changed)
 
 
-def changed_in(tree: ast.AST, befores: tuple[str, ...]) -> Iterator[Changed]:
+def changed_in(tree: ast.AST, befores: tuple[str, ...]) -> Iterator[ChangedPlace]:
     """Where one file may change containers."""
     yield from _Places(tree, befores).of(tree, "", "", False)
 
@@ -70,7 +70,7 @@ class _Places:
         self._imported = {each.asname or each.name for each in ast.walk(tree) if isinstance(each, ast.alias)}
         self._own = self._imported | {*_defined(tree)}
 
-    def of(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[Changed]:
+    def of(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[ChangedPlace]:
         """`before`: the function that runs before, in which this stands; `me`: its name of `self`."""
         for each in ast.iter_child_nodes(node):
             if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
@@ -81,23 +81,23 @@ class _Places:
             yield from self._of_one(each, before, me, in_function)
             yield from self.of(each, before, me, in_function)
 
-    def _of_one(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[Changed]:
+    def _of_one(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[ChangedPlace]:
         if _last(node) in BY_NAME:
             yield from self._by_name(node)
         if isinstance(node, ast.Attribute):
             fills = isinstance(node.value, ast.Name) and node.value.id == me != "" and self._is_filled(node)
             if not self._only_reads(node):
-                yield Changed(f".{node.attr}", before if fills else "")
+                yield ChangedPlace(f".{node.attr}", before if fills else "")
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
             fills = not in_function and node.id not in self._imported and self._is_filled(node)
             if not self._only_reads(node) and not fills:
-                yield Changed(node.id)
+                yield ChangedPlace(node.id)
         elif isinstance(node, ast.Name) and not in_function and not self._only_reads(node):
-            yield from (Changed(node.id), Changed(f".{node.id}"))
+            yield from (ChangedPlace(node.id), ChangedPlace(f".{node.id}"))
         elif isinstance(node, ast.keyword) and node.arg and not _is_fresh(node.value):
-            yield Changed(f".{node.arg}")
+            yield ChangedPlace(f".{node.arg}")
         elif isinstance(node, ast.alias) and node.asname is not None:
-            yield Changed(node.name)
+            yield ChangedPlace(node.name)
 
     def _only_reads(self, node: ast.Name | ast.Attribute) -> bool:
         """Whether a container that stands here is only read, or begins here."""
@@ -126,7 +126,7 @@ class _Places:
         around = self._around[id(node)]
         return isinstance(around, ast.Call) and around.func is node
 
-    def _by_name(self, node: ast.AST) -> Iterator[Changed]:
+    def _by_name(self, node: ast.AST) -> Iterator[ChangedPlace]:
         """Attributes that are found by a text: `getattr(m, "name")`, `vars(m)["name"]`."""
         around: Any = self._around[id(node)]
         if _last(node) in PLACES_OF_NAMES and self._is_called(node):
@@ -135,7 +135,7 @@ class _Places:
             dict_of = around if self._is_called(node) else node
             of = self._around[id(dict_of)]
             key = of.slice if isinstance(of, ast.Subscript) and of.value is dict_of else None
-        yield Changed(f".{key.value!s}" if isinstance(key, ast.Constant) else ANY)
+        yield ChangedPlace(f".{key.value!s}" if isinstance(key, ast.Constant) else ANY)
 
 
 def _defined(tree: ast.AST) -> Iterator[str]:

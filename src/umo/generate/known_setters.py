@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from umo.generate.function_source import parsed, shown_file
-from umo.generate.known_containers import Changed, changed_in, is_changed
+from umo.generate.known_containers import ChangedPlace, changed_in, is_changed
 from umo.generate.known_values import KnownName, KnownValues, is_installed
 from umo.generate.translation import Untranslatable
 from umo.objects import Compound, walk
@@ -79,7 +79,7 @@ class Read(NamedTuple):
     """Names that stand as values: what is done with a class among them is not followed."""
     again: frozenset[str] = frozenset()
     """Functions of BEFORE that something else asks for."""
-    changed: frozenset[Changed] = frozenset()
+    changed: frozenset[ChangedPlace] = frozenset()
     """Where containers may be changed, by their names."""
 
 

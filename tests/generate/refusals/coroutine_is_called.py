@@ -10,5 +10,5 @@ class CoroutineIsCalled(Program):
         self.k = 1.0
 
     def control(self) -> None:
-        # refused: moves: its source is not found, or has changed; `def` in a file of the station
+        # refused: a sequence stays on the host; functions without await
         self.moves()

@@ -27,7 +27,7 @@ from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Selection, Term, Truth
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, OneOf, Present, Selection, Term, Truth
 from umo.generate.lower.text_states import as_text
 from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
 from umo.objects import Quality
@@ -89,7 +89,7 @@ class LoweredAssignments(LoweredSubject):
         base = self.f.term(target.value)
         if self.f.changed_since(at):
             raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
-        if not isinstance(base, Choice):
+        if not isinstance(base, OneOf):
             return node
         self.f.flow.names[CHOSEN.id] = base
         of = ast.copy_location(ast.Attribute(CHOSEN, target.attr, ast.Store()), target)
@@ -191,7 +191,7 @@ class LoweredAssignments(LoweredSubject):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
-        if isinstance(term, Choice | Selection):
+        if isinstance(term, OneOf | Selection):
             if self.f.world.memory.locals.get((self.f.key, name)) is not None:
                 raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
             self.f.flow.names[name] = term
@@ -253,7 +253,7 @@ class LoweredAssignments(LoweredSubject):
 
     def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         base = self.f.term(target.value)
-        if isinstance(base, Choice):
+        if isinstance(base, OneOf):
             new = self.f.values.settled(term)
             self.f.choices.each(base, lambda each: self._set_field(each, target, new, node), node)
         else:

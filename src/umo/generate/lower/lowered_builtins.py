@@ -53,7 +53,7 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.sorted_lists import sorted_list
 from umo.generate.lower.state_members import as_number, number_of
-from umo.generate.lower.terms import Choice, Code, Known, Many, Selection, Term, TruePlaces
+from umo.generate.lower.terms import Code, Known, Many, OneOf, Selection, Term, TruePlaces
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -248,7 +248,7 @@ class LoweredBuiltins(LoweredSubject):
             self.f.add_if(test, Assign(place, Literal(at, INT)), Assign(best, value))
         objects = tuple(each for each in terms if isinstance(each, Known) and self.f.values.type_of(each) is None)
         if len(objects) == len(terms):
-            return Choice(place, objects)
+            return OneOf(place, objects)
         return element_of_terms(self.f, terms, Code(INT, place), node)
 
     def _of_few(self, terms: Sequence[Term], default: Term | None, node: ast.Call) -> Term:

@@ -54,7 +54,7 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Choice, Code, Known, Many, RecordReplace, RingMethod, Term, TruePlaces
+from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, OneOf, RecordReplace, RingMethod, Term, TruePlaces
 from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -72,7 +72,7 @@ class LoweredCalls(LoweredSubject):
         if self.f.telling.is_text(node):
             return self.f.telling.text(node)
         func = self.f.term(node.func)
-        if isinstance(func, Choice):
+        if isinstance(func, OneOf):
             arguments, named = self._arguments(node.args, node.keywords)
             return self._of_each(func, arguments, named, node)
         if not isinstance(func, Known):
@@ -90,10 +90,10 @@ class LoweredCalls(LoweredSubject):
         arguments, named = self._arguments(node.args[len(passed) :], node.keywords)
         return self._of_each(func, [*elements, *arguments], named, node)
 
-    def _of_each(self, func: Known | Choice, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+    def _of_each(self, func: Known | OneOf, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         """A call; where it is, or is given, one of several objects, the call for each of them."""
         terms = [func, *arguments, *named.values()]
-        place = next((n for n, each in enumerate(terms) if isinstance(each, Choice)), None)
+        place = next((n for n, each in enumerate(terms) if isinstance(each, OneOf)), None)
         if place is None:
             return self.apply(func, arguments, named, node)  # type: ignore[arg-type]
         settled = [self.f.values.settled(each) for each in terms]
@@ -151,6 +151,10 @@ class LoweredCalls(LoweredSubject):
 
     def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
+        own = inspect.getattr_static(type(target), "__call__", None)
+        if isinstance(own, FunctionType) and not isinstance(target, type):
+            self.f.takes(type(target), "__call__", node)
+            return self.function(own, [func, *arguments], named, node)
         if isinstance(target, StateMethod):
             return self.function(target.function, [target.member, *arguments], named, node)
         if isinstance(target, LocalFunction):
@@ -210,10 +214,6 @@ class LoweredCalls(LoweredSubject):
             return self.function(target, arguments, named, node)
         if isinstance(target, type) and issubclass(target, Enum) and len(arguments) == 1 and not named:
             return member_of(self.f, target, arguments[0], node)
-        own = inspect.getattr_static(type(target), "__call__", None)
-        if isinstance(own, FunctionType) and not isinstance(target, type):
-            self.f.takes(type(target), "__call__", node)
-            return self.function(own, [func, *arguments], named, node)
         raise self.f.refused(
             node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
         )
@@ -358,14 +358,16 @@ class LoweredCalls(LoweredSubject):
     def function(
         self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
     ) -> Term:
+        if inspect.iscoroutinefunction(target):
+            raise self.f.refused(node, "a sequence stays on the host", "functions without await")
         try:
             found = bound(target)
         except NoSource as error:
             raise self.f.refused(
                 node, f"{getattr(target, '__name__', target)}: {error}", "`def` in a file of the station"
             ) from None
-        if inspect.iscoroutinefunction(found.source.function) or inspect.isgeneratorfunction(found.source.function):
-            raise self.f.refused(node, "a sequence stays on the host", "functions without await")
+        if inspect.isgeneratorfunction(found.source.function):
+            raise self.f.refused(node, "a function that gives its elements one by one", "sum(... for ...), a loop")
         given = [*map(Known, found.given), *arguments]
         terms = self._by_name(found.source.function, given, {k: Known(v) for k, v in found.named} | named, node)
         return self.f.world.invoke(self.f, found.source, terms, node)

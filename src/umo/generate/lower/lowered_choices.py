@@ -12,7 +12,7 @@ from umo.generate.c_types import joined as joined_type
 from umo.generate.form import If, Literal, Operator, Statement
 from umo.generate.lower.known_tables import element_place, is_dict, is_table, key_place
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Choice, Code, Known, Term
+from umo.generate.lower.terms import Code, Known, OneOf, Term
 from umo.generate.value_kinds import SCALARS
 
 MOST_OPTIONS = 32
@@ -23,7 +23,7 @@ Branch = tuple[Term, list[Statement]]
 class LoweredChoices(LoweredSubject):
     """The objects of a function that are chosen when it runs."""
 
-    def of_table(self, table: Any, index: Term, node: ast.AST) -> Choice | None:
+    def of_table(self, table: Any, index: Term, node: ast.AST) -> OneOf | None:
         """The object at a computed place, or of a computed key; None: the table has none, or numbers and states."""
         if not (is_table(table) or is_dict(table)) or len(table) > MOST_OPTIONS:
             return None
@@ -31,9 +31,9 @@ class LoweredChoices(LoweredSubject):
         if any(type(each) in SCALARS or self.f.values.type_of(Known(each)) is not None for each in options):
             return None
         place = key_place(self.f, table, index, node) if is_dict(table) else element_place(self.f, table, index, node)
-        return Choice(self.f.values.kept(Code(INT, place)).value, tuple(map(Known, options)))
+        return OneOf(self.f.values.kept(Code(INT, place)).value, tuple(map(Known, options)))
 
-    def each(self, choice: Choice, what: Callable[[Known], Term], node: ast.AST) -> Term:
+    def each(self, choice: OneOf, what: Callable[[Known], Term], node: ast.AST) -> Term:
         """What is found for each of the objects, of the one that it is."""
         known, names = set(self.f.flow.known), dict(self.f.flow.names)
         branches: list[Branch] = []
@@ -46,14 +46,14 @@ class LoweredChoices(LoweredSubject):
         self.f.flow.known, self.f.flow.names = after, names
         return self._together(choice, branches, node)
 
-    def _together(self, choice: Choice, branches: Sequence[Branch], node: ast.AST) -> Term:
+    def _together(self, choice: OneOf, branches: Sequence[Branch], node: ast.AST) -> Term:
         terms = [term for term, _ in branches]
         known = [each for each in terms if isinstance(each, Known)]
         same = len(known) == len(terms) and all(each == known[0] for each in known)
         if not same and len(known) == len(terms) and all(self.f.values.type_of(each) is None for each in known):
             if any(statements for _, statements in branches) or any(type(each.value) in SCALARS for each in known):
                 raise self.f.refused(node, "it is another object, or a text, for each one of several", "a loop")
-            return Choice(choice.place, tuple(known))
+            return OneOf(choice.place, tuple(known))
         if same:
             self._write_out(choice, [statements for _, statements in branches])
             return known[0]
@@ -75,7 +75,7 @@ class LoweredChoices(LoweredSubject):
         except TypeError:
             raise self.f.refused(node, "values of different types, of one of several objects", "one type") from None
 
-    def _write_out(self, choice: Choice, bodies: Sequence[Sequence[Statement]]) -> None:
+    def _write_out(self, choice: OneOf, bodies: Sequence[Sequence[Statement]]) -> None:
         """The statements of the object that it is."""
         *first, last = bodies
         rest = tuple(last)

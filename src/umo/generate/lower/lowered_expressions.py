@@ -56,11 +56,11 @@ from umo.generate.lower.state_members import StateMethod, as_number, has_own_val
 from umo.generate.lower.terms import (
     NO_VALUE,
     TEXT,
-    Choice,
     Code,
     Elementwise,
     Known,
     Many,
+    OneOf,
     RecordReplace,
     Selection,
     Term,
@@ -117,7 +117,7 @@ class LoweredExpressions(LoweredSubject):
         return self.attribute_of(self.f.term(node.value), node)
 
     def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
-        if isinstance(base, Choice):
+        if isinstance(base, OneOf):
             return self.f.choices.each(base, lambda each: self.attribute_of(each, node), node)
         if isinstance(base, Known):
             return self.f.attributes.attribute(base, node.attr, node)

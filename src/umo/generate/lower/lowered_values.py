@@ -52,7 +52,7 @@ from umo.generate.form import (
 from umo.generate.lower.known_tables import OF_OBJECTS
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Choice, Code, Elementwise, Known, Many, Present, Selection, Term, Truth
+from umo.generate.lower.terms import Code, Elementwise, Known, Many, OneOf, Present, Selection, Term, Truth
 from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, parts_of, refused_truth
 from umo.objects import Quality
@@ -76,7 +76,7 @@ class LoweredValues(LoweredSubject):
         if isinstance(term, Many):
             types = [self.type_of(each) for each in term.terms]
             return self.f.world.fields.tuple_type(types, term.names, term.kind or tuple)
-        if isinstance(term, Present | Truth | Choice | Selection):
+        if isinstance(term, Present | Truth | OneOf | Selection):
             return None
         found = self.f.world.fields.type_of_value(term.value)
         return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
@@ -251,7 +251,7 @@ class LoweredValues(LoweredSubject):
             return bool(term.terms)
         if isinstance(term, Selection):
             return differs(term.count)
-        if isinstance(term, Choice):
+        if isinstance(term, OneOf):
             if all(self.truth(each, node) is True for each in term.options):
                 return True
             raise self.f.refused(node, *only_asked(term))
@@ -285,11 +285,11 @@ def _widens(one: CType, other: CType) -> bool:
     return one == other or other == REAL or (one == BOOL and other == INT)
 
 
-def only_asked(term: Present | Truth | Choice | Selection) -> tuple[str, str]:
+def only_asked(term: Present | Truth | OneOf | Selection) -> tuple[str, str]:
     """Why this is no value, and what is nearest."""
     if isinstance(term, Selection):
         return OF_UNKNOWN_LENGTH
-    if isinstance(term, Choice):
+    if isinstance(term, OneOf):
         return OF_OBJECTS
     if isinstance(term, Present):
         return "only whether it is None is known on the controller", "is None, is not None"

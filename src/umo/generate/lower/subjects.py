@@ -11,11 +11,11 @@ from umo.generate.c_types import ArrayType, CType
 from umo.generate.form import Statement, Value
 from umo.generate.lower.terms import (
     ArrayMethod,
-    Choice,
     Code,
     Elementwise,
     Known,
     Many,
+    OneOf,
     RingMethod,
     Selection,
     Term,
@@ -288,10 +288,10 @@ class AskedOfBuiltins(Protocol):
 class AskedOfChoices(Protocol):
     """The objects of a function that are chosen when it runs."""
 
-    def of_table(self, table: Any, index: Term, node: ast.AST) -> Choice | None:
+    def of_table(self, table: Any, index: Term, node: ast.AST) -> OneOf | None:
         """The object at a computed place, or of a computed key; None: the table has none, or numbers and states."""
 
-    def each(self, choice: Choice, what: Callable[[Known], Term], node: ast.AST) -> Term:
+    def each(self, choice: OneOf, what: Callable[[Known], Term], node: ast.AST) -> Term:
         """What is found for each of the objects, of the one that it is."""
 
 

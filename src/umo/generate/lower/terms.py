@@ -125,7 +125,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Choice:
+class OneOf:
     """One of several live objects, of which it is computed which one."""
 
     place: Value
@@ -143,7 +143,7 @@ class Selection:
     of: ArrayType
 
 
-Term = Code | Known | Many | Present | Truth | Choice | Selection
+Term = Code | Known | Many | Present | Truth | OneOf | Selection
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from umo.generate.c_types import (
     TupleType,
     plain_number,
 )
-from umo.generate.lower.terms import Choice, Code, Many, Present, Selection, Term, TruePlaces, Truth, UnknownText
+from umo.generate.lower.terms import Code, Many, OneOf, Present, Selection, Term, TruePlaces, Truth, UnknownText
 from umo.generate.value_kinds import is_plain_enum, own_methods
 
 NUMBERS = frozenset({bool, int, float})
@@ -94,7 +94,7 @@ def kind_of_term(term: Term) -> Kind:
         return Several(tuple(map(kind_of_term, term.terms)), term.names)
     if isinstance(term, Present):
         return some(str, NoneType)
-    if isinstance(term, Truth | Choice | Selection):
+    if isinstance(term, Truth | OneOf | Selection):
         return some(object)
     if isinstance(term.value, TruePlaces):
         return RowKind(int, None)

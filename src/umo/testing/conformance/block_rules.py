@@ -71,14 +71,12 @@ def block_read(context: RuleContext) -> str | None:
     with context.opened() as probe:
         levels = cycle(patterns(outputs))
         for order in context.as_time_allows(orders(texts), FEWEST_BLOCKS, "blocks"):
-            written = dict(zip(outputs, next(levels), strict=True))
-            for output, raw in written.items():
+            for output, raw in zip(outputs, next(levels), strict=True):
                 probe.write(output.channel, raw)
             _compare(context, probe, order)
         probe.read_many(())
         if not context.told(probe):
-            for output in context.viewed:
-                context.is_read(probe, output, written[output])
+            context.await_levels(probe)
             _read_in_turns(context, probe)
     moving = [each.channel for each in context.subject.inputs if not each.steady]
     return f"{some(moving)}: only as far as they stand still" if moving else None
@@ -86,7 +84,18 @@ def block_read(context: RuleContext) -> str | None:
 
 def _read_in_turns(context: RuleContext, probe: Probe) -> None:
     """Blocks of several orders and single channels in one go, while nothing changes: what a call gives does not depend
-    on the one before."""
+    on the one before. A loop-back may show a level that it had before, until `settle` has passed."""
+    for waited in (False, True):
+        try:
+            _compare_turns(context, probe)
+            return
+        except RuleBroken:
+            if waited:
+                raise
+            sleep(context.subject.settle)
+
+
+def _compare_turns(context: RuleContext, probe: Probe) -> None:
     expected = {text: probe.read(text) for text in context.known}
     for number, block in enumerate(context.as_time_allows(_turns(context.known), FEWEST_TURNS, "blocks in turns")):
         found = dict(zip(block, probe.read_many(block), strict=True))
@@ -266,6 +275,7 @@ def block_failures(context: RuleContext) -> str | None:
 
 
 def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
+    context.await_levels(probe)
     expected = {text: probe.read(text) for text in context.readable}
     texts = list(context.readable)
     for place in (0, len(texts) // 2, len(texts)):

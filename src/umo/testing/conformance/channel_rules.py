@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 from typing import Any
 
@@ -13,12 +14,14 @@ from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import TEXTS, Cost, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
+LAST_NUMBER = re.compile(r"([0-9]+)(?!.*[0-9])")
+"""The last number of a text."""
 
 
 @rule(Cost(opens=1))
 def channels(context: RuleContext) -> None:
-    """A channel's text means one channel of fixed direction and bits; another text raises ChannelError. Two
-    channels have no place in common."""
+    """A channel's text means one channel of fixed direction and bits; another text raises ChannelError. Two channels
+    have no place in common. One channel that two texts mean, such as out:1 and out:01, is in one place."""
     probe, other = context.new(), context.new()
     for text in context.channels:
         channel = probe.channel(text)
@@ -36,7 +39,8 @@ def channels(context: RuleContext) -> None:
         if not channel.lowest <= each.least <= each.greatest <= channel.highest:
             raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
     _check_places(context, probe)
-    _check_unknown(context, probe.driver)
+    if not _check_unknown(context, probe.driver):
+        _check_spelling(context, probe)
     if context.failure(other.open) is None:
         _check_open(context, probe, other)
     context.failure(other.close)
@@ -59,12 +63,25 @@ def _check_open(context: RuleContext, closed: Probe, opened: Probe) -> None:
             raise RuleBroken(f"channel({text!r}) is {before} before open and {now} after it")
 
 
-def _check_unknown(context: RuleContext, driver: Driver[Any]) -> None:
-    """A driver may take any text. One that does not must not take a part of a text for the whole."""
+def _check_spelling(context: RuleContext, probe: Probe) -> None:
+    """A number with a zero in front is the same number: umo tells by the places that both texts mean one channel."""
+    for text in context.channels:
+        longer = LAST_NUMBER.sub(r"0\1", text)
+        if longer != text and longer not in context.channels and _takes(probe.driver, longer):
+            other = probe.driver.channel(longer)
+            if not {*other.places} & {*probe.channel(text).places}:
+                why = f"{longer!r} is taken too, and has another place than {text}: umo would take both"
+                raise RuleBroken(why)
+
+
+def _check_unknown(context: RuleContext, driver: Driver[Any]) -> bool:
+    """A driver may take any text, and whether this one does. One that does not must not take a part of a text for the
+    whole."""
     longer = [each for text in context.channels[:1] for each in (text + UNKNOWN[-1], UNKNOWN[-1] + text)]
     taken = [text for text in (UNKNOWN, *longer) if _takes(driver, text)]
     if taken and UNKNOWN not in taken:
         raise RuleBroken(f"the channel {taken[0]!r} was taken for {context.channels[0]!r}")
+    return bool(taken)
 
 
 def _takes(driver: Driver[Any], text: str) -> bool:

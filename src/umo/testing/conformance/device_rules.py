@@ -82,14 +82,16 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
 
 @rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away each call fails in time; when it is back the next call works, however many have failed,
-    its reading is right, and what failed is not made up for. A level that was written before is written again, alone
-    and as a block: the device may have lost it."""
+    """While the device is away each call fails in time; when it is back the next call works, however many have
+    failed (if none has, the first may find the end of the connection), its reading is right, and what failed is not
+    made up for. A level that was written before is written again, alone and as a block: the device may have lost
+    it."""
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
         for call in (*context.transfers(probe), *alone):
             call()  # what is kept of it must not be given later
+        context.await_levels(probe)
         before = {text: probe.read(text) for text in context.known[:MAX_ALONE]}
         probe.timeout = context.haste
         with loss():
@@ -156,10 +158,11 @@ def _writes_again(context: RuleContext, probe: Probe) -> None:
         return
     first = context.visible[0]
     with context.second(direct=context.subject.direct is not None) as other:
-        if other is None or context.failure(context.insist, other.write, first.channel, first.default) is not None:
+        if other is None or context.failure(context.insist, context.ready, other, first.channel) is not None:
             return  # a driver may find out with its first call only that there is no room for it
         for output, many in _by_both_forms(context.visible):
             raw = output.other()
+            context.ready(other, output.channel)
             rewrite(context, probe, output, raw, "the device was away", many=many)
             with context.loss():
                 context.failure(context.transfers(probe)[0])
@@ -368,6 +371,7 @@ def _is_old(
     levels = levels or (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
+    context.ready(mover, output.channel)
     mover.write(output.channel, before)
     context.is_read(probe, output, before)
     for _ in range(still):

@@ -10,7 +10,7 @@ from typing import Any
 from umo.cycle.segments import UNCONTROLLED_TIMEOUT
 from umo.drivers.contract import Direction, Driver
 from umo.testing.conformance.probe import Probe, Stopped, Watch
-from umo.testing.conformance.subject import Subject
+from umo.testing.conformance.subject import Output, Subject
 
 
 class DriverFactory:
@@ -88,6 +88,22 @@ class DriverFactory:
         if errors:
             raise errors[0]
 
+    def bring_to_default(self, probe: Probe, output: Output) -> None:
+        """As the guardian does it with a new driver: initialised, then reset."""
+        probe.initialize(output.channel, output.default)
+        probe.reset(output.channel, output.default)
+
+    def ready(self, probe: Probe, text: str) -> None:
+        """A channel is initialised by the driver that uses it, as umo does; again if that has failed. An output comes
+        to its default then."""
+        if text in probe.opened:
+            return
+        try:
+            probe.initialize(text, self.default(text))
+        except OSError:
+            probe.opened.remove(text)
+            raise
+
     def restore(self, always: bool = False) -> None:
         """A new driver brings every output to its default that may not be there."""
         if not (self.dirty or always) or not self.subject.outputs:
@@ -99,7 +115,7 @@ class DriverFactory:
             try:
                 probe.open()
                 for output in self.subject.outputs:
-                    if self.failure(probe.reset, output.channel, output.default) is None:
+                    if self.failure(self.bring_to_default, probe, output) is None:
                         left = [text for text in left if text != output.channel]
             finally:
                 probe.close()

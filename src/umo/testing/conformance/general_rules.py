@@ -55,7 +55,7 @@ def end(context: RuleContext) -> str | None:
     with context.leaving(context.new()) as probe:
         probe.open()
         for output in context.visible:  # reset again: a model that is opened anew knows nothing of the reset before
-            probe.reset(output.channel, output.default)
+            context.bring_to_default(probe, output)
             context.expect(probe, output, output.default, f"reset({output.default}) at the end")
     if context.subject.line is None or context.subject.levels is None:
         return context.looked("whether closing moves one was not seen: it needs a line and a record")

@@ -76,7 +76,7 @@ def descriptors(context: RuleContext) -> str:
     before, known = _counts(context), frozenset(threading.enumerate())
     # The closed drivers are kept: closing is not left to the garbage collector.
     closed = _open_often(context, FEWEST_OPENINGS, most, SILENT_OPENINGS)
-    after, openings = _counts(context, before, known), len(closed) - 2 * SILENT_OPENINGS
+    after, openings = _counts(context, before, known), len(closed) - len(IN_SILENCE) * SILENT_OPENINGS
     context.left_out += [f"{openings} of {most} openings"] if openings < most else []
     for what, number in before.items():
         if after[what] > number:
@@ -102,12 +102,12 @@ def _check_while_open(context: RuleContext) -> None:
         after = _counts(context, before, known)
         for what, count in before.items():
             if (more := after[what] - count) >= LOSSES:
-                lost = f"{LOSSES} lost connections, as many garbled answers and as many lost ones"
+                lost = f"{LOSSES} lost connections, as many garbled answers, lost ones and looks"
                 raise RuleBroken(f"{more} more {what} are there after {lost}, while the driver is open")
 
 
 def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
-    """A connection is lost, an answer is garbled, another one gets lost."""
+    """A connection is lost, an answer is garbled, another one gets lost; then a look is under way as a call comes."""
     call = context.transfers(probe)[0]
     line.drop()
     for change in (_all_wrong, lambda answer: b""):
@@ -115,6 +115,7 @@ def _lose(context: RuleContext, probe: Probe, line: Tap) -> None:
         probe.timeout = context.haste
         context.spoiled(change, False, call)
         probe.timeout = context.patience
+    context.look(probe)
 
 
 def _check_inherited(context: RuleContext) -> None:
@@ -147,7 +148,7 @@ def _open_often(context: RuleContext, least: int, most: int, silent: int) -> lis
         context.share, began = len(closed) / most, monotonic()
         closed.append(_open_and_cut(context))
         longest = max(longest, monotonic() - began)
-    return closed + [each(context) for _ in range(silent) for each in (_open_in_silence, _close_in_silence)]
+    return closed + [each(context) for _ in range(silent) for each in IN_SILENCE]
 
 
 def _open_in_silence(context: RuleContext) -> Probe:
@@ -176,6 +177,20 @@ def _close_in_silence(context: RuleContext) -> Probe:
         context.look(probe)
         context.failure(probe.close)
     return probe
+
+
+def _close_unnoticed(context: RuleContext) -> Probe:
+    """Left while nobody answers, before any call has found that out."""
+    probe, line = context.new(), context.subject.line
+    context.bring_up(probe)
+    context.failure(context.insist, context.transfers(probe)[0])
+    probe.timeout = context.haste
+    with line.silent() if line is not None else nullcontext():
+        context.failure(probe.close)
+    return probe
+
+
+IN_SILENCE = (_open_in_silence, _close_in_silence, _close_unnoticed)
 
 
 def _look_often(context: RuleContext, probe: Probe) -> None:

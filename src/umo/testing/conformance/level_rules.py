@@ -68,9 +68,7 @@ def _moved(context: RuleContext, witness: Witness, happening: Happening, number:
     probe, witness.seen, witness.lost = witness.probe, "", happening is _away
     for place, output in enumerate(context.subject.outputs):
         rewrite(context, probe, output, output.other(number + place), "what was tried before")
-    for place, output in enumerate(context.subject.outputs):
-        if output in context.viewed:
-            context.is_read(probe, output, output.other(number + place))
+    context.await_levels(probe)
     happening(context, witness, number)
     witness.write(context.subject.outputs[0], number + OTHER_LEVEL)
     probe.timeout = context.patience
@@ -154,6 +152,7 @@ class Witness:
     def write(self, output: Output, number: int) -> None:
         """What another client writes meanwhile stays, where it may write."""
         if self._apart is not None and self.context.readable and not self.context.subject.sole_writer:
+            self.context.insist(self.context.ready, self._apart, output.channel)
             self.context.insist(self._apart.write, output.channel, output.other(number))
             if output in self._looped:
                 self.context.is_read(self._apart, output, output.other(number))

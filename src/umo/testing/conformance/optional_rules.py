@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from umo.drivers.optional import HasWatchdog, Inspects, PhysicalScale, Reports, ages_of, inspection_of, scale_of
+from umo.drivers.optional import (
+    HasWatchdog,
+    Inspects,
+    PhysicalScale,
+    Reports,
+    ages_of,
+    inspection_of,
+    report_of,
+    scale_of,
+)
 from umo.errors import DeclarationError, text_of
 from umo.objects.units import check_unit, convert, line_between
 from umo.presentation.digits import number_text
@@ -37,8 +46,8 @@ PAIR_WAITS = (0.0, 0.0, 0.0)
 """The same for a pair of channels."""
 MAX_AGE_PAIRS = 3
 """Pairs of channels whose ages are looked at, with each output."""
-SET_BACK = 3600.0
-"""Time in s by which the clock of the day is set back."""
+CLOCK_STEP = 3600.0
+"""Time in s by which the clock of the day is set back and forward."""
 UNFED = 1.5
 """Times of the watchdog after which it has run out."""
 NO_TIMES = (1e9, -1.0)
@@ -144,14 +153,14 @@ def ages(context: RuleContext) -> str | None:
             raise NotTried("the driver gives no ages: its readings are as old as the transfer")
         if context.subject.line is not None:
             _grow_in_silence(context, probe, texts)
+        _clock_is_set(probe, texts)
         if not context.viewed:
-            return "no output moves an input: it was only seen that there is an age for each channel"
+            return "no output moves an input: whether the age of a level is right was not seen"
         speaks = context.subject.line is not None and device_sends_by_itself(context)
         for output in context.viewed:
             for block, waits in _age_blocks(context.view(output), texts):
                 for number, pause in enumerate(waits):
                     _moves(context, probe, output, block, (number, pause), speaks)
-        _clock_is_set_back(probe, texts)
     still = [text for text in texts if text not in _ends(context, list(context.viewed))]
     return f"{some(still)}: only that there is an age" if still else None
 
@@ -172,14 +181,21 @@ def _grow_in_silence(context: RuleContext, probe: Probe, texts: tuple[str, ...])
         context.insist(probe.read_many, texts)
 
 
-def _clock_is_set_back(probe: Probe, texts: tuple[str, ...]) -> None:
-    """The clock of the day is set back between a reading and the question how old it is, as seen by `time.time`."""
-    probe.read_many(texts)
-    try:
-        with clock_set_back(lambda: SET_BACK):
-            _ages(probe, texts)
-    except RuleBroken as broken:
-        raise RuleBroken(f"{broken}; the clock of the day was set back by {duration(SET_BACK)} meanwhile") from broken
+def _clock_is_set(probe: Probe, texts: tuple[str, ...]) -> None:
+    """The clock of the day is set back, and forward, between a reading and the question how old it is, as seen by
+    `time.time`. An age that is kept above 0 shows it only when the clock is set forward."""
+    for seconds, where in ((CLOCK_STEP, "back"), (-CLOCK_STEP, "forward")):
+        probe.read_many(texts)
+        right = _ages(probe, texts) or []
+        set_by = f"the clock of the day was set {where} by {duration(CLOCK_STEP)} meanwhile"
+        try:
+            with clock_set_back(lambda: seconds):  # noqa: B023
+                found = _ages(probe, texts) or []
+        except RuleBroken as broken:
+            raise RuleBroken(f"{broken}; {set_by}") from broken
+        for text, age, now in zip(texts, right, found, strict=True):
+            if abs(now - age) > CLOCK_STEP / 2:
+                raise RuleBroken(f"the age of {text} went from {_time(age)} to {_time(now)}; {set_by}")
 
 
 def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
@@ -253,7 +269,7 @@ def _time(seconds: float) -> str:
 def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
     moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
-    away. Asked again, a report still has what it had."""
+    away. Asked again, a report still has what it had, also once the device was away."""
     if not isinstance(context.new().driver, Reports | Inspects):
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
@@ -338,12 +354,15 @@ def _inspects_aside(context: RuleContext, probe: Probe) -> None:
 def _reports_while_away(context: RuleContext, probe: Probe) -> None:
     if context.subject.line is None and context.subject.gone is None:
         return
+    before = report_of(probe.driver)
     with context.in_haste(probe), context.loss():
         context.failure(context.transfers(probe)[0])
         for call in context.enquiries(probe):
             if isinstance(error := context.failure(call), WrongKind):
                 raise RuleBroken(f"while the device is away, {context.watch.doing} raises {text_of(error)}")
     context.try_out(probe)
+    if lost := before.keys() - context.insist(probe.call, "report", report_of, probe.driver).keys():
+        raise RuleBroken(f"report has lost {some(sorted(map(repr, lost)))} since the device was away, and is back")
 
 
 def _check_report(probe: Probe) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from threading import Event, Thread
 from time import monotonic, sleep
 
@@ -88,8 +88,7 @@ class OutputObserver(DriverFactory):
     def reading(self, probe: Probe, output: Output) -> int:
         """Reading of the level of an output."""
         view = self.view(output)
-        if view not in probe.opened:
-            probe.initialize(view, self.default(view))
+        self.ready(probe, view)
         return probe.read(view)
 
     def recorded(self, output: Output) -> Sequence[int]:
@@ -130,6 +129,13 @@ class OutputObserver(DriverFactory):
     def _comes_to(self, look: Callable[[Probe, Output], int], probe: Probe, output: Output, raw: int) -> bool:
         there, self.last_level = self.comes_to(lambda: look(probe, output), lambda level: self.same(output, raw, level))
         return there
+
+    def await_levels(self, probe: Probe) -> None:
+        """Returns when the levels that this driver has brought about last are read, after `settle` at the latest: what
+        is read before may be on its way from the levels before."""
+        for output in self.viewed:
+            if output.channel in probe.levels:
+                self.is_read(probe, output, probe.levels[output.channel])
 
     def arrive(self, other: Probe | None, output: Output, raw: int) -> None:
         """Returns when the level has come for sure, seen without the driver under test: by the counterpart's record,
@@ -212,16 +218,17 @@ class OutputObserver(DriverFactory):
     # Levels in between --------------------------------------------------------------------------------
 
     @contextmanager
-    def observing(self, output: Output, until: int) -> Iterator[list[int]]:
+    def observing(self, output: Output, left: int, until: int) -> Iterator[list[int]]:
         """The levels that an output had within the block, in the list after its end; the first is the level before.
-        A loop-back is watched on, until it shows the level `until`. Empty if only the driver under test can see it."""
+        A loop-back is watched from when it shows the level at which the output was `left`, until it shows the level
+        `until`. Empty if only the driver under test can see it."""
         found: list[int] = []
         if self.subject.levels is not None:
             self.recorded(output)
             yield found
             found += self.recorded(output)
         elif output.channel in self.loops and (self.subject.line is None or self.subject.line.ordered):
-            with self._polling(self.loops[output.channel], found):
+            with self._polling(self.loops[output.channel], partial(self.same, output, left), found):
                 yield found
                 end = monotonic() + self.subject.settle
                 while found and not self.same(output, until, found[-1]) and monotonic() < end:
@@ -247,14 +254,15 @@ class OutputObserver(DriverFactory):
                 raise RuleBroken(text, f"level of {output.channel}")
 
     @contextmanager
-    def _polling(self, text: str, found: list[int]) -> Iterator[None]:
-        """A second driver reads the input as quickly as it can; nothing if the device does not let it in."""
+    def _polling(self, text: str, came: Callable[[int], bool], found: list[int]) -> Iterator[None]:
+        """A second driver reads the input as quickly as it can, once a level `came`; nothing if the device does not let
+        it in."""
         probe, end = self.new(), Event()
         probe.watch = Watch()  # of another thread
         try:
             probe.open()
             probe.initialize(text, None)
-            found.append(probe.read(text))
+            found.append(self.comes_to(lambda: probe.read(text), came)[1])
         except OSError:
             with suppress(OSError):
                 probe.close()

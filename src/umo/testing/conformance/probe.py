@@ -143,6 +143,8 @@ class Probe:
         self.watch = watch
         self.opened: list[str] = []
         """Channels that were initialised and not finalised."""
+        self.levels: dict[str, int] = {}
+        """The levels that outputs were brought to last, without those of calls that failed."""
         self._channels: dict[str, Channel] = {}
         self._whole: tuple[Channel, ...] = ()
         self._timeout = driver.timeout
@@ -171,7 +173,7 @@ class Probe:
     def initialize(self, text: str, default: int | None) -> None:
         if text not in self.opened:
             self.opened.append(text)
-        self.call(f"initialize of {text}", self.driver.initialize, self.channel(text), default)
+        self._bring(text, default, f"initialize of {text}", self.driver.initialize)
 
     def finalize(self, text: str) -> None:
         if text in self.opened:
@@ -179,14 +181,21 @@ class Probe:
         self.call(f"finalize of {text}", self.driver.finalize, self.channel(text))
 
     def reset(self, text: str, default: int | None) -> None:
-        self.call(f"reset of {text}", self.driver.reset, self.channel(text), default)
+        self._bring(text, default, f"reset of {text}", self.driver.reset)
 
     def read(self, text: str) -> int:
         channel = self.channel(text)
         return self._checked(channel, self.call(f"read of {text}", self.driver.read, channel))
 
     def write(self, text: str, raw: int) -> None:
-        self.call(f"write of {raw} to {text}", self.driver.write, self.channel(text), raw)
+        self._bring(text, raw, f"write of {raw} to {text}", self.driver.write)
+
+    def _bring(self, text: str, raw: int | None, what: str, function: Callable[..., None]) -> None:
+        """A call that brings a channel to a level; None: an input."""
+        self.levels.pop(text, None)
+        self.call(what, function, self.channel(text), raw)
+        if raw is not None:
+            self.levels[text] = raw
 
     def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
         """Into `out`, or into an array as umo hands it over."""
@@ -200,7 +209,11 @@ class Probe:
         array = np.array(raws, np.int64) if not isinstance(raws, np.ndarray) else raws
         array = array.view()
         array.setflags(write=False)  # as the image hands it over
+        raws = array.tolist()
+        for text in texts:
+            self.levels.pop(text, None)
         self.call(f"write_many to {', '.join(texts)}", self.driver.write_many, channels, array)
+        self.levels |= zip(texts, raws, strict=True)
 
     def write_by(self, many: bool, text: str, raw: int) -> None:
         """A write of one output, alone or as a block."""

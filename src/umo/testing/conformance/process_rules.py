@@ -21,6 +21,7 @@ from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.process_snapshot import alarm_time, change, state, state_of_thread, threads
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.taps import Tap
 
 IDLE_TIME = 0.25
 """Time in s for which processor time is measured."""
@@ -113,13 +114,16 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
 @rule(Cost(opens=6, calls=35, connects=6, more=10))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else. The driver can still
-    be used after that, as outputs are reset then; so it can once it was asked to end a wait (`stop_waiting`)."""
+    be used after that, as outputs are reset then, and takes no late answer to that call for another one; so it can once
+    it was asked to end a wait (`stop_waiting`)."""
     # The interrupt is raised where the call would wait in a function in C
     kinds = len(context.transfers(context.new()))
     _asked_to_stop(context)
     waited = [number for number in range(kinds) if _interrupted(context, number)]
     for number in context.as_time_allows(waited[::2], 1, "kinds of calls that are interrupted later"):
         _interrupted_later(context, number)
+        if context.subject.line is not None:
+            _answered_late(context, number, context.subject.line)
     if not waited:
         raise NotTried("no call waits in a function that can be interrupted")
     return f"{kinds - len(waited)} of {kinds} calls did not wait" if len(waited) < kinds else None
@@ -165,6 +169,27 @@ def _interrupted_later(context: RuleContext, number: int) -> None:
                 return
             for _ in range(TRIES):
                 context.failure(call)
+
+
+def _answered_late(context: RuleContext, number: int, line: Tap) -> None:
+    """The answer to the interrupted call comes late: it is not taken for that of the next one, which gets lost."""
+    with context.opened() as probe:
+        for waits in range(MOST_WAITS):
+            calls = context.transfers(probe)
+            probe.timeout = context.patience
+            context.insist(calls[number])
+            before = line.spoiled
+            with line.late(behind=line.ordered):
+                raised = _raised_in(context, calls[number], waits)
+            interrupted, held = context.watch.doing, line.spoiled > before
+            probe.timeout = context.haste
+            error, lost = context.unanswered(calls[0])
+            if raised and held and error is None and lost and context.made_up(probe):
+                raise RuleBroken(
+                    f"{context.watch.doing} took the late answer to the {interrupted} that Ctrl-C has ended"
+                )
+            if not raised:
+                return
 
 
 def _raised_in(context: RuleContext, call: Callable[[], object], waits: int = 0) -> str:

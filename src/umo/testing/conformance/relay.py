@@ -1,7 +1,7 @@
 """What passes between a driver and its device: a thread moves the bytes of both directions, and spoils answers.
 
 It knows no protocol. In a mode that spoils, an answer is what comes from the device until nothing more has come for
-`ANSWER_GAP` s.
+`ANSWER_GAP` s. A device that sends by itself may never pause: of what it sends an answer is `LONGEST_ANSWER` s at most.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from umo.testing.conformance.closed_twice import out_of_the_way
 
 ANSWER_GAP = 0.005
 """Time in s without a byte that ends an answer."""
+LONGEST_ANSWER = 0.05
+"""Time in s for which an answer goes on at most, of a device that sends by itself."""
 PIECE_INTERVAL = 0.003
 """Time in s between the pieces of an answer."""
 MAX_SETTLING_TIME = 5.0
@@ -76,6 +78,8 @@ class Tapped:
     def __init__(self, driver: int, device: int) -> None:
         self.driver, self.device = driver, device
         self.request, self.answer = b"", b""
+        self.began = 0.0
+        """Time at which the answer began."""
         self.held = b""
         """Late answers."""
         self.due: float | None = None
@@ -98,6 +102,8 @@ class Relay(ABC):
         """Cause why the device could not be reached when a driver connected last; empty if it could."""
         self.disturbed = ""
         """What was disturbed last, in words, until a call of the driver has succeeded since."""
+        self._speaks = False
+        """Whether the device sends by itself, and not only a greeting."""
         self._traffic: Traffic | None = None
         self._mode = PASSING
         self._open: list[Tapped] = []
@@ -234,9 +240,12 @@ class Relay(ABC):
     def _answered(self, tapped: Tapped, data: bytes) -> None:
         if self._traffic is not None:
             self._traffic.answer += data
+        now = monotonic()
+        tapped.began = tapped.began if tapped.answer else now
+        self._speaks |= bool(tapped.answer) and not tapped.request
         tapped.answer += data
         if self._mode != PASSING or tapped.due is not None:
-            tapped.due = monotonic() + ANSWER_GAP
+            tapped.due = min(now + ANSWER_GAP, tapped.began + LONGEST_ANSWER) if self._speaks else now + ANSWER_GAP
             return
         self._put(tapped, tapped.driver, tapped.held + data)
         tapped.held = b""

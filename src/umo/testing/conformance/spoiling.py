@@ -99,10 +99,13 @@ def _of_a_stream(way: Spoilt) -> Spoilt:
 
 
 def device_sends_by_itself(context: RuleContext) -> bool:
-    """Whether the device sends without being asked."""
-    with context.line.counting() as traffic:
-        sleep(LISTENING)
-    return bool(traffic.answer) and not traffic.asked
+    """Whether the device sends without being asked. On a busy computer it may be late."""
+    for _ in range(TRIES):
+        with context.line.counting() as traffic:
+            sleep(LISTENING)
+        if traffic.answer and not traffic.asked:
+            return True
+    return False
 
 
 def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
@@ -199,9 +202,7 @@ def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
     outputs = context.subject.outputs
     for number, output in enumerate(outputs):
         rewrite(context, probe, output, output.other(number), "what was tried before")
-    for number, output in enumerate(outputs):
-        if output in context.viewed:
-            context.is_read(probe, output, output.other(number))
+    context.await_levels(probe)
     return {text: probe.read(text) if text in context.known else None for text in context.readable}
 
 

@@ -83,12 +83,18 @@ class Tap(Relay):
                 self._traffic = None
 
     def await_answer(self, spoiled: int) -> bool:
-        """Waits for the answer to a request that is under way; whether one was spoiled since `spoiled` was counted."""
+        """Waits for the answer to a request that is under way, or for what a device sends by itself; whether anything
+        was spoiled since `spoiled` was counted."""
         self.settle()
         end = monotonic() + MAX_LATENESS
-        while self.spoiled == spoiled and any(each.request for each in tuple(self._open)) and monotonic() < end:
+        while self.spoiled == spoiled and self._is_awaited and monotonic() < end:
             sleep(ANSWER_GAP)
         return self.spoiled > spoiled
+
+    @property
+    def _is_awaited(self) -> bool:
+        """Whether something is to come from the device."""
+        return any(each.request or self._speaks for each in tuple(self._open))
 
     @contextmanager
     def gone(self) -> Iterator[None]:
@@ -122,6 +128,9 @@ class Tap(Relay):
     def _in(self, mode: AnswerMode, at_end: Callable[[Tapped], None] = lambda tapped: None) -> Iterator[None]:
         """`at_end` is called for each connection, before anything else passes."""
         with self._lock:
+            for each in tuple(self._open):
+                if each.due is None:
+                    self._finish(each)  # it has passed already
             before, self._mode = self._mode, mode
         self._nudge()
         try:

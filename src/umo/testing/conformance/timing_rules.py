@@ -125,7 +125,8 @@ def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 @contextmanager
 def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
-    """The clock of the day is set back by so much, as seen by `time.time`, also where it was imported by a name."""
+    """The clock of the day is set back by so much, or forward if that is below 0, as seen by `time.time`, also where it
+    was imported by a name."""
     right = time.time
 
     def wrong() -> float:
@@ -324,7 +325,7 @@ def _connects_late(context: RuleContext) -> None:
     """Requests to connect get lost for a short time, and are repeated by the kernel."""
     probe = context.new()
     with context.leaving(probe), context.line.unreachable(CONNECTING_DELAY):
-        for call in (probe.open, context.transfers(probe)[0]):
+        for call in (partial(context.bring_up, probe), context.transfers(probe)[0]):
             if (error := context.failure(call)) is not None:
                 within = f"a timeout of {duration(context.patience)}, and connecting took about 1 s"
                 raise RuleBroken(f"{context.watch.doing} failed with {within}: {text_of(error)}") from error

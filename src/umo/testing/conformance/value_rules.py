@@ -175,6 +175,7 @@ def directions(context: RuleContext) -> str | None:
     if not inputs:
         raise NotTried("there is no channel that is an input only")
     with context.opened() as probe:
+        context.await_levels(probe)
         for each in inputs:
             before = [probe.read(each.channel) for _ in range(2)][-1]  # the first reading is judged by `answers`
             raw = before ^ 1 if each.channel in context.known else before  # another level, if its change can be seen
