@@ -126,6 +126,7 @@ def test_there_are_more_than_a_hundred_broken_drivers_for_all_rules_that_a_drive
     assert {rule.id for rule in all_rules()} - found == {"errors are named"}  # umo takes care of them
 
 
+@pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("words", SIGNS_OF_LIFE)
 def test_a_rule_that_is_broken_fails(words: str) -> None:
     mutant = MUTANTS[words]

@@ -184,6 +184,8 @@ def _close_unnoticed(context: RuleContext) -> Probe:
     probe, line = context.new(), context.subject.line
     context.bring_up(probe)
     context.failure(context.insist, context.transfers(probe)[0])
+    for text in tuple(probe.opened):
+        context.failure(probe.finalize, text)
     probe.timeout = context.haste
     with line.silent() if line is not None else nullcontext():
         context.failure(probe.close)
