@@ -105,7 +105,7 @@ def test_a_block_with_linearizations_and_invalid_readings_is_converted_as_each_n
     curves = Linearizations([each for _, each, _ in objects]).in_c
     assert curves is not None
     invalid = tuple((place, raw) for place, (raw, _, refused) in enumerate(objects) if refused)
-    of_block = (moved, *columns, raws, values, times), 0, tuple(map(conversion._for_c, curves)), invalid
+    of_block = (moved, *columns, raws, values, times), 0, tuple((place, *curve) for place, curve in curves), invalid
     outside = conversion.extension.Inputs(*of_block).convert(5.0)
     found = [x if each is None else each.to_value(x) for x, each in ((raw * resolution, f) for raw, f, _ in objects)]
     found = [math.nan if refused else value for value, (*_, refused) in zip(found, objects, strict=True)]

@@ -112,26 +112,27 @@ static void stamp(Block *self, double now)
 }
 
 /* (place, is_cubic, count, first, per_x, bytes of the table) */
-static int take_curve(PyObject *given, Special *curve, const char **table, Py_ssize_t *size)
+static int take_curve(PyObject *given, Special *curve)
 {
+    const char *table;
+    Py_ssize_t size;
     int cubic, count;
     umo_curve *to = &curve->curve;
-    if (!PyArg_ParseTuple(given, "npiddy#", &curve->place, &cubic, &count, &to->first, &to->per_x, table, size))
+    if (!PyArg_ParseTuple(given, "npiddy#", &curve->place, &cubic, &count, &to->first, &to->per_x, &table, &size))
         return -1;
     to->cubic = cubic;
     to->count = count;
     Py_ssize_t numbers = cubic ? 5 * ((Py_ssize_t)count + 2) : 3 * (Py_ssize_t)count - 1;
-    to->table = (const double *)*table;
-    if (count >= (cubic ? 1 : 2) && *size == 8 * numbers)
+    to->table = (const double *)table;
+    if (count >= (cubic ? 1 : 2) && size == 8 * numbers)
         return 0;
     PyErr_SetString(PyExc_ValueError, "the table of a curve has another length");
     return -1;
 }
 
 /* (place, raw integer) */
-static int take_invalid(PyObject *given, Special *invalid, const char **table, Py_ssize_t *size)
+static int take_invalid(PyObject *given, Special *invalid)
 {
-    (void)table, (void)size;
     long long raw;
     if (!PyArg_ParseTuple(given, "nL", &invalid->place, &raw))
         return -1;
@@ -139,17 +140,16 @@ static int take_invalid(PyObject *given, Special *invalid, const char **table, P
     return 0;
 }
 
-typedef int take_function(PyObject *, Special *, const char **, Py_ssize_t *);
+typedef int take_function(PyObject *, Special *);
 
 /* A tuple of tuples, each of an object of the block. */
 static int take_each(Block *self, PyObject *given, take_function *take, Special **found, Py_ssize_t *number)
 {
-    Py_ssize_t count = PyTuple_Size(given), size;
-    const char *table;
+    Py_ssize_t count = PyTuple_Size(given);
     if (count < 0 || (*found = PyMem_Calloc((size_t)count + 1, sizeof **found)) == NULL)
         return -1;
     for (Py_ssize_t i = 0; i < count; i++) {
-        if (take(PyTuple_GetItem(given, i), &(*found)[i], &table, &size) < 0)
+        if (take(PyTuple_GetItem(given, i), &(*found)[i]) < 0)
             return -1;
         if ((*found)[i].place < 0 || (*found)[i].place >= self->count) {
             PyErr_SetString(PyExc_ValueError, "no such object in the block");
@@ -248,6 +248,7 @@ static int find_values(Block *self)
     int within = scale_values(self);
     return self->curve_count || self->invalid_count ? bend(self) : within;
 }
+
 /* Of values that were found, all within their bounds. */
 static void keep_found(Block *self, double now)
 {

@@ -19,7 +19,6 @@ from numpy import add, greater_equal, negative, subtract
 
 from umo.cycle.columns import Block, Columns, Scales
 from umo.errors import RangeError
-from umo.objects.interpolation import CurveTable
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws, to_steps, to_values
 
@@ -44,7 +43,8 @@ def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mappi
         of_scales = scales.resolution, scales.zero_offset, scales.low, scales.high
         views = _views(block, *of_scales, columns.raws, columns.values, columns.times)
         invalid = tuple((place, raw) for raw, places in hidden.items() for place in places)
-        block.convert = extension.Inputs(views, block.start, tuple(map(_for_c, curves)), invalid).convert
+        of_curves = tuple((place, *curve) for place, curve in curves)
+        block.convert = extension.Inputs(views, block.start, of_curves, invalid).convert
 
 
 def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
@@ -65,11 +65,6 @@ def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
 
 def _views(block: Block, *columns: FloatArray | IntArray) -> tuple[memoryview, ...]:
     return block.raws.data, *(column[block.slots].data for column in columns)
-
-
-def _for_c(curve: tuple[int, CurveTable]) -> tuple[int, bool, int, float, float, bytes]:
-    place, (cubic, count, first, per_x, table) = curve
-    return place, cubic, count, first, per_x, np.concatenate(table).tobytes()
 
 
 class Inputs:

@@ -185,6 +185,7 @@ class CompiledLaws(Capability):
         self._library = LawLibrary(library, self._columns)
         structs = self._translation.structs
         self._memories = self._library.structs(structs)
+        pairs = list(zip(self._memories, structs, strict=True))
         states = {(each.path, each.name) for each in self._translation.layout if each.owner == "STATE"}
         self._fields = [
             BoundFields(
@@ -194,13 +195,11 @@ class CompiledLaws(Capability):
                 self.give_up,
                 self._known.names_of(struct.owner),
             )
-            for memory, struct in zip(self._memories, structs, strict=True)
+            for memory, struct in pairs
             if not isinstance(struct.owner, DequeFields)
         ]
         self._deques = [
-            BoundDeque(memory, struct.owner)
-            for memory, struct in zip(self._memories, structs, strict=True)
-            if isinstance(struct.owner, DequeFields)
+            BoundDeque(memory, struct.owner) for memory, struct in pairs if isinstance(struct.owner, DequeFields)
         ]
         self._waiting: list[BoundFields] = []
         for each in self._fields:

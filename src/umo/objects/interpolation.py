@@ -39,7 +39,8 @@ class CurveTable(NamedTuple):
     """Of cubics: where the first cell begins."""
     per_x: float
     """Of cubics: cells for one unit of x."""
-    columns: tuple[FloatArray, ...]
+    numbers: bytes
+    """The columns one after the other, as doubles."""
 
 
 class Segments:
@@ -52,9 +53,10 @@ class Segments:
         self._inner = self._xs[1:-1]
         self._lists = [each.tolist() for each in (self._inner, self._xs, self._ys, self._slopes)]
 
-    @property
+    @cached_property
     def in_c(self) -> CurveTable:
-        return CurveTable(False, len(self._xs), 0.0, 0.0, (self._xs, self._ys, self._slopes))
+        numbers = np.concatenate((self._xs, self._ys, self._slopes)).tobytes()
+        return CurveTable(False, len(self._xs), 0.0, 0.0, numbers)
 
     def one(self, x: float) -> float:
         inner, xs, ys, slopes = self._lists
@@ -100,9 +102,9 @@ class Cubics:
             found = found - (values - targets) / steepness
         return cls(xs, ys, slopes), cls(targets, found, 1.0 / function(found)[1])
 
-    @property
+    @cached_property
     def in_c(self) -> CurveTable:
-        return CurveTable(True, self.cells, self.first, self.per_x, self.table)
+        return CurveTable(True, self.cells, self.first, self.per_x, np.concatenate(self.table).tobytes())
 
     @cached_property
     def _rows(self) -> list[tuple[float, ...]]:

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator
 from math import inf
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from umo.generate.controller_model import ControllerModel, ControllerObject, NotGenerated, curves_of
 from umo.generate.emit.c_text import array, comment, real, real_or, time_of, truth
 from umo.generate.translation import ControllerTarget
@@ -38,9 +40,8 @@ def _curves(objects: Iterable[ControllerObject]) -> dict[int, _Curve]:
     for one in objects:
         if one.linearization is not None:
             curve, way = curves_of(one.linearization)[one.output], "to_input" if one.output else "to_value"
-            *shape, columns = curve.in_c
-            numbers = tuple(float(number) for column in columns for number in column)
-            of_slot[one.slot] = found.setdefault((way, *shape, numbers), _Curve(way, one.slot, curve, numbers))
+            numbers = tuple(np.frombuffer(curve.in_c.numbers).tolist())
+            of_slot[one.slot] = found.setdefault((way, *curve.in_c), _Curve(way, one.slot, curve, numbers))
     return of_slot
 
 
