@@ -24,7 +24,7 @@ from umo import (
 from umo.control import Axis, state_of, value_of
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
-from umo.errors import ChannelsFailed, TaskFailed, UmoError
+from umo.errors import ChannelsFailed, EquipmentFault, TaskFailed, UmoError
 from umo.generate.compiled_machine import CompiledMachine, compiled, compiler
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerModel, model_of
@@ -221,6 +221,20 @@ class Beside:
         """The host has changed fields in Python: in C, too."""
         for each in self.structs:
             each.push()
+
+    def clear(self, number: int) -> bool:
+        """Clear the fault of an equipment, of the whole machine for -1: whether it could be, which is the same in
+        both."""
+        running = self.running
+        part = running.root if number < 0 else running.machine.equipment.all[number].compound
+        can = self.c.clear(number)
+        try:
+            running.machine.equipment.clear(part)
+        except EquipmentFault:
+            assert not can
+        else:
+            assert can
+        return can
 
     def step(self, ticks: int, raws: Sequence[int], failed: Sequence[bool], deaf: Sequence[bool]) -> None:
         """One period of both; what they tell must be the same."""
