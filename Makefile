@@ -13,17 +13,17 @@ demo: $(STAMP)
 # Twice as many workers as processors: half of the time tests wait for processes.
 PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
 
-# Three to five minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
+# Seven to eleven minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/control/test_pid.py -v".
 test: $(COMPILED)
 	$(PYTEST) -m "not full" $(ARGS)
 
 # The page in a browser; make test runs some of these tests. A browser has processes of its own: a worker for each processor.
 test-page: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal tests/page $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist worksteal tests/clients/page $(ARGS)
 
 # The faces, each with clients of other projects; make test runs one test of each.
 test-faces: $(STAMP)
-	$(PYTEST) tests/faces $(ARGS)
+	$(PYTEST) tests/clients/faces $(ARGS)
 
 # Every test, also the grids, seeds, matrices and campaigns: before a release. make test-all ARGS="--shard 2/4" runs the
 # second of four parts.
@@ -51,11 +51,12 @@ lint: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m bench
 
-# The code blocks of README and docs/ are run, the tables of docs/machines.md made; pages and docstrings become a site with
+# The code blocks of README and docs/ are run, the tables of docs/machines.md and docs/verbs.md made; pages and docstrings become a site with
 # search, site/index.html.
 docs: $(STAMP)
-	$(BIN)/python -m pytest tests/test_docs.py
+	$(BIN)/python -m pytest tests/project/test_docs.py
 	$(BIN)/python tools/count.py
+	$(BIN)/python tools/verb_page.py
 	$(BIN)/python -m sphinx -q -W -j auto docs site
 
 # One wheel for every Python from 3.11 on, in dist/. The audit fails if its binary uses more than the stable interface.
@@ -65,6 +66,7 @@ wheel: $(STAMP)
 
 $(STAMP): pyproject.toml setup.py constraints.txt $(wildcard src/umo/*/*.c)
 	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip uninstall --quiet --yes umo 2>/dev/null  # the name of umo-machines before 0.3
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[all,dev]'
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[spi]' 2>/dev/null || \
 	    echo "spidev could not be built, for which a C compiler is needed: the driver spi is left out"

@@ -135,7 +135,9 @@ def _options() -> argparse.Namespace:
         "--generated", action="store_true", help="generated controllers on emulated boards: cycles, flash and RAM"
     )
     alone.add_argument("--live", action="store_true", help="the processes and frames alone: real time, some kills")
-    alone.add_argument("--page", action="store_true", help="the loop with the page of `umo view` open, and without")
+    alone.add_argument(
+        "--page", action="store_true", help="the loop with the page of `umo show page` open, and without"
+    )
     alone.add_argument(
         "--kills", action="store_true", help="kills and faults by the hundred against a box on libmodbus"
     )

@@ -15,9 +15,9 @@ import numpy as np
 import umo
 from bench.report import Doing, Target
 from umo import Compound, DigitalSensor
-from umo.alarms import Alarm, Bad, High, Low
-from umo.alarms.alarming import engine_of
 from umo.objects import atoms
+from umo.operation.alarms import Alarm, Bad, High, Low
+from umo.operation.alarms.alarming import engine_of
 from umo.testing import VirtualTimer
 
 TITLE = "1,000 alarms while nothing happens"

@@ -13,12 +13,12 @@ from time import monotonic_ns
 from typing import Any
 
 from umo import Compound
+from umo.commissioning.latency import Samples, native
+from umo.commissioning.latency.loop import example, slice_of
 from umo.cycle.cache_warming import wait_busily
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
 from umo.drivers.simulated import Simulated
-from umo.latency import Samples, native
-from umo.latency.loop import example, slice_of
 from umo.objects import atoms
 from umo.system import realtime
 

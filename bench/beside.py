@@ -14,7 +14,7 @@ from bench.face_process import SETTLING, running
 from bench.open_page import expect_running
 from bench.realtime import take
 from bench.report import Doing, Target
-from umo.latency import Samples
+from umo.commissioning.latency import Samples
 from umo.process.start import Started
 
 Beside = Callable[[Started], AbstractAsyncContextManager[None]]

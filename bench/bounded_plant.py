@@ -13,19 +13,19 @@ from typing import Annotated, Any
 
 import umo
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
-from umo.alarms import Alarm, Low
-from umo.clients.client_commands import ClientCommand, Mode
-from umo.clients.client_control import ClientControl
 from umo.control import Servo, next_period
 from umo.cycle.to_defaults import ToDefault
 from umo.drivers import Looks
 from umo.drivers.simulated import Simulated
-from umo.frames import published
-from umo.frames.memory import RunDescriptors
 from umo.objects import atoms
 from umo.operation import PackML
+from umo.operation.alarms import Alarm, Low
+from umo.operation.commands.client_commands import ClientCommand, Mode
+from umo.operation.commands.client_control import ClientControl
 from umo.operation.recipe_book import RecipeBook
 from umo.operation.recipes import Recipe
+from umo.process.frames import published
+from umo.process.frames.memory import RunDescriptors
 from umo.testing import VirtualTimer
 
 PERIOD = 0.001

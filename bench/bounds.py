@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.bounded_plant import Rig, SlowRig, failing
-from umo.clients.client_control import COMMANDS_PER_PERIOD
+from umo.operation.commands.client_control import COMMANDS_PER_PERIOD
 
 TITLE = "What one cause costs the period that it meets"
 SIZES = 1_000, 10_000

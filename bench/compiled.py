@@ -10,7 +10,7 @@ import numpy as np
 from bench import live, realtime
 from bench.fast_loop import FastLoop
 from bench.report import Doing, Target, upper
-from umo.latency import Samples, native
+from umo.commissioning.latency import Samples, native
 from umo.system.realtime import busy_wait_for
 
 TITLE = "Compiled laws"

@@ -1,8 +1,8 @@
 """z-theta at 1 ms for minutes with all that may stand beside it: does anything grow?
 
-In manual mode: a program that is attached moves z up and down. Beside it: two pages that show traces, `umo watch`,
-and a black box is asked for after each move. After each move the resident memory, the descriptors and the threads of
-each process are read, and the memory that the computer shares between processes.
+In manual mode: a program that is attached moves z up and down. Beside it: two pages that show traces, `umo show
+values`, and a black box is asked for after each move. After each move the resident memory, the descriptors and the
+threads of each process are read, and the memory that the computer shares between processes.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def measure(minutes: float, doing: Doing) -> Iterator[Target]:
             "control process": started.pid,
             "guardian": started.guardian,
             "standby": started.standby,
-            "umo view": server.pid,
-            "umo watch": watcher,
+            "umo show page": server.pid,
+            "umo show values": watcher,
         }
         station.home()
         end = time.monotonic() + 60.0 * minutes
@@ -93,10 +93,10 @@ def _shared() -> Reading:
 
 @contextmanager
 def _watcher() -> Iterator[int]:
-    """`umo watch` on a terminal, its pid."""
+    """`umo show values` on a terminal, its pid."""
     screen, terminal = os.openpty()
     threading.Thread(target=_emptied, args=(screen,), daemon=True).start()
-    command = [*UMO, "watch", "ztheta"]
+    command = [*UMO, "show", "values", "ztheta"]
     with subprocess.Popen(command, stdin=terminal, stdout=terminal) as process:
         os.close(terminal)
         try:

@@ -1,4 +1,4 @@
-"""A station in real time, `umo face` beside it, and clients that are connected to it, for `bench.faces`."""
+"""A station in real time, `umo connect face` beside it, and clients that are connected to it, for `bench.faces`."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ async def application(m: Many) -> None:
 
 @dataclass(frozen=True)
 class FaceProcess:
-    """`umo face`."""
+    """`umo connect face`."""
 
     pid: int
 
@@ -115,9 +115,10 @@ async def serving(
 ) -> AsyncIterator[tuple[FaceProcess, Mapping[str, str]]]:
     """A process with the faces of these clients, which has begun with the station; where each is reached."""
     words = [f"{each.face}.{name}={value}" for each in clients for name, value in each.options.items()]
-    options = [word for each in words for word in ("--option", each)]
+    options = [word for each in words for word in ("--set", each)]
     process = await asyncio.create_subprocess_exec(
-        *UMO, "face", *(each.face for each in clients), "--station", str(started.pid), "--rate", f"{LOOKS:g}", *options,
+        *UMO, "connect", "face", *(each.face for each in clients), "--station", str(started.pid),
+        "--rate", f"{LOOKS:g}", *options,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
     )  # fmt: skip
     try:
@@ -131,10 +132,10 @@ async def serving(
 
 
 async def _address(process: asyncio.subprocess.Process) -> tuple[str, str]:
-    """The next face and where it is reached, as `umo face` prints it. RuntimeError if it has ended."""
+    """The next face and where it is reached, as `umo connect face` prints it. RuntimeError if it has ended."""
     assert process.stdout is not None
     if not (line := (await process.stdout.readline()).decode()):
-        raise RuntimeError(f"umo face has ended with status {await process.wait()}")
+        raise RuntimeError(f"umo connect face has ended with status {await process.wait()}")
     name, _, rest = line.partition(": ")
     return name, rest.split()[0]
 

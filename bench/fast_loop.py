@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from umo.commissioning.latency.loop import ONE_THREAD, slice_of
+from umo.commissioning.latency.native import Slice
 from umo.cycle.cache_warming import wait_busily
 from umo.cycle.connect import connect
 from umo.drivers.simulated import Simulated
-from umo.latency.loop import ONE_THREAD, slice_of
-from umo.latency.native import Slice
 from umo.objects import Compound, DigitalSensor, atoms
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.wiring import resolve
 from umo.wiring.wired import Wired
 
@@ -128,7 +128,7 @@ def serve(file: str, name: str, period: str, compiled: str) -> None:
     from umo.generate.period_in_c import PeriodInC
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    realtime.die_with_parent(os.getppid(), signal.SIGKILL)
+    calls.die_with_parent(os.getppid(), signal.SIGKILL)
     there = Connection(int(file))
     machine: Any = machine_of(name)
     wire: dict[str, Any] = {item.path: {"driver": "circuit"} for item in atoms(machine)}

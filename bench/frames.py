@@ -15,12 +15,12 @@ from bench.driver import Fill
 from bench.machine import machine, wiring
 from bench.mix import layout
 from umo import Compound, connect, published
-from umo.clients.client_control import ClientControl
 from umo.cycle.frame import Frame
 from umo.cycle.showing import frame_of
-from umo.frames import Reader, Ring
-from umo.frames.client_memory import HEAD, ClientMemory
-from umo.remote.queue import Receiver
+from umo.operation.commands.client_control import ClientControl
+from umo.process.frames import Reader, Ring
+from umo.process.frames.client_memory import HEAD, ClientMemory
+from umo.process.frames.command_queue import Receiver
 
 BATCH = 200
 

@@ -15,8 +15,8 @@ from bench import at_tick, frames, realtime
 from bench.kills import box, campaign
 from bench.kills.kinds import KINDS
 from bench.report import Doing, Target, upper
-from umo.latency import Samples
-from umo.latency import measure as loops
+from umo.commissioning.latency import Samples
+from umo.commissioning.latency import measure as loops
 
 TITLE = "Processes and frames (real time: this machine's own noise is in it)"
 KILLS = [
@@ -117,7 +117,7 @@ def _row(what: str, samples: Samples) -> Target:
 
 
 def _faster(period: float, seconds: float) -> Iterator[Target]:
-    """The loops of `umo latency`."""
+    """The loops of `umo show latency`."""
     for name, samples in loops(period, seconds).loops.items():
         count = max(len(samples.total) + samples.missed, 1)
         missed = f"missed {1e5 * samples.missed / count:,.0f} of 100,000; {samples.busy:.0%} of a processor"

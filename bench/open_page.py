@@ -1,4 +1,4 @@
-"""The z-theta loop at 1 ms with the page of `umo view` open and without, in turns in one run.
+"""The z-theta loop at 1 ms with the page of `umo show page` open and without, in turns in one run.
 
 The page shows 16 traces over 60 s in Chromium; then a hundred pages are open, as websockets that ask for what a scope
 asks for, read it, and draw nothing.
@@ -24,9 +24,9 @@ import numpy as np
 import umo
 from bench.realtime import ENOUGH, take
 from bench.report import Doing, Target
+from umo.commissioning.latency import Samples
 from umo.cycle.stage import Stage
-from umo.frames import Reader
-from umo.latency import Samples
+from umo.process.frames import Reader
 from umo.process.start import Started
 
 TITLE = "The page beside the loop"
@@ -65,7 +65,7 @@ async def main():
     await asyncio.gather(*(page() for _ in range(count)))
 asyncio.run(main())
 """
-UMO = [sys.executable, "-c", "from umo.cli import main; main()"]
+UMO = [sys.executable, "-c", "from umo_command import main; main()"]
 Open = Callable[[str, list[str]], AbstractContextManager[object]]
 
 
@@ -141,7 +141,7 @@ def _sample(frames: Reader, into: Samples, seconds: float) -> None:
 
 @dataclass(frozen=True)
 class Server:
-    """`umo view ztheta`."""
+    """`umo show page ztheta`."""
 
     address: str
     pid: int
@@ -154,7 +154,7 @@ class Server:
 
 @contextmanager
 def served() -> Iterator[Server]:
-    command = [*UMO, "view", "ztheta", "--port", "0"]
+    command = [*UMO, "show", "page", "ztheta", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         try:

@@ -17,11 +17,11 @@ import numpy as np
 
 import umo
 from bench import at_tick
+from umo.commissioning.latency import Samples, native
+from umo.commissioning.latency.loop import Loop, example, slice_of
+from umo.commissioning.latency.measure import BUSY_PROGRAM
 from umo.drivers.simulated import Simulated
-from umo.frames import Reader
-from umo.latency import Samples, native
-from umo.latency.loop import Loop, example, slice_of
-from umo.latency.measure import BUSY_PROGRAM
+from umo.process.frames import Reader
 from umo.system.realtime import busy_wait_for
 
 PERIOD = 0.001
@@ -30,7 +30,7 @@ ENOUGH = 0.02
 """s between two looks of a reader."""
 READER = f"""
 import time
-from umo.frames import Reader, rings
+from umo.process.frames import Reader, rings
 reader = Reader(rings()[-1])
 while True:
     reader.read()
@@ -50,9 +50,9 @@ class Loops:
 
 
 def measure(periods: int) -> Loops:
-    """z-theta at 1 ms for at least so many periods, with `umo watch`, three more readers and a busy process beside it;
-    after each run of one part the C loops, as long each, with the same company, as far as it goes on when the station
-    has ended, and then the loop that sleeps."""
+    """z-theta at 1 ms for at least so many periods, with `umo show values`, three more readers and a busy process
+    beside it; after each run of one part the C loops, as long each, with the same company, as far as it goes on when
+    the station has ended, and then the loop that sleeps."""
     found = Loops(Samples(), Samples(), None, None)
     with native.compiled() as program, _busy():
         if program is not None:
@@ -117,7 +117,7 @@ def _processor(pid: int | None) -> tuple[int, int] | None:
 
 
 def _readers(pid: str) -> Iterator[subprocess.Popen[bytes]]:
-    """`umo watch` on a terminal of its own (script), and three that read every frame."""
+    """`umo show values` on a terminal of its own (script), and three that read every frame."""
     watch = f"{Path(sys.executable).with_name('umo')} watch {pid}"
     yield subprocess.Popen(["script", "-qec", watch, "/dev/null"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     for _ in range(3):

@@ -20,13 +20,13 @@ from bench.face_process import FaceProcess, running
 from bench.live import folders
 from bench.open_page import expect_running
 from bench.report import Doing, Target, upper
-from umo.cli.record_beside import RecordBeside, RecordOrder
 from umo.process.job import Job
 from umo.process.start import Started
-from umo.recording import Recording
 from umo.recording.block import exact_message
 from umo.recording.mcap_writer import LEVEL
-from umo.recording.record_settings import settings_of
+from umo.recording.record_settings import record_of
+from umo.recording.recording import Recording
+from umo_command.run.record_beside import RecordBeside, RecordOrder
 
 TITLE = "A recording"
 BLOCK, SETTLING = 10.0, 1.0
@@ -105,7 +105,7 @@ class _recorder:
     """The recorder of a run, while the block lasts."""
 
     def __init__(self, file: Path, started: Started) -> None:
-        self._beside = RecordBeside(RecordOrder(file, settings_of({}).plain))
+        self._beside = RecordBeside(RecordOrder(file, record_of({}).plain))
         self._started = started
 
     def __enter__(self) -> FaceProcess:

@@ -24,7 +24,8 @@ NOTES = """\
 By Vector: one Vector for each kind (motors; valves by two-state type), given float arrays; (b), (c) and (d) have none,
     their figures are those of writing each.
 Objects: as in the z-theta station, of 13 are 1 digital and 7 binary actuators, 4 digital and 1 binary sensors, all
-    synchronous. All rows get the same readings and commands; tests/test_bench.py shows that they agree on the results.
+    synchronous. All rows get the same readings and commands; tests/project/test_bench.py shows that they agree on the
+    results.
 Figures: us per period, minimum / median of batches run in turns; garbage collection off; ratios are of minima."""
 
 

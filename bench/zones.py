@@ -2,8 +2,8 @@
 
 A period is `sample`, the law, `update`: temperatures from raw integers, errors, integrals, duties within their ranges,
 raw integers. By hand: the same operations on the same arrays of the same driver, with the range check of the readings;
-no quality, no time, no pending and commanded values, and one set of objects fixed for ever. tests/test_bench.py shows
-that both give the same raw integers.
+no quality, no time, no pending and commanded values, and one set of objects fixed for ever. tests/project/test_bench.py
+shows that both give the same raw integers.
 """
 
 from __future__ import annotations

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from importlib.metadata import version as version_of
 from typing import Any
+
+from umo.system.packages import umo_version
 
 project = "umo"
 author = "the umo developers"
-version = release = version_of("umo")
+version = release = umo_version()
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 root_doc = "index"
 exclude_patterns = ["README.md"]
@@ -48,5 +49,15 @@ def as_restructured_text(app: object, what: str, name: str, thing: object, optio
     lines[:] = found
 
 
+ABOVE = re.compile(r"\]\(\.\./(SECURITY|CHANGELOG|CONTRIBUTING)\.md")
+"""Links to files of the folder above: on the site, to the pages that include them."""
+
+
+def lead_to_pages(source: list[str]) -> None:
+    source[0] = ABOVE.sub(lambda found: f"]({found[1].lower()}.md", source[0])
+
+
 def setup(app: Any) -> None:
+    app.connect("source-read", lambda app, name, source: lead_to_pages(source))
+    app.connect("include-read", lambda app, path, parent, source: lead_to_pages(source))
     app.connect("autodoc-process-docstring", as_restructured_text)

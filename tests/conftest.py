@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
+from importlib.machinery import PathFinder
 from itertools import count, islice
 from pathlib import Path
 
@@ -15,8 +16,8 @@ import typer.testing
 from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner, Result
 
-from umo.cli.app import app
 from umo.system import packages
+from umo_command.app import app
 
 # Hundreds of processes import umo, and each worker all tests, in which pytest rewrites the asserts: that is done once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -26,6 +27,20 @@ from helpers import tiers  # noqa: E402
 from helpers.conversions import CHOSEN_FIRST, choose  # noqa: E402
 from helpers.tiers import first  # noqa: E402
 
+ROOMS = {each.name for each in Path(__file__).parent.iterdir() if each.is_dir()}
+
+
+class NoRooms:
+    """Keeps the folders of the tests, which have names of a station's modules (`objects`, `control`), from being taken
+    for packages without an `__init__`: one would stay in place of the module of the next test."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> None:
+        if name in ROOMS and (found := PathFinder.find_spec(name)) is not None and found.origin is None:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+sys.meta_path.insert(0, NoRooms)  # type: ignore[arg-type]
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; programs of the tests inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):  # under nohup
@@ -145,5 +160,5 @@ def umo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Result
 @pytest.fixture
 def tank(umo: Callable[..., Result], tmp_path: Path) -> Path:
     """A new station."""
-    assert umo("new", "tank").exit_code == 0
+    assert umo("new", "station", "tank").exit_code == 0
     return tmp_path / "tank"

@@ -8,32 +8,43 @@ from typing import Any
 
 import typer
 
-from umo.cli.app import app
+from umo_command.app import app
+from umo_command.shared import COMMANDS, CommandLine
 
-PAGE = Path(__file__).parents[1] / "docs" / "command-line.md"
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE, EXIT_STATUS = DOCS / "command-line.md", DOCS / "exit-status.md"
 KINDS = {"str": "TEXT", "int": "INTEGER", "float": "NUMBER", "path": "FILE"}
 HEAD = """# The command line on one page
 
-`umo COMMAND --help` says the same in the terminal. `python tools/command_line.py` makes this page from it.
-
-## Exit statuses
-
-| status | meaning |
-| --- | --- |
-| 0 | done; of `umo run`: the application has returned |
-| 1 | the machine, a device, or code of a station failed |
-| 2 | a mistake, told on stderr in a line or two with the nearest valid choice; nothing was driven |
-| 3 | an actuator is not at its default; it is named ([stop safely](howto-stop-safely.md)) |
-| 4 | `umo run`: `runs/` cannot be written: nothing ran (`--no-record` needs none), or all but the record went well |
-| 124 | `umo run --until` has ended the run, as timeout(1) does |
-| 130, 143, 129 | ended by a signal: Ctrl-C (SIGINT), SIGTERM, SIGHUP: 128 and its number |
+`umo COMMAND --help` says the same in the terminal. `python tools/command_line.py` makes this page from it. `umo` alone
+shows the running stations and the next commands. The exit statuses: [exit-status.md](exit-status.md).
 
 ## Names
 
-A **station** is named by its folder, or by the name of one that ships with umo or is installed. A **running station**
-is named by its pid, its folder, or its name, wherever its folder is; `umo ps` lists them. A **wiring** (`-w`) is one of
-the station's by name, or a file. A **time** is a number of seconds, or has a unit: `"5 min"`. What follows the name of
-a station, such as `--seed 7`, are the station's own options: `umo run STATION --help` shows them.
+A **station** is named by its folder, or by its name if it ships with umo or is installed. A **running station** is
+named by its pid, its folder or its name; `umo` lists them. A **wiring** (`-w`) is the name of one of the station's
+wirings, or a file. A **time** is a number of seconds, or has a unit: `"5 min"`, `500us`. A **size** has a unit:
+`"200 MB"`. Options of the station itself, such as `--seed 7`, follow its name; `umo run STATION --help` shows them.
+
+An option has one meaning everywhere:
+
+| | |
+| --- | --- |
+| `--out`, `-o` | the file or folder to write |
+| `--json` | print JSON |
+| `--for TIME` | a duration |
+| `--from TIME`, `--to TIME` | a part of a run, on the machine's clock |
+| `--last TIME` | only the data of this last time |
+| `--keep SIZE`, `--keep-runs NUMBER` | the size or number to keep: older parts or runs are removed |
+| `--set NAME=VALUE` | change a value or option |
+| `--wiring`, `-w` | a wiring |
+| `--take` | take the lease over from another client |
+| `--acknowledge` | start even if the last run on a device ended unsafely |
+
+## Completion
+
+`umo --install-completion` makes the shell (bash, zsh, fish) complete commands, options, stations, wirings, paths,
+actions, alarms and recordings. `umo --show-completion` shows what it would install.
 
 ## What a run leaves behind
 
@@ -50,25 +61,37 @@ a station, such as `--seed 7`, are the station's own options: `umo run STATION -
 
 Each file is whole or not there. A run whose `umo run` was killed leaves a trace that ends before the run did, and a
 summary with the state "running", written once a minute; one whose frames could not be read to the end leaves such a
-trace, with status 4. Nothing in `runs/` is removed, unless `--keep`, `--keep-runs` or `umo runs --prune` ask for it.
+trace, with status 4. Nothing in `runs/` is removed, unless `--keep` or `--keep-runs` ask for it.
 """
 
 
 def page() -> str:
     """The whole page: the commands by panel, in the order of `umo --help`."""
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     panels: dict[str, list[str]] = {}
-    for name, command in commands.items():
-        sections = panels.setdefault(command.rich_help_panel, [])
-        sections.extend(_section(*each) for each in _parts(name, command))
+    for name, command in leaves():
+        panels.setdefault(_panel_of(name), []).append(_section(name, command))
     return HEAD + "".join(f"\n## {title}\n{''.join(sections)}" for title, sections in panels.items())
 
 
+def leaves() -> list[tuple[str, Any]]:
+    """Each command that does something, with its whole name: `connect certificate site`."""
+    return [part for name in COMMANDS for part in _parts(name, _root().commands[name])]
+
+
+def _root() -> Any:
+    return typer.main.get_command(app)
+
+
+def _panel_of(name: str) -> str:
+    return str(_root().commands[name.split()[0]].rich_help_panel)
+
+
 def _parts(name: str, command: Any) -> list[tuple[str, Any]]:
-    """The command, or its subcommands, with their whole names: `fleet certificate site`."""
-    below = getattr(command, "commands", None)
-    if not below:
+    """The command, or its subcommands, with their whole names."""
+    if not isinstance(command, CommandLine):
         return [(name, command)]
+    context = typer.Context(command, parent=typer.Context(_root()))
+    below = {each: command.get_command(context, each) for each in command.list_commands(context)}
     return [part for each, sub in below.items() for part in _parts(f"{name} {each}", sub)]
 
 

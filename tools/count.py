@@ -2,6 +2,7 @@
 
     python tools/count.py        the tables of docs/machines.md: what is a machine's own, and what umo carries
     python tools/count.py core   what `umo.cycle` is made of, printed: each count with its rule, below
+    python tools/count.py verbs  the files that know a verb of clients by name, printed
 
 `make docs` calls the first. A line is a line of a file that is not empty. The lines of the library are those of its
 functions that a run in virtual time calls, without the station's own and without the command line.
@@ -23,9 +24,11 @@ import umo
 import umo.control
 from umo import Compound
 from umo.objects import Atomic, walk
+from umo.operation.commands.verbs import VERBS
 from umo.process.station import Station, find
 
 SOURCE = Path(umo.__file__).parent
+COMMAND = SOURCE.with_name("umo_command")
 PAGE = Path(__file__).parents[1] / "docs" / "machines.md"
 RUNS: dict[str, dict[str, Any]] = {
     "ztheta": {"parts": 1},
@@ -91,7 +94,7 @@ def carried(name: str) -> int:
 
 def _is_library(code: CodeType) -> bool:
     file = Path(code.co_filename)
-    return SOURCE in file.parents and not {"stations", "cli"} & set(file.relative_to(SOURCE).parts)
+    return SOURCE in file.parents and not {"stations"} & set(file.relative_to(SOURCE).parts)
 
 
 def _lines_of(code: CodeType) -> Iterator[int]:
@@ -140,8 +143,13 @@ def tables() -> list[list[str]]:
     totals = [_wiring(name, "simulated").total() for name in RUNS]
     made = [_row(name, [", ".join(parts(find(name)))]) for name in RUNS]
     carrying = _row(CARRIED, [carried(name) for name in RUNS])
-    replaced = _row(REPLACED, [f"{out} of {n}, by {into}" for (out, into), n in zip(changes, totals, strict=True)])
+    replaced = _row(REPLACED, [_replacement(*change, n) for change, n in zip(changes, totals, strict=True)])
     return [[*_head(["", *RUNS]), *rows, carrying, replaced], [*_head(["machine", "made of"]), *made]]
+
+
+def _replacement(out: int, into: int, total: int) -> str:
+    """Return how many lines of a wiring the second circuit replaces, and by how many others."""
+    return f"{out} of {total}, by {into} other{'s' if into != 1 else ''}"
 
 
 def with_tables(page: str) -> str:
@@ -156,7 +164,7 @@ def with_tables(page: str) -> str:
 # What the core is made of -------------------------------------------------------------------------------
 
 CORE = SOURCE / "cycle"
-PROGRAMS = {"stations", "testing", "cli"}
+PROGRAMS = {"stations", "testing"}
 """Rooms of programs that use what the others have."""
 KNOWN = {
     "suspension": r"suspen|^resuming$",
@@ -271,6 +279,54 @@ def _is_scaling(node: ast.AST) -> bool:
     return any(re.search(r"resolution(\[.*\])?$", ast.unparse(each)) for each in by)
 
 
+# Who knows a verb by name -------------------------------------------------------------------------------
+
+ROOMS_OF_COMMANDS = (
+    "operation/alarms", "operation/commands", "clients", "commissioning", "cycle", "process/frames", "system"
+)  # fmt: skip
+TABLE_OF_VERBS = ("operation/commands/verbs.py", "cycle/events.py")
+"""The table, and the word of the cycle's events that it takes over."""
+OWN_PLACES = ("clients/faces/opcua/ua_packml.py", "clients/page/static/states.js")
+"""Protocols, and panels, of the commands of PackML, which have names of their own."""
+GIVEN_TO = ("ask", "_ask", "send", "_send", "_send_on", "may", "refusal", "_refusal", "do", "Called", "ClientCommand")
+"""Functions that are given a verb."""
+IN_PAGE = re.compile(r'do: "([a-z ]+)"|^const \w+ = \[?"([a-z ]+)"')
+
+
+def verb_counts(source: Path = SOURCE) -> Iterator[tuple[str, list[str]]]:
+    """Files, and the verbs that each knows by name: a text that is the name. One of several words counts anywhere; one
+    word where a function in `GIVEN_TO` is given it, where it is the argument `do`, or is compared with something of
+    that name. Of the page: where it is the field `do`, or a constant."""
+    for folder in (*(source / room for room in ROOMS_OF_COMMANDS), source.with_name(COMMAND.name)):
+        for file in sorted(folder.rglob("*.py")):
+            where = file.relative_to(source.parent).as_posix().removeprefix("umo/")
+            if where not in TABLE_OF_VERBS + OWN_PLACES and "template" not in file.parts:
+                yield where, sorted(set(_verbs_in(ast.parse(file.read_text("utf-8")))))
+    for file in sorted((source / "clients" / "page" / "static").glob("*.js")):
+        lines = file.read_text("utf-8").splitlines()
+        found = {one or other for line in lines for one, other in IN_PAGE.findall(line)}
+        if (where := file.relative_to(source).as_posix()) not in OWN_PLACES:
+            yield where, sorted(found & VERBS.keys())
+
+
+def _verbs_in(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        inner: Iterable[ast.AST] = ()
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+            inner = [node]
+        elif isinstance(node, ast.Call):
+            inner = [each.value for each in node.keywords if each.arg == "do"]
+            if _called(node) in GIVEN_TO:
+                inner = [*inner, *node.args]
+        elif isinstance(node, ast.Compare) and re.search(r"\bdo\b", ast.unparse(node)):
+            inner = [each for each in ast.walk(node) if isinstance(each, ast.Constant)]
+        yield from (each.value for each in inner if isinstance(each, ast.Constant) and each.value in VERBS)
+
+
+def _called(call: ast.Call) -> str:
+    return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+
+
 def _head(columns: list[str]) -> list[str]:
     return [_row(columns[0], columns[1:]), "| --- " * len(columns) + "|"]
 
@@ -281,8 +337,14 @@ def _row(what: str, cells: Sequence[object]) -> str:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="?", choices=["machines", "core"], default="machines")
-    if parser.parse_args().what == "core":
+    parser.add_argument("what", nargs="?", choices=["machines", "core", "verbs"], default="machines")
+    what = parser.parse_args().what
+    if what == "verbs":
+        counted = {where: found for where, found in verb_counts() if found}
+        for where, found in counted.items():
+            print(f"{where}: {', '.join(found)}")
+        print(f"{len(counted)} files know a verb by name")
+    elif what == "core":
         for what, number, where in core_counts():
             print(f"{number:6,}  {what} ({where})")
     else:

@@ -29,8 +29,6 @@ from typing import Any
 import numpy as np
 
 from umo import Quality, UmoError
-from umo.alarms import AlarmState
-from umo.alarms.alarming import engine_of
 from umo.cycle.connect import connect
 from umo.cycle.run import drive
 from umo.cycle.showing import frame_of
@@ -45,6 +43,8 @@ from umo.drivers.wrapping import Wrapper, of_driver
 from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
 from umo.operation import ProcedureState
+from umo.operation.alarms import AlarmState
+from umo.operation.alarms.alarming import engine_of
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 import umo
-from umo.frames import Reader, published
+from umo.process.frames import Reader, published
 from umo.process.station import find
-from umo.scope.svg import Scope
+from umo.recording.scope.svg import Scope
 from umo.stations.ztheta.application import main
 from umo.stations.ztheta.objects import machine
 
@@ -71,10 +71,10 @@ def show_notebook(connection: umo.connect) -> None:
 
 @contextmanager
 def open_page(width: int, height: int) -> Iterator[Page]:
-    """`umo view` in Chromium."""
+    """`umo show page` in Chromium."""
     from playwright.sync_api import sync_playwright
 
-    command = [sys.executable, "-c", "from umo.cli import main; main()", "view", "--port", "0"]
+    command = [sys.executable, "-c", "from umo_command import main; main()", "show", "page", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme="light")
@@ -144,7 +144,7 @@ def plot(picture: str, *words: str) -> None:
 
 
 def command(folder: str | Path, *words: str) -> None:
-    subprocess.run([sys.executable, "-c", "from umo.cli import main; main()", *words], cwd=folder, check=True)
+    subprocess.run([sys.executable, "-c", "from umo_command import main; main()", *words], cwd=folder, check=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """The lints of this tree that no linter has: `make lint`.
 
 One name stands for one module and for one class or type; nothing in the package imports the package itself (a circle);
-test modules import what they share from tests/helpers, never each other; every link, file, test and command that README
-and docs/ name exists; the wall clock is read where a date is meant, and nowhere else; nobody asks what kind of value
-something is, which `Described` says.
+test modules import what they share from tests/helpers, never each other; every link, file and test that README and
+docs/ name exists (tests/project/test_named_commands.py has the commands); the wall clock is read where a date is meant,
+and nowhere else; nobody asks what kind of value something is, which `Described` says.
 """
 
 from __future__ import annotations
@@ -16,84 +16,92 @@ from collections import defaultdict
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any
 
 import grimp
-from typer.main import get_command
-
-from umo.cli.app import app
 
 ROOT = Path(__file__).parents[1]
-TREE, TESTS = ROOT / "src" / "umo", ROOT / "tests"
+TREE, COMMAND, TESTS = ROOT / "src" / "umo", ROOT / "src" / "umo_command", ROOT / "tests"
 SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
 """Protocols of the parts above, under the names that those parts have."""
-ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors", "driver", "channel", "twin"}
+ROLES = {
+    "__init__",
+    "__main__",
+    "application",
+    "control",
+    "objects",
+    "plant",
+    "run",
+    "errors",
+    "driver",
+    "channel",
+    "twin",
+    "commands",
+}
 """Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
 ROLES_OF_CLASSES = {"Plant", "Block"}
 """Classes that each station has; what is moved in one transfer, and frames in one piece of a recording."""
 WALL_CLOCK = {
-    "cli/fleet_authority.py": "when a certificate expires",
-    "cli/kept.py": "when values were kept, perhaps before the computer was started",
-    "cli/run_folder.py": "the name of a folder, the start of a run",
-    "cli/serve_fleet.py": "when a certificate expires",
-    "cli/why.py": "the name of a file",
-    "faces/epics/process_variable.py": "the time of a value",
-    "faces/mqtt/home_assistant.py": "the time of an answer",
-    "faces/mqtt/sparkplug.py": "a number that another process has not begun with",
-    "faces/mqtt/sparkplug_node.py": "the time of a message",
-    "faces/opcua/opcua_face.py": "the time of a value",
-    "faces/opcua/ua_attributes.py": "the time of an answer",
-    "faces/opcua/ua_events.py": "the time of an event",
-    "faces/opcua/ua_items.py": "the time of a value",
-    "faces/opcua/ua_monitoring.py": "the time of an event",
-    "faces/opcua/ua_security.py": "when a certificate expires",
-    "fleet/fleet_certificates.py": "when a certificate expires",
-    "fleet/fleet_identity.py": "when a certificate expires",
-    "fleet/fleet_query.py": "hours of UTC in a history",
-    "fleet/mirror_commands.py": "until when a command is valid on another computer",
-    "frames/publish.py": "when a run was started",
-    "latency/blackbox.py": "when a black box was kept; the age of a file, perhaps from before the computer was started",
+    "umo_command/connect/fleet_authority.py": "when a certificate expires",
+    "umo_command/tune/kept.py": "when values were kept, perhaps before the computer was started",
+    "umo_command/run/run_folder.py": "the name of a folder, the start of a run",
+    "umo_command/connect/fleet.py": "when a certificate expires",
+    "umo_command/show/why.py": "the name of a file",
+    "clients/faces/epics/process_variable.py": "the time of a value",
+    "clients/faces/mqtt/home_assistant.py": "the time of an answer",
+    "clients/faces/mqtt/sparkplug.py": "a number that another process has not begun with",
+    "clients/faces/mqtt/sparkplug_node.py": "the time of a message",
+    "clients/faces/opcua/opcua_face.py": "the time of a value",
+    "clients/faces/opcua/ua_attributes.py": "the time of an answer",
+    "clients/faces/opcua/ua_events.py": "the time of an event",
+    "clients/faces/opcua/ua_items.py": "the time of a value",
+    "clients/faces/opcua/ua_monitoring.py": "the time of an event",
+    "clients/faces/opcua/ua_security.py": "when a certificate expires",
+    "clients/fleet/fleet_certificates.py": "when a certificate expires",
+    "clients/fleet/fleet_identity.py": "when a certificate expires",
+    "clients/fleet/fleet_query.py": "hours of UTC in a history",
+    "clients/fleet/mirror_commands.py": "until when a command is valid on another computer",
+    "process/frames/publish.py": "when a run was started",
+    "process/frames/blackbox.py": "when a black box was kept; the age of a file",
     "process/frame_watcher.py": "the name of a file",
     "process/kept_values.py": "the name of a file",
+    "system/calls.py": "the function by which the processes of a run read it",
     "system/device_lock.py": "since when a device is held",
     "system/device_record.py": "when a run began and ended",
     "system/utc.py": "UTC of a period, beside the run's own clock",
     "testing/conformance/certificate.py": "the date of a certificate",
-    "testing/faces/face_rules.py": "whether the time of a value is right",
+    "clients/faces/conformance/face_rules.py": "whether the time of a value is right",
 }
 """The modules that read the wall clock, and the date that each means by it. Durations and limits are of the monotonic
 clock or of a run's own: the wall clock is set, by hours, while a machine runs."""
-COMMAND = get_command(app)
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 FILE = re.compile(r"(?<![\w./~-])(?:tests|tools|bench|docs|src|umo|stations)/[\w./-]*\w")
 TEST = re.compile(r"\btest_\w+")
 PROGRAM = re.compile(r"(?:python -m |bin/)((?:bench|tools)[\w.]*)")
 MAKE = re.compile(r"^`?(?:\$ )?make ([a-z][a-z-]*)", re.M)
-UMO = re.compile(r"^(?:`|\$ )umo ([a-z][\w-]*)([^\n`|&#]*)", re.M)
-OPTION = re.compile(r"(?<=\s)--?[a-z][\w-]*")
 KINDS = {"Binary", "BinaryActuator", "BinarySensor", "Digital", "DigitalActuator", "DigitalSensor"}
 """Classes of which nobody asks whether an object is one (docs/decisions/0101-what-a-value-means.md)."""
 ASKS_FOR_KINDS = {
     "objects/": "they are declared there",
     "generate/": "C has functions for each kind",
     "wiring/resolve.py": "what a wiring may set of each kind",
-    "cli/get_set.py": "the timer",
+    "umo_command/device/get_set.py": "the timer",
     "cycle/run.py": "the timer",
     "control/loop_output.py": "a law drives an actuator, or another law",
 }
-DESCRIBED = "presentation/described.py"
+DESCRIBED = "objects/presentation/described.py"
 
 
 def main() -> int:
     """Print each problem in a line; 1 if there is one."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    files = [file for file in sorted(TREE.rglob("*.py")) if "template" not in file.parts]
+    files = [*sorted(TREE.rglob("*.py")), *sorted(COMMAND.rglob("*.py"))]
+    files = [file for file in files if "template" not in file.parts]
     parsed = {file: ast.parse(file.read_text("utf-8")) for file in files}
     tests = {file: ast.parse(file.read_text("utf-8")) for file in sorted(TESTS.rglob("*.py"))}
     problems = [*same_modules(files), *same_classes(parsed), *circles(parsed), *tests_importing_tests(tests)]
-    problems += wall_clocks({str(file.relative_to(TREE)): module for file, module in parsed.items()})
-    problems += asked_for_kinds({str(file.relative_to(TREE)): module for file, module in parsed.items()})
+    placed = {str(file.relative_to(ROOT / "src")).removeprefix("umo/"): module for file, module in parsed.items()}
+    problems += [*wall_clocks(placed), *asked_for_kinds(placed)]
     known = {file.stem for file in tests} | {name for module in tests.values() for name in _tests(module)}
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         problems += [f"{_places([page])} names {what}, which does not exist" for what in missing(page, known)]
@@ -106,7 +114,7 @@ def asked_for_kinds(parsed: dict[str, ast.Module]) -> Iterator[str]:
     for file, module in parsed.items():
         for node in ast.walk(module) if file != DESCRIBED else ():
             if _asks_for_fact(node) or (not file.startswith(tuple(ASKS_FOR_KINDS)) and _asks_for_class(node)):
-                yield f"src/umo/{file}:{node.lineno} asks what kind of value it is: Described says it"  # type: ignore[attr-defined]
+                yield f"{file}:{node.lineno} asks what kind of value it is: Described says it"  # type: ignore[attr-defined]
 
 
 def _asks_for_fact(node: ast.AST) -> bool:
@@ -155,7 +163,7 @@ def wall_clocks(parsed: dict[str, ast.Module]) -> Iterator[str]:
                 found.setdefault(file, node.lineno)
     for file, line in found.items():
         if file not in WALL_CLOCK:
-            yield f"src/umo/{file}:{line} reads the wall clock: take time.monotonic, or name the date in WALL_CLOCK"
+            yield f"{file}:{line} reads the wall clock: take time.monotonic, or name the date in WALL_CLOCK"
     yield from (f"WALL_CLOCK names {file}, which does not read it" for file in sorted({*WALL_CLOCK} - {*found}))
 
 
@@ -166,7 +174,7 @@ def _reads_wall_clock(function: ast.expr, plain: set[str]) -> bool:
     if not isinstance(function, ast.Attribute) or not isinstance(function.value, ast.Name):
         return False
     of, name = function.value.id, function.attr
-    return (of, name) in {("time", "time"), ("time", "time_ns")} or (
+    return (of, name) in {("time", "time"), ("time", "time_ns"), ("calls", "wall_time")} or (
         of in ("datetime", "date") and name in ("now", "utcnow", "today")
     )
 
@@ -184,13 +192,13 @@ def _types(module: ast.Module) -> Iterator[str]:
 def circles(parsed: dict[Path, ast.Module]) -> Iterator[str]:
     """Files that import one another, imports for types too; and whoever imports `umo/__init__.py`, which imports the
     others."""
-    graph = grimp.build_graph("umo", exclude_type_checking_imports=False, cache_dir=None)
+    graph = grimp.build_graph("umo", "umo_command", exclude_type_checking_imports=False, cache_dir=None)
     try:
         TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in graph.modules}).prepare()
     except CycleError as error:
         yield f"files import one another: {' < '.join(error.args[1])}"
     for file, module in parsed.items():
-        outside = TREE / "stations" in file.parents or file.parent == TREE / "cli"
+        outside = TREE / "stations" in file.parents or COMMAND in file.parents
         if not outside and any(name == "umo" for name, _ in _imports(module)):
             yield f"{_places([file])} imports the package itself"
 
@@ -203,10 +211,9 @@ def tests_importing_tests(tests: dict[Path, ast.Module]) -> Iterator[str]:
 
 
 def missing(page: Path, tests: set[str]) -> Iterator[str]:
-    """Links, and in code: files, tests (of this tree or of the page), programs, targets of make, commands."""
+    """Links, and in code: files, tests (of this tree or of the page), programs, targets of make."""
     text = page.read_text("utf-8")
     code = "\n".join(CODE.findall(text))
-    commands: dict[str, Any] = COMMAND.commands  # type: ignore[attr-defined]
     targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8"), re.M)
     known = tests.union(re.findall(r"def (test_\w+)", text), re.findall(r"(test_\w+)\.py", code))
     yield from (link for link in LINK.findall(text) if not (page.parent / link).exists())
@@ -218,21 +225,6 @@ def missing(page: Path, tests: set[str]) -> Iterator[str]:
         if not list(ROOT.glob(name.replace(".", "/") + "*")):
             yield f"python -m {name}"
     yield from (f"make {name}" for name in MAKE.findall(code) if name not in targets)
-    for name, words in UMO.findall(code):
-        if name not in commands:
-            yield f"umo {name}"
-            continue
-        command = _subcommand(commands[name], words.split())
-        if not command.context_settings.get("ignore_unknown_options"):  # else they may be the station's
-            options = {flag for each in command.params for flag in (*each.opts, *each.secondary_opts)}
-            yield from (f"umo {name} {flag}" for flag in OPTION.findall(words) if flag not in {"--help", *options})
-
-
-def _subcommand(command: Any, words: list[str]) -> Any:
-    """The command that these words lead to: `certificate site` of `fleet`."""
-    for word in words:
-        command = getattr(command, "commands", {}).get(word, command)
-    return command
 
 
 def _tests(module: ast.Module) -> Iterator[str]:

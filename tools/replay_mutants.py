@@ -32,9 +32,9 @@ from umo.cycle.stopping import TimeLimit
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
 from umo.process.station import shipped
-from umo.replay.program import Program
-from umo.replay.replaying import replay
-from umo.replay.tape import NotReplayable
+from umo.recording.replay.program import Program
+from umo.recording.replay.replaying import replay
+from umo.recording.replay.tape import NotReplayable
 
 FILES = {
     "conveyor": (("control.py", "tracking.py", "belt.py", "application.py"), {"seed": 1}),

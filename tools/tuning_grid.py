@@ -1,4 +1,4 @@
-"""Tuning judged: `umo tune-law` on plants whose truth is known, and python-control on the gains that it tells.
+"""Tuning judged: `umo tune law` on plants whose truth is known, and python-control on the gains that it tells.
 
     python -m tools.tuning_grid                     two parts, 100 plants each: two lines for each, then the counts
     python -m tools.tuning_grid --part develop --count 20

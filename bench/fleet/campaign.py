@@ -71,7 +71,7 @@ class Campaign:
         views = [f"{site}/made000" for site in plant.sites[:4]]
         self.checker = self._follower("checker", "checker", followers[0])
         self.disk = Disk(plant.folder / "history")
-        words = ("fleet", "record", str(self.disk.folder), "--connect", followers[1])
+        words = ("recording", "history", str(self.disk.folder), "--connect", followers[1])
         self.recorder = plant.part("recorder", plant.desk, *UMO, *words)
         self.viewer = self._follower("viewer", "viewer", followers[0], *views)
         self._seed = seed

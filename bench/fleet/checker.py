@@ -20,15 +20,15 @@ import zenoh
 
 from bench.fleet import report_file
 from bench.fleet.rings import layout_of, value
+from umo.clients.fleet import fleet_keys as keys
+from umo.clients.fleet.fleet_keys import EVERY, StationKey
+from umo.clients.fleet.fleet_session import FleetNetwork, opened
+from umo.clients.fleet.message_parts import unpacked
+from umo.clients.fleet.past_queries import PastQueries
+from umo.clients.fleet.run_feed import RunFeed
+from umo.clients.fleet.run_words import RUN_BYTES, WordFrame, Words, peek
 from umo.errors import FramesError
-from umo.fleet import fleet_keys as keys
-from umo.fleet.fleet_keys import EVERY, StationKey
-from umo.fleet.fleet_session import FleetNetwork, opened
-from umo.fleet.message_parts import unpacked
-from umo.fleet.past_queries import PastQueries
-from umo.fleet.run_feed import RunFeed
-from umo.fleet.run_words import RUN_BYTES, WordFrame, Words, peek
-from umo.frames.layout import Layout
+from umo.process.frames.layout import Layout
 
 MADE = "made"
 """Names of stations that do not exist begin with it (`bench.fleet.rings`)."""

@@ -18,9 +18,9 @@ from typing import Any
 import zenoh
 
 from bench.fleet import report_file
-from umo.fleet import fleet_keys as keys
-from umo.fleet.fleet_keys import StationKey, station_key
-from umo.fleet.fleet_session import FleetNetwork, opened
+from umo.clients.fleet import fleet_keys as keys
+from umo.clients.fleet.fleet_keys import StationKey, station_key
+from umo.clients.fleet.fleet_session import FleetNetwork, opened
 
 VALID = 8.0
 """Time in s for which a command is valid."""

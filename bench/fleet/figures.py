@@ -19,10 +19,10 @@ from bench.fleet.parts import UMO, Part, environment
 from bench.fleet.plant import PUBLISHES, ROUTES
 from bench.fleet.rings import OBJECTS, PERIOD
 from bench.report import Doing, Target
-from umo.fleet.fleet_mirror import find
-from umo.fleet.fleet_presence import FleetPresence
-from umo.fleet.fleet_session import FleetNetwork, opened
-from umo.fleet.fleet_settings import FleetSettings
+from umo.clients.fleet.fleet_mirror import find
+from umo.clients.fleet.fleet_presence import FleetPresence
+from umo.clients.fleet.fleet_session import FleetNetwork, opened
+from umo.clients.fleet.fleet_settings import FleetSettings
 
 TITLE = "What a fleet costs: stations of 60 objects, half changed in each period, 10 a second"
 BLOCK = 20.0
@@ -63,7 +63,7 @@ def _running(folder: Path, gateways: int, stations: int, port: int) -> Iterator[
     folder.mkdir()
     side = Side(f"tcp/127.0.0.1:{port}", report=folder / "checker.json")
     try:
-        side.router = _begun(Part("router", (*UMO, "fleet", "router", "--listen", side.address), folder,
+        side.router = _begun(Part("router", (*UMO, "connect", "router", "--listen", side.address), folder,
                                   environment(folder / "router")), ROUTES)  # fmt: skip
         words = (sys.executable, "-m", "bench.fleet.checker", str(side.report), side.address)
         side.others.append(_begun(Part("checker", words, folder, environment(folder / "router"))))
@@ -80,7 +80,7 @@ def _running(folder: Path, gateways: int, stations: int, port: int) -> Iterator[
                     count,
                 )
                 side.others.append(_begun(Part(f"rings {site} {first}", rings, folder, environ)))
-            serve = (*UMO, "fleet", "serve", "--site", site, "--connect", side.address)
+            serve = (*UMO, "connect", "fleet", "--site", site, "--connect", side.address)
             side.gateways.append(_begun(Part(f"gateway {site}", serve, folder, environ), PUBLISHES))
         until = time.monotonic() + LIMIT
         while side.runs() < gateways * stations:

@@ -12,7 +12,7 @@ from bench.fleet.checker import MADE
 from bench.fleet.plant import Truth
 from bench.fleet.rings import OBJECTS
 from bench.report import Target
-from umo.fleet.fleet_query import asked
+from umo.clients.fleet.fleet_query import asked
 
 DISK = 1 << 30
 """Bytes."""

@@ -31,11 +31,11 @@ def measure(pairs: int, doing: Doing) -> Iterator[Target]:
 @asynccontextmanager
 async def _beside(folder: Path, started: Started) -> AsyncIterator[None]:
     words = {
-        "router": ("router", "--listen", ADDRESS),
-        "gateway": ("serve", "--site", "cell7", "--connect", ADDRESS),
-        "recorder": ("record", str(folder / "history"), "--connect", ADDRESS),
+        "router": ("connect", "router", "--listen", ADDRESS),
+        "gateway": ("connect", "fleet", "--site", "cell7", "--connect", ADDRESS),
+        "recorder": ("recording", "history", str(folder / "history"), "--connect", ADDRESS),
     }
-    parts = [Part(name, (*UMO, "fleet", *more), folder, os.environ) for name, more in words.items()]
+    parts = [Part(name, (*UMO, *more), folder, os.environ) for name, more in words.items()]
     try:
         for part in parts:
             part.start()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import umo
 
-UMO = (sys.executable, "-c", "from umo.cli import main; main()")
+UMO = (sys.executable, "-c", "from umo_command import main; main()")
 ROOT = Path(__file__).parents[2]
 LIMIT = 10.0
 """Time in s within which a process that is told to end must have ended."""

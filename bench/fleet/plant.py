@@ -14,10 +14,10 @@ from typing import Any
 
 from bench.fleet.namespaces import Network
 from bench.fleet.parts import UMO, Part, environment
+from umo.clients.fleet.fleet_keys import segment
 from umo.errors import UmoError
-from umo.fleet.fleet_keys import segment
-from umo.frames import Reader
-from umo.remote.search import frames_at
+from umo.process.frames import Reader
+from umo.process.frames.search import frames_at
 
 ROUTERS = 2
 PORT, FACE_PORT = 7447, 9464
@@ -75,7 +75,7 @@ class FleetPlant:
         roles = Path(environment(folder / f"computer{self.alone}")["XDG_CONFIG_HOME"]) / "umo" / "roles.toml"
         roles.parent.mkdir(exist_ok=True)
         roles.write_text('[unverified]\nfleet = "maintain"\n')  # nothing proves a client's name on one computer
-        own = ("fleet", "serve", "--commands", "--site", OWN, "--listen", OWN_ADDRESS)
+        own = ("connect", "fleet", "--commands", "--site", OWN, "--listen", OWN_ADDRESS)
         self.own_gateway = self.part("gateway with commands", self.alone, *UMO, *own)
         self.own_station = self.python("station", self.alone, "bench.fleet.station", str(self.carried_out))
 
@@ -90,14 +90,14 @@ class FleetPlant:
         return self.part(name, place, sys.executable, "-m", *words)
 
     def _router(self, number: int) -> Part:
-        words = ["fleet", "router", "--listen", self.router_address(number)]
+        words = ["connect", "router", "--listen", self.router_address(number)]
         if number:
             words += ["--connect", self.router_address(0)]
         return self.part(f"router{number}", self.computers + number, *UMO, *words)
 
     def _gateway(self, number: int) -> Part:
         address = self.router_address(number % ROUTERS)
-        words = ["fleet", "serve", "--site", self.sites[number], "--connect", address]
+        words = ["connect", "fleet", "--site", self.sites[number], "--connect", address]
         return self.part(f"gateway {self.sites[number]}", number, *UMO, *words)
 
     def _rings(self, number: int) -> Part:
@@ -111,7 +111,7 @@ class FleetPlant:
         return self.python(f"station {self.sites[number]}", number, "bench.fleet.station", str(file))
 
     def _face(self, number: int) -> Part:
-        words = ("face", "prometheus", "--station", "Plant", "--option", f"prometheus.port={FACE_PORT}")
+        words = ("connect", "face", "prometheus", "--station", "Plant", "--set", f"prometheus.port={FACE_PORT}")
         return self.part(f"face {self.sites[number]}", number, *UMO, *words)
 
     def _scraper(self, number: int) -> Part:
@@ -125,7 +125,7 @@ class FleetPlant:
 
     def look(self) -> None:
         """Find the rings that have begun."""
-        from umo.fleet.station_publisher import run_of
+        from umo.clients.fleet.station_publisher import run_of
 
         for number, site in enumerate(self.sites):
             for path in self.frames(number).glob("*.sock"):

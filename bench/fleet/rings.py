@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.cycle.stage import Stage
-from umo.frames.frame_server import FrameServer, new_path
-from umo.frames.layout import Layout, Live
-from umo.frames.memory import RunDescriptors
-from umo.frames.ring_copy import RingCopy
+from umo.process.frames.frame_server import FrameServer, new_path
+from umo.process.frames.layout import Layout, Live
+from umo.process.frames.memory import RunDescriptors
+from umo.process.frames.ring_copy import RingCopy
 from umo.system.utc import utc
 
 OBJECTS = 60

@@ -15,14 +15,14 @@ from typing import Any
 
 from bench.fleet import report_file
 from bench.fleet.checker import MADE
+from umo.clients.fleet.fleet_mirror import find
+from umo.clients.fleet.fleet_presence import FleetPresence
+from umo.clients.fleet.fleet_session import FleetNetwork, opened
+from umo.clients.fleet.fleet_settings import FleetSettings
 from umo.cycle.stage import Stage
 from umo.errors import UmoError
-from umo.fleet.fleet_mirror import find
-from umo.fleet.fleet_presence import FleetPresence
-from umo.fleet.fleet_session import FleetNetwork, opened
-from umo.fleet.fleet_settings import FleetSettings
-from umo.frames import Reader
 from umo.objects import Quality
+from umo.process.frames import Reader
 
 OLDEST = 2.0
 """s."""

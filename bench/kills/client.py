@@ -7,8 +7,8 @@ from random import Random
 from time import sleep
 
 import umo
+from umo.clients.remote.attached import RemoteStation
 from umo.errors import FramesError, UmoError
-from umo.remote.attached import RemoteStation
 
 PAUSE = 0.02
 """s between two commands."""

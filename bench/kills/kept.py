@@ -10,7 +10,7 @@ from random import Random
 from typing import Any
 
 from bench.kills.station.journal import COLUMNS, FIRST, MOMENT, NUMBER, ROWS, SIZE, TAKEN_OVER
-from umo.alarms.alarm_states import AlarmState
+from umo.operation.alarms.alarm_states import AlarmState
 from umo.process import kept_file
 from umo.process.kept_file import KeptValues
 from umo.states import OnOff

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray
 
+    from umo.clients.remote import attach
     from umo.cycle.connect import connect
     from umo.cycle.frame import Frame
     from umo.cycle.run import drive, run
     from umo.errors import TaskFailed, UmoError
-    from umo.frames import published
     from umo.objects import (
         BinaryActuator,
         BinarySensor,
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
         Vector,
         action,
     )
+    from umo.process.frames import published
     from umo.process.start import RunFailed, Started, start
-    from umo.remote import attach
     from umo.wiring import check
 
 __all__ = [
@@ -79,9 +79,9 @@ _ROOMS = {
     "cycle.frame": ("Frame",),
     "cycle.run": ("drive", "run"),
     "errors": ("TaskFailed", "UmoError"),
-    "frames": ("published",),
-    "process": ("RunFailed", "Started", "start"),
-    "remote": ("attach",),
+    "clients.remote": ("attach",),
+    "process.frames": ("published",),
+    "process.start": ("RunFailed", "Started", "start"),
     "wiring": ("check",),
 }
 """The modules of umo that names come from; those that are not here come from `objects`."""
@@ -111,8 +111,9 @@ def load(
     `only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded. The coordinates
     are `time`, s on the machine's clock, and `utc`. Units, ranges and states are attributes; `PATH.quality` is the
     quality of an object's value, which is NaN where it was BAD. OptionError without xarray (extra `analysis`),
-    FramesError if it is no recording, PathError for a path that names nothing. Source: `umo.tables.dataset`.
+    FramesError if it is not a recording, PathError for a path that names nothing. Source:
+    `umo.recording.tables.dataset`.
     """
-    from umo.tables import dataset
+    from umo.recording.tables import dataset
 
     return dataset.load(path, only, start, stop)

@@ -1,12 +1,17 @@
-"""The one grammar of durations: a number of seconds, or a text such as "20 ms", "0.2 seconds", "1e-3 s"."""
+"""Durations, read and written. Read is a number of seconds, or a text such as "20 ms", "0.2 seconds", "1e-3 s"."""
 
 from __future__ import annotations
 
 import math
 import re
 
+from umo.digits import number_text
 from umo.errors import DeclarationError
 
+TIME_TOLERANCE = 1e-9
+"""Tolerance in s when times are compared: the machine's time is a sum of periods, each with a rounding error."""
+MAX_RUN = 1e10
+"""s that a run can have lasted: 300 years."""
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_]+)\s*")
 _PER_SECOND = {
     **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e9),
@@ -50,3 +55,25 @@ def _of_text(text: str) -> float:
     if unit in _SECONDS:
         return float(match[1]) * _SECONDS[unit]
     return float(match[1]) / _PER_SECOND[unit]  # 9 us: not 8.999999999999999e-06
+
+
+def duration(seconds: float) -> str:
+    """`250 µs`, `2.5 ms`, `90 s`: six significant digits."""
+    size = abs(seconds)
+    if size == 0 or size >= 1:
+        return f"{number_text(seconds)} s"
+    return f"{number_text(seconds * 1e3)} ms" if size >= 1e-3 else f"{number_text(seconds * 1e6)} µs"
+
+
+def lasting(seconds: float) -> str:
+    """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted."""
+    if not -MAX_RUN < seconds < MAX_RUN:
+        return "?"
+    minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400
+    if minutes < 2:
+        return f"{seconds:z.0f} s"
+    if hours < 1:
+        return f"{minutes:z.0f} min"
+    if days < 2:
+        return f"{int(hours)} h {int(minutes) % 60:02d} min"
+    return f"{int(days)} d {int(hours) % 24} h"

@@ -256,8 +256,7 @@ class Busy(UmoError, RuntimeError):
 
 
 class NotAwaited(UmoError, TypeError):
-    """A sequence was called, and what the call has made is let go: nobody awaits or starts it, so nothing of it is
-    done."""
+    """A sequence was called but never awaited or started, so its code did not run."""
 
 
 class TaskFailed(UmoError):
@@ -363,7 +362,7 @@ def cause_of_failure(error: BaseException) -> str:
 
 
 def _forget_causes(error: BaseException) -> None:
-    """The same of what led to an error."""
+    """Forget the frames of the causes of an error."""
     at_work: set[FrameType] | None = None
     waiting = _causes(error)
     while waiting:

@@ -14,6 +14,6 @@ class ExitStatus(IntEnum):
     UNREACHED = 3
     """An actuator is not at its default."""
     NOT_RECORDED = 4
-    """The run is not recorded, or not as a whole; of `umo replay`: identical as far as the recording goes."""
+    """The run is not recorded, or not as a whole; of `umo recording replay`: identical as far as the recording goes."""
     TIME_OVER = 124
     """A run has reached its time limit, as with timeout(1)."""

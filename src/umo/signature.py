@@ -16,9 +16,9 @@ JSON = (int, float, str, bool, inspect.Parameter.empty)
 
 
 def signature_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """All parameters by name, each annotated with the type of its values: its annotation, evaluated. If that is not
-    possible (a type that is imported for type checkers only) or there is none, the type of the default. None at all for
-    what has no signature."""
+    """Return all parameters by name, each annotated with the type of its values: its annotation, evaluated. If that is
+    not possible (a type that is imported for type checkers only) or there is none, the type of the default. Empty for a
+    function without a signature."""
     try:
         found = inspect.signature(function).parameters
     except (TypeError, ValueError):
@@ -28,7 +28,7 @@ def signature_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 
 def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, inspect.Parameter]:
-    """Those of them that can be given by name, without the first `skip`."""
+    """Return the parameters that can be given by name, without the first `skip`."""
     found = list(signature_of(function).values())[skip:]
     return {each.name: each for each in found if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)}
 
@@ -83,14 +83,14 @@ def choices_of(kind: Any) -> list[Any]:
 
 
 def is_plain(kind: Any) -> bool:
-    """Whether a text can give values of this type."""
+    """True if a text can give values of this type."""
     item = item_of(kind)
     choices = choices_of(item)
     return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
 
 
 def is_converted(kind: Any) -> bool:
-    """Whether values of this type are made of JSON: an Enum, a Path, a tuple; or are some values only: a Literal."""
+    """True if values of this type are made of JSON: an Enum, a Path, a tuple; or are some values only: a Literal."""
     return is_plain(kind) and without_none(kind) not in JSON
 
 

@@ -58,24 +58,25 @@ class TwoState(Enum):
 
 
 def is_plain(given: object) -> bool:
-    """Whether it is a number, a text or a state: what no object is equal to, and no state of another type."""
+    """True if it is a number, a text or a state: what no object is equal to, and no state of another type."""
     return isinstance(given, Enum | int | float | str | bytes | Number)
 
 
 def shown(given: object) -> str:
-    """What is compared, for a message: a state as it is written."""
+    """Return a compared value for a message: a state as it is written."""
     return f"{type(given).__name__}.{given.name}" if isinstance(given, Enum) else cut_repr(given)
 
 
 def comparisons(states: type[TwoState], meant: object, what: str = "") -> str:
-    """What to write instead: comparisons with the state that has the name of what was meant, else with each."""
+    """Return what to write instead: comparisons with the state that has this name, otherwise with each."""
     name = str(getattr(meant, "name", meant)).upper()
     named = [name] if name in states.__members__ else list(states.__members__)
     return " or ".join(f"`{what}is {states.__name__}.{each}`" for each in named)
 
 
 def _nearest(one: TwoState, other: object) -> str:
-    """Which of two states was written and which was read is not known."""
+    """Return the nearest comparisons with both, as it is not known which of two states was written and which was
+    read."""
     ways = [comparisons(type(one), other)]
     if isinstance(other, TwoState) and type(other) is not type(one):
         ways.append(comparisons(type(other), one))

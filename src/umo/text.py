@@ -22,6 +22,8 @@ LIBRARY = os.path.dirname(os.__file__) + os.sep
 """The folder of Python's own modules."""
 INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
 UMO = str(Path(__file__).parent) + os.sep
+COMMAND = str(Path(__file__).parents[1] / "umo_command") + os.sep
+"""Folder of the command `umo`."""
 STATIONS = f"{UMO}stations{os.sep}"
 """Folder of the shipped stations, which count as a user's code."""
 MAX_NAMES = 2
@@ -89,7 +91,7 @@ def place_of(error: BaseException) -> str:
 
 
 def raised_at(error: BaseException) -> CodePlace | None:
-    """The same as data: it is put into words when somebody asks for it."""
+    """Return the same as data, which is formatted when it is shown."""
     found = users = None
     try:
         trace = error.__traceback__
@@ -109,8 +111,8 @@ def raised_at(error: BaseException) -> CodePlace | None:
 
 
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
-    """`control.py:41 in control`: of some frames, the outermost first, the innermost one that is neither umo's nor
-    Python's own; one of an installed package only if there is no other. Empty if there is none."""
+    """`control.py:41 in control`: the innermost of some frames (the outermost is first) that belongs neither to umo nor
+    to Python; one of an installed package only if there is no other. Empty if there is none."""
     found = [frame for frame in frames if not is_own(frame[0])]
     users = [frame for frame in found if not _is_installed(frame[0])]
     return shown_place(CodePlace(*(users or found)[-1]) if found else None)
@@ -125,14 +127,14 @@ def shown_place(place: CodePlace | None) -> str:
 
 
 def is_users(file: str) -> bool:
-    """Whether a file of code is neither umo's, nor Python's own, nor of an installed package."""
+    """True if a file of code is the user's: not of umo, of Python or of an installed package."""
     return not is_own(file) and not _is_installed(file)
 
 
 @lru_cache(maxsize=1000)
 def is_own(file: str) -> bool:
-    """Whether a file of code is umo's or Python's own."""
-    if file.startswith(UMO):
+    """True if a file of code is umo's or Python's own."""
+    if file.startswith((UMO, COMMAND)):
         return not file.startswith(STATIONS)
     return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))
 
@@ -180,7 +182,7 @@ def printable(text: str) -> str:
 
 
 def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
-    """A local time from the s since 1970 that another process has told, whatever that is."""
+    """A local time from the s since 1970 that another process has sent, also if that is not a valid time."""
     try:
         return time.strftime(form, time.localtime(seconds))  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError, OSError):
@@ -205,12 +207,12 @@ def options_in(doc: str) -> dict[str, str]:
 
 
 _SEARCHES = ContextVar("searches", default=True)
-"""Whether messages name what is similar: not within a period, since that takes as long as many periods."""
+"""True if messages suggest similar names: not within a period, since that takes as long as many periods."""
 
 
 @contextmanager
 def without_search() -> Iterator[None]:
-    """Messages that the block makes name nothing similar: whoever asked looks for that."""
+    """Messages that the block makes do not name similar names: the client looks for them."""
     before = _SEARCHES.set(False)
     try:
         yield
@@ -230,12 +232,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 READ_WORDS = frozenset(("state", "value", "get", "get_value"))
 """Names by which the value of an object is asked for."""
 WRITE_WORDS = frozenset(("write", "set", "set_value", "put", "on", "off", "open", "close"))
-"""Names by which an object is to be given a value, in other libraries and in words."""
+"""Names of functions that write a value, in other libraries and in common words."""
 
 
 def near_attribute(name: str, known: Collection[str]) -> str:
-    """The same of attributes: a public one for a public one, and `read()` or `write(...)` of an object that is asked
-    for its value, or to be given one."""
+    """Return a similar attribute: a public one for a public one, and `read()` or `write(...)` of an object for its
+    value."""
     if name in READ_WORDS and "read" in known:
         return " (did you mean 'read()'?)"
     if name in WRITE_WORDS and "read" in known and "direction" in known:
@@ -257,10 +259,13 @@ def cut_words(text: str) -> str:
     return _LONG_WORD.sub(lambda found: f"{found[0][: MAX_WORD - _TAIL - 3]}...{found[0][-_TAIL:]}", text)
 
 
-def cut_repr(given: object, longest: int = 60) -> str:
-    """What was given by mistake, for a message: its `repr` in one line, cut; of what has none its type."""
+MAX_REPR = 60
+
+
+def cut_repr(given: object) -> str:
+    """Return a wrong value for a message: its `repr` in one line, cut; its type if it has none."""
     try:
         text = " ".join(repr(given).split())
     except BaseException:  # it is of the user's, or an int with more digits than Python prints
         text = f"<{type(given).__name__}>"
-    return text if len(text) <= longest else f"{text[:longest]}..."
+    return text if len(text) <= MAX_REPR else f"{text[:MAX_REPR]}..."

@@ -38,7 +38,7 @@ def lines_of(text: str) -> dict[str, int]:
 
 def line_of(key: str, lines: Mapping[str, int]) -> int | None:
     """The line of a key as a message names it, such as `wire."z.motor".channel`; of one that is missing, that of the
-    nearest table around it. None: there is none."""
+    nearest table around it. It is None if there is none."""
     path = _QUOTES.sub("", key)
     while path and path not in lines:
         path = path.rpartition(".")[0]
@@ -46,7 +46,7 @@ def line_of(key: str, lines: Mapping[str, int]) -> int | None:
 
 
 def _paths(data: Any, prefix: str) -> Iterator[str]:
-    """Of all keys in a statement, outer ones first."""
+    """The paths of all keys in a statement, outer ones first."""
     if isinstance(data, list):
         for each in data:
             yield from _paths(each, prefix)

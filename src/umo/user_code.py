@@ -1,4 +1,5 @@
-"""The user's code, called in one way: whatever it raises or returns becomes an error that is told, and nothing else.
+"""The one way to call the user's code: whatever it raises or returns becomes an error with its place, and has no other
+effect.
 
 The user's code is what umo calls and did not write: observers, conditions, actions, properties, sequences that clean
 up, what a station declares. Decision 0022 lists the places.
@@ -25,8 +26,8 @@ MAX_LENGTH = 2000
 
 
 class Raised(NamedTuple):
-    """An error of the user's code, ready to be told. The exception's own traceback is gone: it would keep alive every
-    object that the code had at hand."""
+    """An error of the user's code, with its text and place. The exception's own traceback is gone: it would keep alive
+    every object that the code had at hand."""
 
     kind: type[BaseException]
     text: str
@@ -38,7 +39,7 @@ class Raised(NamedTuple):
 
 
 def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | None]:
-    """The result of a call of the user's code and None; or None and what it raised, whatever that is.
+    """Call the user's code. Return its result and None; or None and the error that it raised, of any class.
 
     Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's own handler of SIGINT is installed.
     While a machine is connected it is not: SIGINT asks the machine to stop, code that raises KeyboardInterrupt has
@@ -50,7 +51,7 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
 
 
 def told(error: BaseException) -> Raised:
-    """The words for an error that has just been caught. It lets go of the frames in which it was raised. A Ctrl-C is
+    """The words for an error that has just been caught. It releases the frames in which it was raised. A Ctrl-C is
     raised again."""
     if is_interrupt(error):
         raise error
@@ -60,7 +61,7 @@ def told(error: BaseException) -> Raised:
 
 
 def check_overrides(cls: type) -> None:
-    """DeclarationError for a sequence in the place of a plain method of umo: what calls that would not await it."""
+    """DeclarationError for a sequence that overrides a plain method of umo, because nothing would await it."""
     for number, owner in enumerate(cls.__mro__):
         for name, value in vars(owner).items():
             if not (isinstance(value, FunctionType) and value.__code__.co_flags & CO_COROUTINE):
@@ -73,7 +74,7 @@ def check_overrides(cls: type) -> None:
 
 
 def _is_plain(method: object) -> bool:
-    """Whether it is a method of umo that acts at once."""
+    """True if it is a method of umo that acts at once."""
     if not isinstance(method, FunctionType) or method.__code__.co_flags & CO_COROUTINE:
         return False
     return is_own(method.__code__.co_filename)
@@ -104,7 +105,7 @@ def incomplete(cls: type, names: Collection[str]) -> DeclarationError:
 
 
 def class_place(cls: type) -> CodePlace | None:
-    """Where a class begins in the source; None: its source is not there."""
+    """Return where a class begins in the source, or None without its source."""
     try:
         return CodePlace(getsourcefile(cls) or "", getsourcelines(cls)[1], "<module>")
     except (OSError, TypeError):  # it was made by a program, or in an interactive session
@@ -119,7 +120,7 @@ def check_acts_at_once(what: str, function: Any) -> None:
 
 
 @contextmanager
-def told_as(kind: type[UmoError], what: str) -> Iterator[None]:
+def raise_as(kind: type[UmoError], what: str) -> Iterator[None]:
     """Turn what the block raises into an error of this kind, `what` first: for declarations, outside of a run. umo's
     errors and a Ctrl-C pass."""
     try:
@@ -138,7 +139,7 @@ def refuse_exit(error: BaseException, what: str) -> None:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether an exception is the user's Ctrl-C, or another signal of his, and not raised by code."""
+    """True if an exception is the user's Ctrl-C, or another signal of his, and not raised by code."""
     if isinstance(error, Interrupted):
         return True
     return (
@@ -163,8 +164,9 @@ def read_numbers(numbers: Iterable[tuple[str, Any, Any, str, Any]]) -> list[floa
 
 
 def as_json(result: Any, longest: int) -> str:
-    """A result as JSON of at most so many bytes, ASCII. Objects in it that are no plain data become their texts. A
-    result that is too long, holds itself or numbers that are not finite becomes its text, which is cut and says so."""
+    """A result as JSON in ASCII with at most this number of bytes. Objects in it that are no plain data become their
+    texts. A result that is too long, holds itself or numbers that are not finite becomes its text, which is cut and
+    says so."""
     text, error = attempt(partial(json.dumps, result, default=str, allow_nan=False))
     if error is None and len(text) <= longest:
         return str(text)

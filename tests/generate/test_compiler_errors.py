@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from helpers.generating import needs_a_compiler
+from tools.compiled_machine import compiled
 from umo.errors import DeclarationError
-from umo.generate.compiled_machine import compiled
-from umo.generate.compiler_errors import told
+from umo.generate.compiler_errors import compiler_message
 
 SOURCE = """\
 #include <stdint.h>
@@ -39,7 +39,9 @@ static int outside(void)
 
 
 def told_of(line: int) -> str:
-    return told(f"/tmp/x/machine.c: In function 'f':\n/tmp/x/machine.c:{line}:12: error: 'nothing' undeclared", _source)
+    return compiler_message(
+        f"/tmp/x/machine.c: In function 'f':\n/tmp/x/machine.c:{line}:12: error: 'nothing' undeclared", _source
+    )
 
 
 def _source(name: str) -> str:
@@ -50,25 +52,31 @@ def _source(name: str) -> str:
 
 def test_the_function_of_python_is_told() -> None:
     assert told_of(6) == (
-        "pump/control.py:12: the C that umo generated of Pump.control is not accepted, a fault of umo; "
-        "write it in another way\nmachine.c:6: 'nothing' undeclared"
+        "pump/control.py:12: the compiler rejected the C that umo generated from Pump.control, which is a fault of "
+        "umo; write it differently\nmachine.c:6: 'nothing' undeclared"
     )
 
 
 @pytest.mark.parametrize(("line", "of_python"), [(12, 30), (13, 33), (14, 34), (15, 34), (17, 36)])
 def test_the_line_of_the_statement_is_told(line: int, of_python: int) -> None:
-    assert told_of(line).startswith(f"pump/control.py:{of_python}: the C that umo generated of Pump.stop is not")
+    assert told_of(line).startswith(
+        f"pump/control.py:{of_python}: the compiler rejected the C that umo generated from Pump.stop"
+    )
 
 
 def test_what_was_made_of_no_function_is_told_by_its_file() -> None:
-    assert told_of(22).startswith("the C that umo generated in machine.c is not accepted, a fault of umo")
-    assert told("umo_gone.c:3: error: no", _source).startswith("the C that umo generated in umo_gone.c is not accepted")
+    assert told_of(22).startswith(
+        "the compiler rejected the C that umo generated in machine.c, which is a fault of umo"
+    )
+    assert compiler_message("umo_gone.c:3: error: no", _source).startswith(
+        "the compiler rejected the C that umo generated in umo_gone.c"
+    )
 
 
 @pytest.mark.parametrize("said", ["", "ld: cannot find -lm\n" * 50])
 def test_what_names_no_line_is_told_in_short(said: str) -> None:
-    found = told(said, _source)
-    assert found.startswith("the C that umo generated is not accepted, a fault of umo")
+    found = compiler_message(said, _source)
+    assert found.startswith("the compiler rejected the C that umo generated, which is a fault of umo")
     assert len(found) < 400
     assert "\n" not in found
 
@@ -79,5 +87,5 @@ def test_a_compiler_that_refuses_a_folder_is_told_in_two_lines(tmp_path: Path) -
     with pytest.raises(DeclarationError) as raised:
         compiled(tmp_path)
     lines = str(raised.value).splitlines()
-    assert lines[0].startswith("pump/control.py:12: the C that umo generated of Pump.control is not accepted")
+    assert lines[0].startswith("pump/control.py:12: the compiler rejected the C that umo generated from Pump.control")
     assert len(lines) == 2

@@ -14,9 +14,9 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.machines import timer
+from tools.compiled_machine import CompiledMachine, compiled
 from umo import Compound, DigitalSensor
 from umo.errors import UmoError
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out
 from umo.generate.translation import Translation
@@ -145,19 +145,19 @@ def field_of_numpy_or_of_python(c: Law) -> None:
     c.other = float(1.0 / c.out)
 
 
-@refused("one element in Python")
+@refused("one or more elements in Python")
 def length_of_one_or_many(c: Law) -> None:
     values = np.ones(1) if c.a > 0 else c.x
     c.n = len(values)
 
 
-@refused("one element in Python")
+@refused("one or more elements in Python")
 def sum_of_one_or_many(c: Law) -> None:
     values = np.ones(1) if c.a > 0 else c.x
     c.out = float((values * 2.0).sum())
 
 
-@refused("one element in Python")
+@refused("one or more elements in Python")
 def loop_over_one_or_many(c: Law) -> None:
     values = np.ones(1) if c.a > 0 else c.x
     for each in values:
@@ -176,7 +176,7 @@ def a_part_is_looked_for(c: Law) -> None:
         break
 
 
-@refused("on some ways it has no value")
+@refused("on some branches it has no value")
 def the_part_at_which_a_loop_was_left(c: Law) -> None:
     for part in c.parts:
         if part.limit > c.a:

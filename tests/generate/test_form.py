@@ -102,7 +102,7 @@ def test_a_variable_that_a_turn_reads_before_it_sets_it_begins_before_the_loop()
 
 def test_what_nothing_reads_is_left_out_with_what_is_computed_for_it() -> None:
     body = Assign(T, GAIN), If(T, (Assign(X, T),)), Assign(X, Operator("+", X, ONE)), Assign(GAIN, ONE)
-    program = shaped(MachineForm(functions=[function(*body, Return(), t=BOOL, v_x=REAL)]))
+    program = shaped(MachineForm(functions=[function(*body, Return(), t=BOOL, v_x=REAL)]), ["f"])
     assert program.functions[0].body == (Assign(GAIN, ONE), Return())
 
 

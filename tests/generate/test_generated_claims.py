@@ -20,9 +20,9 @@ from helpers.generating import KINDS as FAULTS
 from helpers.generating import Fragile, needs_a_compiler, wired
 from helpers.machines import actuator, sensor, timer
 from helpers.tiers import some
+from tools.compiled_machine import CompiledMachine, compiled
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock
 from umo.control import value_of
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out
 from umo.generate.translator import translate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from random import Random
 
@@ -10,7 +11,7 @@ import pytest
 from helpers.equipment_plant import Slide, plant
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired
 from helpers.tiers import some
-from umo import DigitalSensor
+from umo import Compound, DigitalSensor
 from umo.control.axis import Interruption
 from umo.control.axis_state import AxisState
 from umo.control.inputs import HOMING
@@ -72,3 +73,39 @@ def test_what_fails_in_equipment_is_its_fault_in_the_same_period(seed: int, tmp_
         assert refused > 1 and cleared > 1
         assert both.told.keys() >= {None, "BadInput", "Interlocked"}
         assert both.told[None] > steps / 4
+
+
+class Pump(Compound):
+    def setup(self) -> None:
+        self.speed, self.ratio = 0.0, 0.0
+
+    def control(self) -> None:
+        self.ratio = 1.0 / self.speed
+
+
+class Unit(Compound, equipment=True):
+    pump: Pump
+    level: DigitalSensor
+
+    def control(self) -> None:
+        assert self.level.read() > 0.0
+
+
+class Plant(Compound):
+    unit: Unit
+    timer: DigitalSensor
+
+
+def test_of_two_laws_of_equipment_that_fail_in_one_period_the_first_is_told(tmp_path: Path) -> None:
+    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=1e5, resolution=1.0, synchronous=False)
+    level = DigitalSensor("mm", minimum=0.0, maximum=10.0, resolution=1.0)
+    box = Fragile()
+    machine = Plant(unit=Unit(pump=Pump(), level=level), timer=timer)
+    running = connect(machine, wired(machine, box, VirtualTimer([0])))
+    set_inputs(box, ["unit.level"], [0], [False])
+    with running:
+        both = Beside.translated(running, box, tmp_path)
+        both.step(1, [0], [False], [])
+        (unit,) = running.machine.equipment.all
+        kind = both.kinds[both.c.equipment_fault(0)]
+        assert {kind} == {"AssertionError", "ZeroDivisionError"} & {*re.findall(r"\w+", str(unit.fault))}

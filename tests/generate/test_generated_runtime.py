@@ -17,8 +17,8 @@ from helpers.generating import (
     wiring_of,
 )  # fmt: skip
 from helpers.tiers import some
+from tools.compiled_machine import CompiledMachine, compiled
 from umo.cycle.connect import connect
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out, model_of
 from umo.generate.translator import translate

@@ -11,7 +11,7 @@ import pytest
 from helpers.boards import PEERS
 from helpers.controllers import MACHINES
 from helpers.generating import Fragile, needs_a_compiler
-from umo.generate.compiled_machine import FLAGS, compiler
+from umo.generate.c_compiler import FLAGS, compiler
 from umo.generate.controller_folder import TARGETS, write_folder
 from umo.generate.controller_generator import generated
 from umo.testing import VirtualTimer

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from umo.generate.compiled_machine import FLAGS
+from umo.generate.c_compiler import FLAGS
 from umo.generate.controller_folder import TARGETS, write_folder
 from umo.generate.controller_generator import generated
 from umo.process.station import find

@@ -121,7 +121,7 @@ def generate(umo: Umo, folder: Path, target: str = "host", **lines: str) -> Resu
         for word, line in (LINES | lines).items():
             text = text.replace(word, line)
         (station / f"{name}.py").write_text(text)
-    return umo("generate", "pump", "--target", target, "-o", "controller")
+    return umo("new", "controller", "pump", "--target", target, "-o", "controller")
 
 
 THERE = [
@@ -197,7 +197,7 @@ def test_what_only_reads_is_no_setting(tmp_path: Path, line: str) -> None:
     file.write_text(APPLICATION.replace("SET_THERE", line))
     found = known_setters._read(str(file))
     assert not [each for each in found.settings if each.line == 8] and not found.again
-    assert not any(map(known_setters._Given([found]).any_object, found.settings))
+    assert not any(map(known_setters._ClassUses([found]).any_object, found.settings))
 
 
 FOREIGN = [
@@ -223,7 +223,7 @@ def test_the_self_of_a_method_that_a_class_is_asked_for_may_be_any_object(
         (tmp_path / f"{name}.py").write_text(text.replace(word, lines.get(name, "pass")))
         files.append(known_setters._read(str(tmp_path / f"{name}.py")))
     (later,) = (each for each in files[1].settings if each.method == "later")
-    assert later.kind == "Order" and known_setters._Given(files).any_object(later)
+    assert later.kind == "Order" and known_setters._ClassUses(files).any_object(later)
 
 
 @pytest.mark.parametrize(("line", "told"), some(lambda case: THERE.index(case) % 10 == 0, THERE))
@@ -249,7 +249,7 @@ def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: P
             "Pump.mode_name is taken as known, and is set in pump/application.py:22",
         ),
         ({"SET_THERE": "m.setup()"}, "Pump.mode_name is taken as known, and is set in pump/control.py:"),
-        ({"TUNABLE": "True"}, "PV is taken as known, and clients may set it"),
+        ({"TUNABLE": "True"}, "PV is taken as known, but clients may set it"),
         ({"NAMES": '["a"]', "SET_THERE": 'm.names.append("b")'}, "Pump.names is a list, which code can change"),
         ({"NAMES": '{"a": 1}', "SET_THERE": 'm.names["b"] = 1'}, "Pump.names is a dict, which code can change"),
         ({"NAMES": '{"a"}', "SET_THERE": "names = m.names"}, "Pump.names is a set, which code can change"),

@@ -21,5 +21,5 @@ def test_another_version_of_python_is_refused_in_one_line(monkeypatch: pytest.Mo
         assert translate(rig, [], [program.control], HOST).problems == []
         monkeypatch.setattr(translator, "TRIED", ((3, 9), (3, 10)))
         (told,) = map(str, translate(rig, [], [program.control], HOST).problems)
-    assert told.startswith("control code: it was tried on Python 3.9, 3.10, and this is 3.")
-    assert told.endswith("; one of these")
+    assert told.startswith("control code: it was tested on Python 3.9, 3.10, and this is 3.")
+    assert told.endswith("; use instead: one of these")

@@ -1,4 +1,4 @@
-"""What does not translate is refused before anything runs, with its line, the reason and the nearest thing that does:
+"""What cannot be translated is refused before anything runs, with its line, the reason and the nearest thing that does:
 a program for each refusal, a file each in the folder `refusals`."""
 
 from __future__ import annotations

@@ -123,15 +123,15 @@ def test_what_is_proved_is_left_out(texts: tuple[Rig, Texts]) -> None:
 
 REFUSED = {
     "of_an_effect": "self.shown += 1",
-    "of_a_property_that_assigns": "self.title: it may change something, or fail",
-    "of_a_place_that_may_be_missing": "it may have no such element",
-    "of_an_element_beyond_the_end": "it may have no such element",
-    "of_what_may_be_none": "does not fit what it may be",
-    "of_a_name_that_has_another_value": "does not fit what it may be",
-    "of_a_name_that_may_have_another_value": "does not fit what it may be",
-    "of_a_call_with_too_few_arguments": "it may change something, or fail",
+    "of_a_property_that_assigns": "self.title: it may change something or fail",
+    "of_a_place_that_may_be_missing": "it may not have this element",
+    "of_an_element_beyond_the_end": "it may not have this element",
+    "of_what_may_be_none": "does not suit all values that it may have",
+    "of_a_name_that_has_another_value": "does not suit all values that it may have",
+    "of_a_name_that_may_have_another_value": "does not suit all values that it may have",
+    "of_a_call_with_too_few_arguments": "it may change something or fail",
     "of_a_method_with_too_few_arguments": "replace expected",
-    "of_a_quotient": "it may change something, or fail",
+    "of_a_quotient": "it may change something or fail",
 }
 
 

@@ -256,7 +256,7 @@ class Refused:
             law.x = 1.0
 
     def unknown(self, law: Arrays) -> None:
-        """has no translation"""
+        """cannot be translated"""
         law.out = np.sort(law.a)
 
     def method(self, law: Arrays) -> None:

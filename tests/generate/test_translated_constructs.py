@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played
 from helpers.written_programs import Cases, Program
+from umo import Vector
 
 CASES = Cases()
 equal = CASES.is_equal
@@ -515,6 +516,115 @@ class SignOfANan(Program):
 @needs_a_compiler
 def test_the_sign_of_a_nan_is_a_limit_of_the_controller(results: dict[Any, Played]) -> None:
     assert results[SignOfANan].limits == 1
+
+
+@equal
+class LimitBeforeAFinally(Program):
+    """Python goes on where a whole number leaves 32 bits: the controller stops there, with nothing of `finally`."""
+
+    def control(self) -> None:
+        try:
+            if math.isnan(self.u):
+                self.c += 2**31 - 1
+                self.c += 1
+        finally:
+            assert self.c == 0
+
+
+@equal
+class FinallyThatAlwaysRaises(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / (self.n - 2)
+            if self.n == 5:
+                return
+        finally:
+            raise ValueError("always")
+
+
+@equal
+class KnownWholeNumbersDividedByZero(Program):
+    """What cannot be evaluated has the type that it would have."""
+
+    def begin(self) -> None:
+        self.cells = [1, 2]
+
+    def control(self) -> None:
+        if self.n == 2:
+            self.cells[-1] = 1 // 0
+        for number in range(3):
+            if self.n == 1:
+                self.c //= ~number // number
+        self.k = 0.1**1000000.0
+
+
+@equal
+class FinallyAfterWhatCannotFail(Program):
+    def control(self) -> None:
+        try:
+            if self.n == 5:
+                return
+            self.k = 2.0
+        finally:
+            self.c = 3
+        self.k = 1.0
+
+
+@equal
+class FunctionMadeInEachTurn(Program):
+    def begin(self) -> None:
+        self.halves, self.numbers = [Halved(), Halved()], [1.0, 2.0]
+
+    def control(self) -> None:
+        for half in self.halves:
+            for number in self.numbers:
+                if self.maybe is None:
+                    self.c += 1
+
+                def scaled(factor: float, more: float = 2.0) -> float:
+                    return factor * number + more  # noqa: B023 - it is called in this turn alone
+
+                self.k += scaled(half.whole)
+
+
+@equal
+class BitsThatAreAlwaysThere(Program):
+    """Compilers warn of comparisons that are always true."""
+
+    def control(self) -> None:
+        mask = 4
+        if bool(65536 | self.n) and self.n | mask != 0:
+            self.c = 1
+        if (self.n & 8) == 5 or (self.c | 4) == 3:
+            self.c = 2
+        if (self.n & 3) == 1 or (self.n | 2) == 3:
+            self.c = 3
+
+
+@equal
+class MethodThatIsNeverCalled(Program):
+    """No function, table or question about faults is in C that nothing comes to: compilers warn of them."""
+
+    def begin(self) -> None:
+        self.both = Vector([self.a, self.b])
+
+    def asked(self) -> float:
+        try:
+            self.both.write(1.0 / self.n)
+        except ZeroDivisionError:
+            return 1.0
+        return 2.0
+
+    def control(self) -> None:
+        for number, _ in enumerate([self.a, self.b]):
+            if self.n == 7 != number < number:
+                self.k = self.asked()
+        self.c += 1
+
+
+@needs_a_compiler
+def test_a_limit_of_the_controller_is_not_replaced_by_an_error_of_finally(results: dict[Any, Played]) -> None:
+    assert results[LimitBeforeAFinally].limits == 1
 
 
 test_it_is_what_python_does = CASES.test()

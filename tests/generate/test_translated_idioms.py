@@ -86,6 +86,51 @@ class Part:
         return self.gain * u
 
 
+# Unpacking and membership ----------------------------------------------------------------------------------
+
+
+@equal
+class StarsInWhatIsAssignedTo(Program):
+    def begin(self) -> None:
+        self.row, self.cells = [0.5, -0.0, 2.0], [1, 2, 3, 4]
+
+    def control(self) -> None:
+        first, *rest = self.row
+        rest[1] = self.u
+        self.k = first + len(rest) + rest[-1] + self.row[2]
+        *head, (one, two) = *self.cells, (self.n, 7)
+        a, *middle, d = head
+        self.c = a + middle[1] * two - d + one
+        self.cells[2] = self.n
+        self.c += middle[1]
+
+
+@equal
+class AListThatIsUnpackedHasNoOtherName(Program):
+    def begin(self) -> None:
+        self.row, self.array = [0.5, -0.0, 2.0], np.ones(3)
+
+    def control(self) -> None:
+        a, b, c = self.row
+        self.row[1] = self.u
+        d, e, f = self.array
+        self.array[1:] = self.u
+        self.k = a - b - c + float(e) + float(d) - float(f)
+
+
+@equal
+class ElementsOfSets(Program):
+    def begin(self) -> None:
+        self.level = Level.MID
+
+    def control(self) -> None:
+        self.c = 1 if self.n in {1, 2, -3} else 2 if self.n not in {0, 4} else 3
+        self.k = 1.0 if self.u in {0.5, 2.0} else -1.0
+        self.level = Level.LOW if self.n in {3} else Level.MID
+        if self.level in {Level.LOW, Level.HIGH}:
+            self.c += 10
+
+
 # Loops and names -------------------------------------------------------------------------------------------
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from helpers.generating import Beside, Fragile, needs_a_compiler, wired
 from helpers.machines import actuator, relay, sensor, timer
+from tools.compiled_machine import CompiledMachine
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, LookupTable
 from umo.errors import RangeError
-from umo.generate.compiled_machine import CompiledMachine
 from umo.generate.controller_folder import TARGETS
 from umo.generate.controller_model import laid_out
 from umo.generate.translator import translate
@@ -115,11 +115,11 @@ LAWS: dict[str, Callable[[Any], object]] = {
     "timer is asynchronous: it is not read": lambda m: m.timer.read(),
     "slow is asynchronous": lambda m: m.slows.read(),
     "level is not declared incremental": lambda m: m.level.referenced(),
-    "has no linearization": lambda m: m.bent.referenced(at=3.0),
+    "without a linearization": lambda m: m.bent.referenced(at=3.0),
     "homing changes it": lambda m: m.bent.calibration,
-    "`acknowledge` of a part is done by the host": lambda m: m.acknowledge(),
-    "`reset` of a part is done by the host": lambda m: m.reset(),
-    "`sample` of a part is done by the host": lambda m: m.sample(),
+    "`acknowledge` of a part is carried out by the host": lambda m: m.acknowledge(),
+    "`reset` of a part is carried out by the host": lambda m: m.reset(),
+    "`sample` of a part is carried out by the host": lambda m: m.sample(),
 }
 
 
@@ -138,7 +138,7 @@ def test_what_a_controller_does_not_do_with_objects_is_refused(told: str) -> Non
     ],
 )
 def test_a_condition_that_is_not_always_true_or_false_is_refused(condition: Callable[[Any], object]) -> None:
-    assert "not always True or False" in refusals(condition=condition)
+    assert "other than True or False" in refusals(condition=condition)
 
 
 def test_a_condition_with_a_comparison_translates() -> None:

@@ -241,7 +241,7 @@ class Slices(Program):
 
 @equal
 class SlidingWindow(Program):
-    """The last values, as a tuple that is made anew."""
+    """The last values, as a tuple that is created at each call."""
 
     def begin(self) -> None:
         self.last, self.counts, self.empty = (0.0, 0.0, 0.0), (0, 0), 0

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from helpers.machines import timer
+from tools.compiled_machine import CompiledMachine, compiled
 from umo import Compound, DigitalSensor
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out
 from umo.generate.struct_memory import StructMemory

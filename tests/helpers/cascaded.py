@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from umo.tuning.models import ProcessModel
+from umo.commissioning.tuning.models import ProcessModel
 
 PERIOD = 0.02
 INNER_LAG = 0.5

@@ -6,9 +6,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from umo.cli.code_check import mistakes_in
 from umo.process.station import Station
 from umo.system import packages
+from umo_command.check.code_check import mistakes_in
 
 
 @contextmanager

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from helpers.foreign_python import foreign_python
-from umo.faces.epics import Epics
-from umo.testing.faces import ForeignClient, RefusedByFace, Seen
-from umo.testing.faces.client import Grade
+from umo.clients.faces.conformance import ForeignClient, RefusedByFace, Seen
+from umo.clients.faces.conformance.client import Grade
+from umo.clients.faces.epics import Epics
 
-FOREIGN = Path(__file__).parents[1] / "faces" / "epics"
+FOREIGN = Path(__file__).parents[1] / "clients" / "faces" / "epics"
 """Requirements and programs of the clients."""
 GRADES = {0: Grade.GOOD, 1: Grade.DOUBTFUL, 2: Grade.DOUBTFUL, 3: Grade.NONE}
 
@@ -71,7 +71,9 @@ class Pvapy(ForeignClient):
             clients_python(), program, env=environment(face), limit=1 << 20,
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
         )  # fmt: skip
-        return cls(process)
+        client = cls(process)
+        await client.read("run:mode")  # pvapy is imported and has found the server: both take long
+        return client
 
     async def _read_answers(self) -> None:
         assert self._process.stdout is not None
@@ -140,11 +142,11 @@ class ServedZtheta:
 
     def __init__(self) -> None:
         self.search_port = free_udp_port()
-        name = "umo.faces.epics:Epics"
+        name = "umo.clients.faces.epics:Epics"
         options = {"port": 0, "search_port": self.search_port}
-        more = [word for each in options.items() for word in ("--option", "{}.{}={}".format(name, *each))]
+        more = [word for each in options.items() for word in ("--set", "{}.{}={}".format(name, *each))]
         self.station = program("run", "ztheta", "--manual", "--no-record", "--no-plot")
-        self.face = program("face", name, "--commands", *more)
+        self.face = program("connect", "face", name, "--commands", *more)
         assert self.face.stdout is not None
         said = ""
         while "ztheta (simulated)" not in said:  # it has found the station

@@ -7,11 +7,11 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from umo.faces.face import Changes, Commands, Face
-from umo.faces.face_declaration import Declaration
-from umo.faces.host import FaceHost
-from umo.frames.reader import NumberedEvent
-from umo.testing.faces import TriedMachine
+from umo.clients.faces.conformance import TriedMachine
+from umo.clients.faces.face import Changes, Commands, Face
+from umo.clients.faces.host import FaceHost
+from umo.process.frames.machine_items import Declaration
+from umo.process.frames.run_reader import NumberedEvent
 
 
 @asynccontextmanager

@@ -12,12 +12,12 @@ from typing import Any
 import zenoh
 
 from helpers.fleets import PLANT, Fleet, free_port
-from umo.fleet.fleet_certificates import Authority
-from umo.fleet.fleet_commands import FleetUsers
-from umo.fleet.fleet_session import FleetNetwork, opened
-from umo.fleet.fleet_settings import FleetSettings
-from umo.remote.attached import RemoteStation
-from umo.testing.faces import TriedMachine
+from umo.clients.faces.conformance import TriedMachine
+from umo.clients.fleet.fleet_certificates import Authority
+from umo.clients.fleet.fleet_commands import FleetUsers
+from umo.clients.fleet.fleet_session import FleetNetwork, opened
+from umo.clients.fleet.fleet_settings import FleetSettings
+from umo.clients.remote.attached import RemoteStation
 
 HOST = "localhost"
 

@@ -15,17 +15,17 @@ import duckdb
 import numpy as np
 
 from helpers.fleets import Fleet
-from umo.fleet.fleet_query import asked
-from umo.fleet.fleet_record import FleetRecorder
-from umo.fleet.fleet_record_files import RecordFolder
-from umo.fleet.fleet_record_source import FleetSource, RecordSource
-from umo.fleet.message_parts import packed
-from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame
-from umo.frames.layout import Layout
-from umo.testing.faces import TriedMachine
+from umo.clients.faces.conformance import TriedMachine
+from umo.clients.fleet.fleet_query import asked
+from umo.clients.fleet.fleet_record import FleetRecorder
+from umo.clients.fleet.fleet_record_files import RecordFolder
+from umo.clients.fleet.fleet_record_source import FleetSource, RecordSource
+from umo.clients.fleet.message_parts import packed
+from umo.clients.fleet.run_words import FULL, LAST, Delta, RunMetadata, WordFrame
+from umo.process.frames.layout import Layout
 
 if TYPE_CHECKING:
-    from umo.fleet.jetstream_server import JetStreamServer
+    from umo.clients.fleet.jetstream_server import JetStreamServer
 
 OBJECTS = (
     {"path": "level", "kind": "DigitalSensor", "unit": "mm", "minimum": 0.0, "maximum": 9.0},
@@ -44,7 +44,7 @@ class KnownRun:
         about = {"station": "plant", "wiring": "simulated", "pid": 1, "started": 1e9, "period": 0.1}
         self.layout = Layout(OBJECTS, ("read",), about, tunables=({"path": "gain", "unit": "mm"},))
         self._words = WordFrame(self.layout)
-        self.rest = Rest(1, -1, 0, 0, b"", np.array([2.5]).tobytes()).packed()
+        self.rest = RunMetadata(1, -1, 0, 0, b"", np.array([2.5]).tobytes()).packed()
 
     def words(self, number: int) -> Any:
         frame = np.zeros(1, self._words.dtype)
@@ -107,7 +107,7 @@ class Recording:
 
     async def _source(self) -> RecordSource:
         if self._jetstream is not None:
-            from umo.fleet.jetstream_source import JetStreamSource
+            from umo.clients.fleet.jetstream_source import JetStreamSource
 
             made = JetStreamSource(self._jetstream, self._folder, ["*/*"], self.said.append)
             self._close = made.close

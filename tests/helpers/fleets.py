@@ -14,16 +14,16 @@ from typing import Any
 
 import zenoh
 
+from umo.clients.faces.conformance import TriedMachine
+from umo.clients.faces.conformance.tried_machine import until
+from umo.clients.fleet.fleet_commands import FleetUsers
+from umo.clients.fleet.fleet_gateway import FleetGateway
+from umo.clients.fleet.fleet_keys import StationKey
+from umo.clients.fleet.fleet_mirror import find
+from umo.clients.fleet.fleet_session import FleetNetwork, opened
+from umo.clients.fleet.fleet_settings import FleetSettings
+from umo.clients.remote.attached import RemoteStation
 from umo.errors import FramesError
-from umo.fleet.fleet_commands import FleetUsers
-from umo.fleet.fleet_gateway import FleetGateway
-from umo.fleet.fleet_keys import StationKey
-from umo.fleet.fleet_mirror import find
-from umo.fleet.fleet_session import FleetNetwork, opened
-from umo.fleet.fleet_settings import FleetSettings
-from umo.remote.attached import RemoteStation
-from umo.testing.faces import TriedMachine
-from umo.testing.faces.tried_machine import until
 
 PLANT = StationKey("cell7", "plant")
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from helpers.machines import timer
+from tools.compiled_machine import CompiledMachine, compiled
 from umo import (
     BinaryActuator,
     BinarySensor,
@@ -25,7 +26,7 @@ from umo.control import Axis, state_of, value_of
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
 from umo.errors import ChannelsFailed, EquipmentFault, TaskFailed, UmoError
-from umo.generate.compiled_machine import CompiledMachine, compiled, compiler
+from umo.generate.c_compiler import compiler
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory
@@ -151,7 +152,7 @@ def without_host(m: Compound) -> None:
     """Its axes cannot plan, as on a controller that has no host."""
 
     def refused(*_: Any) -> None:
-        raise TaskFailed("only the host can do it, and there is none")
+        raise TaskFailed("only the host can do it, and no host is connected")
 
     for axis in (each for each in walk(m) if isinstance(each, Axis)):
         axis._replan = axis.profile.to = refused  # type: ignore[method-assign, assignment]

@@ -1,4 +1,4 @@
-"""Home Assistant as the kit of faces needs it: what its MQTT integration makes of discovery, over the npm package mqtt.
+"""Home Assistant as the conformance kit for faces needs it: its MQTT discovery, over the npm package mqtt.
 
 Home Assistant knows neither the user of an order nor its end: an answer is that of the oldest order for its path.
 """
@@ -15,9 +15,9 @@ from typing import Any
 from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from helpers.mqtt import SparkplugHost
-from umo.faces.face_declaration import QUIET
-from umo.testing.faces import RefusedByFace, Seen
-from umo.testing.faces.client import Grade
+from umo.clients.faces.conformance import RefusedByFace, Seen
+from umo.clients.faces.conformance.client import Grade
+from umo.process.frames.machine_items import QUIET
 
 NOTHING = Seen(None, Grade.NONE)
 TEMPLATES = ImmutableSandboxedEnvironment()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from umo.clients.client_commands import ClientCommand
+from umo.operation.commands.client_commands import ClientCommand
 
 
 class Letters:

@@ -37,7 +37,7 @@ def plant(station: str, folder: Path) -> Iterator[Path]:
     text = re.sub(r'(?m)^timeout = .*"', 'timeout = "500 ms"', text)
     wiring = folder / "modbus.toml"
     wiring.write_text(f'{text}\n[process]\nhang_timeout = "5 s"\n')
-    command = [sys.executable, "-m", "umo_command", "plant", station, "--port", str(port), "--watchdog", "0"]
+    command = [sys.executable, "-m", "umo_command", "device", "plant", station, "--port", str(port), "--watchdog", "0"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         until(lambda: _answers(port))

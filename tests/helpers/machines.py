@@ -13,8 +13,8 @@ from umo.states import OnOff, PassFail
 from umo.system.packages import SHIPPED
 from umo.testing import Scripted, VirtualTimer
 
-TEMPLATE = SHIPPED.parent / "cli" / "template" / "station"
-"""The station that `umo new` copies."""
+TEMPLATE = SHIPPED.parents[1] / "umo_command" / "template" / "station"
+"""The station that `umo new station` copies."""
 
 
 def stations() -> dict[str, Callable[[], Compound]]:

@@ -1,4 +1,4 @@
-"""A face without a protocol, and its client: the kit of faces is tried on it, whole and broken."""
+"""A face without a protocol, and its client: the conformance kit for faces is tried on it, whole and broken."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from math import isnan
 from typing import Any
 
 from umo import Quality
+from umo.clients.faces.conformance import ForeignClient, RefusedByFace, Seen
+from umo.clients.faces.conformance.client import Grade
+from umo.clients.faces.face import Changes, Face, User
 from umo.errors import UmoError
-from umo.faces.face import Changes, Face, User
-from umo.faces.face_declaration import Declaration
-from umo.testing.faces import ForeignClient, RefusedByFace, Seen
-from umo.testing.faces.client import Grade
+from umo.process.frames.machine_items import Declaration
 
 NOTHING = Seen(None, Grade.NONE)
 

@@ -1,4 +1,4 @@
-"""A broker, and a host application of npm in a process of its own, as the kit of faces needs it."""
+"""A broker, and a host application of npm in a process of its own, as the conformance kit for faces needs it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Self
 
 from helpers import npm
-from umo.testing.faces import ForeignClient, RefusedByFace, Seen
-from umo.testing.faces.client import Grade
+from umo.clients.faces.conformance import ForeignClient, RefusedByFace, Seen
+from umo.clients.faces.conformance.client import Grade
 
-FOLDER = Path(__file__).parents[1] / "faces" / "mqtt"
+FOLDER = Path(__file__).parents[1] / "clients" / "faces" / "mqtt"
 MOSQUITTO = shutil.which("mosquitto") or next((str(p) for p in [Path("/usr/sbin/mosquitto")] if p.exists()), None)
 NOTHING = Seen(None, Grade.NONE)
 

@@ -1,4 +1,4 @@
-"""A client of node-opcua in a process of its own, as the kit of faces needs it."""
+"""A client of node-opcua in a process of its own, as the conformance kit for faces needs it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from asyncua import ua
 from asyncua.server.address_space import AttributeValue, NodeData
 
 from helpers import npm
-from umo.faces import face_users as users
-from umo.faces.opcua import OpcUa
-from umo.testing.faces import ForeignClient, RefusedByFace, Seen
-from umo.testing.faces.client import Grade
+from umo.clients.faces import face_users as users
+from umo.clients.faces.conformance import ForeignClient, RefusedByFace, Seen
+from umo.clients.faces.conformance.client import Grade
+from umo.clients.faces.opcua import OpcUa
 
-FOLDER = Path(__file__).parents[1] / "faces" / "opcua"
+FOLDER = Path(__file__).parents[1] / "clients" / "faces" / "opcua"
 PASSWORDS = {"ann": "hunter2", "bob": 'sw"ordfish'}
 HASHES = {name: users.hashed(password) for name, password in PASSWORDS.items()}
 

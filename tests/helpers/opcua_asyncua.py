@@ -12,9 +12,9 @@ from asyncua.ua.ua_binary import struct_from_binary
 
 from helpers.faced import hosted
 from helpers.opcua import PASSWORDS, QuickOpcUa
-from umo.clients.client_commands import Mode
-from umo.testing.faces import TriedMachine
-from umo.testing.faces.tried_machine import until
+from umo.clients.faces.conformance import TriedMachine
+from umo.clients.faces.conformance.tried_machine import until
+from umo.operation.commands.client_commands import Mode
 
 VALUE = ua.AttributeIds.Value
 FIRST = 60.0

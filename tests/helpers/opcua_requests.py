@@ -9,7 +9,7 @@ from typing import Any
 from asyncua import ua
 from hypothesis import strategies as st
 
-from umo.faces.opcua.ua_services import (
+from umo.clients.faces.opcua.ua_services import (
     BrowseDescription,
     BrowseParameters,
     CreateItem,

@@ -6,9 +6,9 @@ from typing import Any
 
 from helpers.letters import Letters
 from umo import Compound
-from umo.clients.client_commands import ClientCommand, Mode
-from umo.clients.client_control import ClientControl
 from umo.cycle.events import CommandState, Event
+from umo.operation.commands.client_commands import ClientCommand, Mode
+from umo.operation.commands.client_control import ClientControl
 from umo.testing import periods
 
 BOOT = 1000.0

@@ -16,14 +16,23 @@ from umo.control.inputs import HOMING
 from umo.control.profile import Setpoint
 from umo.cycle.laid_out import wired_numbers
 from umo.drivers.wrapping import bare
-from umo.generate.compiled_machine import FLAGS, compiler
+from umo.generate.c_compiler import FLAGS, compiler
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
-from umo.split.controller_driver import Controller
-from umo.split.link_bodies import ControllerState, FrameItem, FrameKind, StateReader, hello, item, request, welcome_of
-from umo.split.link_frames import FrameReader, framed
-from umo.split.part_generator import part_files
-from umo.split.part_plan import PartPlan
+from umo.generate.split.controller_driver import Controller
+from umo.generate.split.link_bodies import (
+    ControllerState,
+    FrameItem,
+    FrameKind,
+    StateReader,
+    hello,
+    item,
+    request,
+    welcome_of,
+)
+from umo.generate.split.link_frames import FrameReader, framed
+from umo.generate.split.part_generator import part_files
+from umo.generate.split.part_plan import PartPlan
 from umo.wiring import resolve
 
 

@@ -18,7 +18,7 @@ import umo
 from umo.cycle.sequences import next_period
 from umo.drivers import Channel, Direction, Driver, Reports
 
-CALLS, STRUCK, LEVELS, PRIORITY = 0, 1, 2, 10
+CALLS, STRUCK, LEVELS, PRIORITY, REFUSED = 0, 1, 2, 10, 11
 OUTPUTS = ("motor", "valve")
 
 
@@ -265,6 +265,7 @@ class Box(Driver):
             numbers[STRUCK] = 1
             ACTIONS[self._action]()
         if self._away and numbers[STRUCK] and Path(self._away).exists():
+            numbers[REFUSED] = os.getpid()
             raise OSError("no route to the device")
         return numbers
 

@@ -12,7 +12,7 @@ from typing import Any
 from helpers.machines import Bench, bench, wired
 from umo import connect, published
 from umo.cycle.journal import Kind
-from umo.frames import Ring
+from umo.process.frames import Ring
 from umo.testing import Scripted, VirtualTimer
 
 

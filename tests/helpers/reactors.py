@@ -14,10 +14,10 @@ from umo import (
     TaskFailed,
     connect,
 )
-from umo.clients.client_commands import ClientCommand, Mode
-from umo.clients.client_control import ClientControl
 from umo.control import next_period
 from umo.objects import atoms
+from umo.operation.commands.client_commands import ClientCommand, Mode
+from umo.operation.commands.client_control import ClientControl
 from umo.states import OnOff
 from umo.testing import Scripted
 

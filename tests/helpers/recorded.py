@@ -8,10 +8,10 @@ import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from umo.cycle.events import CommandState, Event
-from umo.frames import Layout
-from umo.frames.layout import ENTRY
-from umo.frames.reader import NumberedEvent
-from umo.recording import Block, TakenCommand
+from umo.process.frames import Layout
+from umo.process.frames.layout import ENTRY
+from umo.process.frames.run_reader import NumberedEvent
+from umo.recording.block import Block, TakenCommand
 
 
 def layout_of(objects: int = 3, signals: int = 2, **about: object) -> Layout:

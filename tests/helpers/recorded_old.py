@@ -12,9 +12,9 @@ from pathlib import Path
 
 import zstandard
 
-from umo.frames import Layout
-from umo.recording import Block, mcap_records
-from umo.recording.block import columns_message, exact_message
+from umo.process.frames import Layout
+from umo.recording import mcap_records
+from umo.recording.block import Block, columns_message, exact_message
 from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode
 
 EXACT, COLUMNS = McapChannel(1, "umo/exact", "umo"), McapChannel(2, "umo/columns", "umo")

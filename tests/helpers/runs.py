@@ -87,6 +87,8 @@ class Run:
             if message is not None and message["kind"] == "reserve":
                 self.reserve = message["pid"]
                 continue
+            if message is not None and message["kind"] == "control":
+                continue
             if message is None or NEIGHBOURS not in message.get("text", ""):
                 return message
 

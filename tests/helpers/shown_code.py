@@ -17,8 +17,8 @@ import umo
 import umo.control
 import umo.states
 from helpers.documents import PAGES, ROOT, blocks
+from helpers.own_modules import SRC, own_modules
 from umo import Compound
-from umo.text import UMO
 
 DEFINITIONS = (ast.Import, ast.ImportFrom, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
@@ -34,12 +34,12 @@ def pages(folder: Path) -> Iterator[ModuleType]:
 def docstrings(folder: Path) -> Iterator[ModuleType]:
     """One of each module of umo whose docstrings have examples. Those know what umo exports, and their own module if
     something has imported it."""
-    for file in sorted(Path(UMO).rglob("*.py")):
-        if "stations" in file.parts or "template" in file.parts:
+    for file in own_modules().values():
+        if "stations" in file.parts:
             continue  # they are looked at as stations
         examples = list(_examples(ast.parse(file.read_text("utf-8"))))
         if examples:
-            name = ".".join(file.relative_to(Path(UMO).parent).with_suffix("").parts).removesuffix(".__init__")
+            name = ".".join(file.relative_to(SRC).with_suffix("").parts).removesuffix(".__init__")
             known = {key: value for each in (umo, umo.control, umo.states) for key, value in vars(each).items()}
             known |= vars(sys.modules.get(name, umo))
             yield _module(folder / f"{name.replace('.', '_')}.py", "\n\n".join(examples), known)

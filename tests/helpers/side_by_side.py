@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from helpers.machines import timer
+from tools.compiled_machine import CompiledMachine, compiled
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor
 from umo.cycle.connect import connect
 from umo.errors import DeclarationError
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerLaw, ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory

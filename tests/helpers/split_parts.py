@@ -26,14 +26,14 @@ from helpers.boards import need
 from helpers.peers.text_devices import emulator
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
+from umo.generate.split.part_generator import part_files
 from umo.objects import atoms
 from umo.process.station import find
-from umo.split.part_generator import part_files
 from umo.stations.furnace.objects import machine as furnace
 
 PEERS = Path(__file__).parent / "peers" / "controllers"
 HOST_GONE, BRAKING = 3, 4
-CONTROLLER = "umo.split.controller_driver:Controller"
+CONTROLLER = "umo.generate.split.controller_driver:Controller"
 PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
 """Longer than the default: other tests may load the computer."""
 BRAKING_PERIODS = 500

@@ -15,22 +15,22 @@ import numpy as np
 from umo import connect, drive
 from umo.cycle.events import Event
 from umo.cycle.stopping import TimeLimit
-from umo.frames import Reader, published
-from umo.frames.layout import ENTRY, Layout
-from umo.frames.reader import NumberedEvent
+from umo.process.frames import Reader, published
+from umo.process.frames.layout import ENTRY, Layout
+from umo.process.frames.run_reader import NumberedEvent
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
 from umo.process.station import shipped
 from umo.recording.block import Block, TakenCommand
 from umo.recording.recording_file import RecordingFile
-from umo.replay.program import Program
-from umo.replay.replaying import replay
-from umo.replay.result import Replayed
+from umo.recording.replay.program import Program
+from umo.recording.replay.replaying import replay
+from umo.recording.replay.result import Replayed
 from umo.wiring import resolve
 
 
 class MemoryTape:
-    """A recorded run in memory (`umo.replay.Tape`)."""
+    """A recorded run in memory (`umo.recording.replay.Tape`)."""
 
     def __init__(self, layout: Layout, job: Mapping[str, Any]) -> None:
         self.layout, self.job = layout, job

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from helpers.tuning_plants import Plant
-from umo.tuning.margins import Gains
-from umo.tuning.models import ProcessModel
+from umo.commissioning.tuning.margins import Gains
+from umo.commissioning.tuning.models import ProcessModel
 
 
 def true_margins(model: ProcessModel, gains: Gains, dt: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""`umo tune-law` on each plant of a grid, and what python-control says of the gains that it tells."""
+"""`umo tune law` on each plant of a grid, and what python-control says of the gains that it tells."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from helpers.true_margins import judged
 from helpers.tuning_plants import AMPLITUDE, Plant, station
-from umo.cli.app import app
-from umo.tuning.margins import Gains
+from umo.commissioning.tuning.margins import Gains
+from umo_command.app import app
 
 DECIBELS, DEGREES = 2.0, 5.0
 """A stated margin is at most so much better than the true one, in `WITHIN` of the sets."""
@@ -136,7 +136,7 @@ def words(plant: Plant, folder: Path) -> list[Any]:
     """The arguments of the command."""
     at, lasts = REST * plant.dt, plant.lasts
     excitation = [f"--{plant.experiment}", f"{AMPLITUDE:g}%", "--at", f"{at:g} s", "--for", f"{lasts:g} s"]
-    return ["tune-law", station(plant, folder), "servo", *excitation, "--json"]
+    return ["tune", "law", station(plant, folder), "servo", *excitation, "--json"]
 
 
 def _judged_sets(plant: Plant, data: dict[str, Any]) -> list[JudgedSet]:

@@ -26,7 +26,7 @@ from umo.testing.conformance import Input, Output, Subject
 from .i2c_stub import i2c_bus
 from .proof import proved
 
-smbus2 = pytest.importorskip("smbus2", reason='needs smbus2: pip install "umo[i2c]"')
+smbus2 = pytest.importorskip("smbus2", reason='needs smbus2: pip install ".[i2c]"')
 
 ADC, EXPANDER = 0x48, 0x20
 REGISTERS: dict[str, dict[str, Any]] = {
@@ -207,7 +207,8 @@ def test_a_machine_on_two_chips_of_one_bus(bus: str, chip: Any) -> None:
 
 @pytest.mark.parametrize(("auto_increment", "off_cycle"), [(False, False), (True, False), (False, True)])
 def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool, off_cycle: bool) -> None:
-    """Without a device that vanishes: the kernel keeps i2c-stub while its bus is open (tests/test_i2c.py has one)."""
+    """Without a device that vanishes: the kernel keeps i2c-stub while its bus is open (tests/drivers/test_i2c.py has
+    one)."""
     outputs = (Output("control", 0x0102, 0, 0xFFFF), Output("0x40:32:little:signed", -5, -(2**31), 2**31 - 1))
     fields = (Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7))
     mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
@@ -283,12 +284,12 @@ def test_the_outputs_of_a_killed_run_are_reset_and_the_other_bits_stay(bus: str,
     (station / "application.py").write_text(APPLICATION)
     (station / "wiring" / "simulated.toml").write_text(STATION_WIRING % bus)
     chip.write_byte_data(EXPANDER, 0x14, 0xA0)
-    umo = [sys.executable, "-c", "from umo.cli import main; main()"]
+    umo = [sys.executable, "-c", "from umo_command import main; main()"]
     log = (tmp_path / "log").open("w+")
     run = subprocess.Popen([*umo, "run", str(station)], cwd=station, stdout=subprocess.DEVNULL, stderr=log)
     try:
         eventually(lambda: chip.read_byte_data(EXPANDER, 0x14) == 0xA1)
-        get = subprocess.run([*umo, "get", str(station), "fan"], capture_output=True, text=True, check=True)
+        get = subprocess.run([*umo, "device", "get", str(station), "fan"], capture_output=True, text=True, check=True)
         (pid,) = re.findall(r"\(pid (\d+)\)", get.stdout + get.stderr)
         os.kill(int(pid), signal.SIGKILL)
         eventually(lambda: chip.read_byte_data(EXPANDER, 0x14) == 0xA2)

@@ -40,7 +40,7 @@ def station(tank: Path, gpio_chip: Callable[..., Chip]) -> tuple[Path, Chip]:
 
 
 def umo(*words: str | Path) -> list[str]:
-    return [sys.executable, "-c", "from umo.cli import main; main()", *map(str, words)]
+    return [sys.executable, "-c", "from umo_command import main; main()", *map(str, words)]
 
 
 @contextmanager
@@ -75,10 +75,12 @@ def test_a_wiring_is_checked_and_objects_are_read_and_set_by_hand(station: tuple
     for line, level in ((5, 1), (7, 1), (13, 1)):
         chip.line(line).pull(level)
     subprocess.run(umo("check", tank, "-w", "board"), check=True)
-    read = subprocess.run(umo("get", tank, "level", "-w", "board"), check=True, stdout=subprocess.PIPE, text=True)
+    read = subprocess.run(
+        umo("device", "get", tank, "level", "-w", "board"), check=True, stdout=subprocess.PIPE, text=True
+    )
     assert "261" in read.stdout  # (2 + 8 + 512) * 0.5 mm
     with Trace(chip.label) as trace:
-        subprocess.run(umo("set", tank, "drain", "OPEN", "--hold", "0.1", "-w", "board"), check=True)
+        subprocess.run(umo("device", "set", tank, "drain", "OPEN", "--for", "0.1", "-w", "board"), check=True)
     levels = [what for line, what in trace.events() if line == 1 and what.startswith("set")]
     assert (levels[0], levels[-1]) == ("set 1", "set 1")
     assert "set 0" in levels

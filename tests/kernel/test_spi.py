@@ -2,7 +2,7 @@
 
 What is proved: every level that the master drives (clock, data, chip select) is recorded by the kernel's trace of its
 GPIO lines and decoded here as a slave decodes it. Of the slave's answers only all zeros and all ones are there: nothing
-in the test kernel drives MISO bit by bit. Answers with other bits are tried on a fake (tests/test_spi.py).
+in the test kernel drives MISO bit by bit. Answers with other bits are tried on a fake (tests/drivers/test_spi.py).
 """
 
 from __future__ import annotations

@@ -15,13 +15,14 @@ from typer.testing import Result
 
 import umo as umo_package
 from helpers.recorded import block_at_random, decoded, layout_of
-from umo.latency.blackbox import AFTERMATH, KEPT_PERIODS
-from umo.recording import BlackBox, Block, Recording
+from umo.process.frames.blackbox import AFTERMATH, KEPT_PERIODS
 from umo.recording.black_boxes import INTERVAL, BlackBoxes
+from umo.recording.block import BlackBox, Block
 from umo.recording.copying import thin
 from umo.recording.protobuf_channels import ProtobufChannels
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
-from umo.tables.recording_summary import facts_of, lines_of
+from umo.recording.tables.recording_summary import facts_of, lines_of
 
 Umo = Callable[..., Result]
 LAYOUT = replace(layout_of(job={"station": "press"}), phases=("timer", "control", "update box"))
@@ -95,7 +96,9 @@ def test_a_recording_keeps_them_also_where_it_keeps_little(run: Path, is_thin: b
         facts = facts_of(recording)
         assert facts["black_boxes"][0]["first"] == recording.black_boxes[0].first
         assert json.loads(json.dumps(facts))["black_boxes"][0]["missed"] == 1
-        assert dict(lines_of(facts))["black boxes"].startswith("1 (umo why --file), the last one at 1.55 s: 1 period")
+        assert dict(lines_of(facts))["black boxes"].startswith(
+            "1 (umo show why --file), the last one at 1.55 s: 1 period"
+        )
 
 
 def test_others_read_them_as_a_topic(run: Path) -> None:
@@ -110,18 +113,18 @@ def test_a_dataset_and_parquet_tell_of_them(run: Path, umo: Umo) -> None:
     pytest.importorskip("xarray")
     parquet = pytest.importorskip("pyarrow.parquet")
     assert umo_package.load(run, ["part0.object0"]).attrs["black_boxes"].startswith("1.55 s: 1 period missed")
-    assert umo("export", str(run), "run.parquet").exit_code == 0
+    assert umo("recording", "export", str(run), "--out", "run.parquet").exit_code == 0
     told = json.loads(parquet.read_schema("run.parquet").metadata[b"umo"])
     assert told["black_boxes"][0]["reason"] == "a period was missed"
 
 
 def test_umo_why_explains_a_recording(run: Path, tmp_path: Path, umo: Umo) -> None:
-    told = umo("why", "--file", str(run)).stdout
+    told = umo("show", "why", "--file", str(run)).stdout
     assert "press, at 1.55 s: a period was missed" in told and "1 period missed before 1.500 s" in told
     assert "control, µs" in told
     thin(run)
-    assert "1 period missed before 1.500 s" in umo("why", "--file", str(run)).stdout
+    assert "1 period missed before 1.500 s" in umo("show", "why", "--file", str(run)).stdout
     empty = tmp_path / "empty.mcap"
     RecordingFile(empty, LAYOUT).close()
-    result = umo("why", "--file", str(empty))
+    result = umo("show", "why", "--file", str(empty))
     assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and "no period was missed" in result.stderr

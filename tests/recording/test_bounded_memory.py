@@ -1,4 +1,5 @@
-"""Opening a file takes 256 MB at most, whatever it says of its sizes. Each is opened by `umo info` in a process."""
+"""Opening a file takes 256 MB at most, whatever it says of its sizes. Each is opened by `umo recording info` in a
+process."""
 
 from __future__ import annotations
 
@@ -18,20 +19,20 @@ import zstandard
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo.errors import FramesError
-from umo.recording import Recording, mcap_records, recording_scan
+from umo.recording import mcap_records, recording_scan
 from umo.recording import recording as recording_module
 from umo.recording.block import exact_message
 from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode
-from umo.recording.recording import describe
+from umo.recording.recording import Recording, describe
 from umo.recording.recording_file import RecordingFile
-from umo.tables.recording_summary import facts_of
+from umo.recording.tables.recording_summary import facts_of
 
 LAYOUT = layout_of(2, 1, job={"station": "press"}, wiring="")
 MOST = 256 << 20
 PROGRAM = """
 import resource, sys
 from pathlib import Path
-from umo.cli.recordings import info
+from umo_command.recording.files import info
 from umo.errors import UmoError
 try:
     info(Path(sys.argv[1]), False)
@@ -43,7 +44,7 @@ print("peak", int(peak.split()[1]) * 1024)
 
 
 def peak(path: Path) -> tuple[int, str]:
-    """Bytes of memory that `umo info` has taken at most, and what it has said."""
+    """Bytes of memory that `umo recording info` has taken at most, and what it has said."""
     command = [sys.executable, "-c", PROGRAM, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]

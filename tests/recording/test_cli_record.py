@@ -1,4 +1,5 @@
-"""`umo run --record`, `umo record`: files, settings, and that the run goes on whatever happens to its recorder."""
+"""`umo run --record`, `umo recording make`: files, settings, and that the run goes on whatever happens to its
+recorder."""
 
 from __future__ import annotations
 
@@ -17,15 +18,16 @@ from typer.testing import Result
 from helpers.machines import bench, wired
 from helpers.waiting import until
 from umo import connect, published
-from umo.cli import record_beside
-from umo.cli.progress_line import OneLine
-from umo.cli.record_beside import RecordBeside, RecordOrder
-from umo.process import Started
 from umo.process.job import Job
-from umo.recording import Recording, flight_folder
+from umo.process.start import Started
+from umo.recording import flight_folder
 from umo.recording.flight_folder import FlightFolder
-from umo.recording.record_settings import settings_of
+from umo.recording.record_settings import record_of
+from umo.recording.recording import Recording
 from umo.testing import Scripted, periods
+from umo_command.progress_line import OneLine
+from umo_command.run import record_beside
+from umo_command.run.record_beside import RecordBeside, RecordOrder
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
 Umo = Callable[..., Result]
@@ -65,8 +67,8 @@ def test_without_a_file_the_recording_is_in_the_folder_of_the_run(umo: Umo) -> N
     [
         (("--record", "is.mcap"), "--record is.mcap: there is such a file already; a recording never overwrites one"),
         (("--record", "no/x.mcap"), "--record no/x.mcap: there is no folder no"),
-        (("--last", "fast"), "record: last: 'fast' is not a duration"),
-        (("--last", "1 ms"), "record: last: '1 ms' is less than 1 s"),
+        (("--last", "fast"), "invalid value for '--last': 'fast' is not a duration"),
+        (("--last", "1 ms"), "the command line: record.last: 0.001 is less than 1 s"),
     ],
 )
 def test_a_mistake_is_told_before_anything_runs(umo: Umo, tmp_path: Path, words: tuple[str, ...], told: str) -> None:
@@ -101,7 +103,7 @@ def test_the_wiring_asks_for_a_recording(umo: Umo, tank: Path) -> None:
     assert "recorded" not in umo("run", "tank", "--until", "0.5", "--no-record").stderr
     wiring.write_text(wiring.read_text() + "rotte = 3\n")
     result = umo("check", "tank")
-    assert result.exit_code == 2 and "record: there is no 'rotte' (did you mean 'rotate'?)" in result.stderr
+    assert result.exit_code == 2 and "record.rotte: unknown key (did you mean 'rotate'?)" in result.stderr
     assert umo("run", "tank", "--until", "0.5").exit_code == 2
 
 
@@ -142,11 +144,11 @@ def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
         told = umo("run", "conveyor", "--until", "5", *words).stderr.replace("\n", " ")
     begun = "the record ends here, the machine runs on" in told
     assert begun is ("nothing is recorded: x.mcap" not in told) is (room == 45_000)
-    assert begun is ("its files stay: umo record --save conveyor" in told)
+    assert begun is ("its files stay: umo recording save conveyor" in told)
     assert len(flight_folder.all_folders()) == begun
     if begun:
         monkeypatch.setattr(FlightFolder, "is_written", False)
-        assert "its recorder has ended" in umo("record", "--save", "conveyor", "saved.mcap").stdout
+        assert "its recorder has ended" in umo("recording", "save", "conveyor", "saved.mcap").stdout
         with Recording("saved.mcap") as recording:
             assert recording.is_whole and len(recording.frames()) > 100
 
@@ -161,7 +163,7 @@ def test_a_failed_run_has_a_black_box_in_its_recording(umo: Umo) -> None:
 def test_garbage_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(50))
     for words in (("--repair", "x.mcap"), ("--repair", "none.mcap"), ("--save", "none"), (), ("a", "b", "c")):
-        result = umo("record", *words)
+        result = umo("recording", "make", *words)
         assert result.exit_code in (1, 2) and len(result.stderr.splitlines()) == 1, result.stderr
 
 
@@ -172,8 +174,8 @@ def test_garbage_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
 def test_settings_that_cannot_be_are_refused(table: dict[str, object]) -> None:
     from umo.errors import OptionError
 
-    with pytest.raises(OptionError, match="record: "):
-        settings_of(table)
+    with pytest.raises(OptionError, match=r"wiring: record\."):
+        record_of(table)
 
 
 # A station that runs already -----------------------------------------------------------------------------
@@ -194,8 +196,8 @@ class CtrlC:
 
     def __init__(self, patch: pytest.MonkeyPatch, at_pause: Callable[[], None], pauses: int = 5) -> None:
         self._left, self._at_pause = pauses, at_pause
-        patch.setattr("umo.cli.record._stop_on_signals", lambda: self)
-        patch.setattr("umo.cli.record.step_back", lambda: None)
+        patch.setattr("umo_command.recording.making._stop_on_signals", lambda: self)
+        patch.setattr("umo_command.recording.making.step_back", lambda: None)
 
     def is_set(self) -> bool:
         return self._left <= 0
@@ -209,7 +211,7 @@ def test_recording_a_running_station_says_what_it_does_and_how_to_end_it(
     umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     CtrlC(monkeypatch, bench_runs)
-    result = umo("record", "press", "run.mcap")
+    result = umo("recording", "make", "press", "run.mcap")
     assert result.exit_code == 0, result.stderr
     assert "records press (rig) (running for 0 s) in run.mcap; Ctrl-C ends the record" in result.stdout
     assert "recorded: run.mcap (25 periods" in result.stderr.replace("\n", " ")
@@ -219,9 +221,9 @@ def test_a_flight_recorder_beside_a_running_station_leaves_nothing_when_it_is_st
     umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     CtrlC(monkeypatch, bench_runs)
-    result = umo("record", "press", "run.mcap", "--last", "1 min")
+    result = umo("recording", "make", "press", "run.mcap", "--last", "1 min")
     told = result.stdout.replace("\n", " ")
-    assert "keeps the last 60 s of press (rig)" in told and "umo record --save press" in told
+    assert "keeps the last 60 s of press (rig)" in told and "umo recording save press" in told
     assert "has ended before the run, and leaves nothing" in result.stderr.replace("\n", " ")
     assert result.exit_code == 0 and not list(Path().glob("*.mcap")) and not flight_folder.all_folders()
 
@@ -230,11 +232,11 @@ def test_what_a_recorder_has_done_so_far_is_in_words(
     umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[str] = []
-    monkeypatch.setattr("umo.cli.record.err", Console(file=io.StringIO(), force_terminal=True))
+    monkeypatch.setattr("umo_command.recording.making.err", Console(file=io.StringIO(), force_terminal=True))
     monkeypatch.setattr(OneLine, "show", lambda self, seconds, text, share: shown.append(text))
     monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
     CtrlC(monkeypatch, bench_runs, 50)
-    assert umo("record", "press", "run.mcap").exit_code == 0
+    assert umo("recording", "make", "press", "run.mcap").exit_code == 0
     assert shown[0].startswith("0 periods, 0.0 MB") and "periods, 0." in shown[-1] and len(shown) == 50
 
 
@@ -250,7 +252,7 @@ def test_a_run_in_real_time_is_recorded_from_period_0_to_its_end(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "run.mcap"
-    with RecordBeside(RecordOrder(file, settings_of({}).plain)) as beside, Started(conveyor()) as started:
+    with RecordBeside(RecordOrder(file, record_of({}).plain)) as beside, Started(conveyor()) as started:
         until(lambda: (started.poll(), started.frames)[1])
         assert started.frames is not None
         beside.attach(started.frames)
@@ -269,7 +271,7 @@ def test_a_recorder_that_is_killed_is_told_and_the_run_goes_on(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "run.mcap"
-    with RecordBeside(RecordOrder(file, settings_of({}).plain)) as beside, Started(conveyor()) as started:
+    with RecordBeside(RecordOrder(file, record_of({}).plain)) as beside, Started(conveyor()) as started:
         until(lambda: (started.poll(), started.frames)[1])
         assert started.frames is not None and beside._process is not None
         beside.attach(started.frames)

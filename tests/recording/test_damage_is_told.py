@@ -23,8 +23,8 @@ from helpers.tiers import first
 from umo import load
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError
-from umo.frames.reader import NumberedEvent
-from umo.recording import Recording, mcap_reader, mcap_records
+from umo.process.frames.run_reader import NumberedEvent
+from umo.recording import mcap_reader, mcap_records
 from umo.recording import recording as recording_module
 from umo.recording.block import Block
 from umo.recording.copying import join, repair, thin
@@ -33,10 +33,11 @@ from umo.recording.mcap_records import McapChannel, Schema
 from umo.recording.part_names import part_name
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.record_settings import RecordSettings
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
 from umo.recording.recording_parts import RecordingParts
-from umo.replay.tape import NotReplayable, Periods
-from umo.tables.recording_summary import facts_of
+from umo.recording.replay.tape import NotReplayable, Periods
+from umo.recording.tables.recording_summary import facts_of
 
 Umo = Callable[..., Result]
 LAYOUT = layout_of(3, 2, job={"station": "press"}, wiring="")
@@ -330,11 +331,11 @@ def one_bit(content: bytes, chunk: tuple[int, int]) -> bytes:
 def test_each_command_says_that_a_chunk_is_damaged(umo: Umo, bases: dict[str, Base], tmp_path: Path) -> None:
     base, path = bases["large"], tmp_path / "run.mcap"
     path.write_bytes(one_bit(base.content[base.path], base.chunks[base.path][-1]))
-    info = umo("info", str(path)).stdout
+    info = umo("recording", "info", str(path)).stdout
     assert "lost       900 in 1 gap" in info and "not whole" in info and "at byte" in info, info
-    told = umo("export", str(path), str(tmp_path / "run.npz"))
+    told = umo("recording", "export", str(path), "--out", str(tmp_path / "run.npz"))
     assert "900 periods are missing in the recording" in told.stderr and "at byte" in told.stderr, told.output
-    assert "900 are missing" in umo("record", "--repair", str(path)).stdout
+    assert "900 are missing" in umo("recording", "repair", str(path)).stdout
     with Recording(path) as recording:
         assert recording.is_whole and recording.gaps and not recording.complete
 
@@ -344,7 +345,7 @@ def test_each_command_says_that_a_chunk_is_damaged(umo: Umo, bases: dict[str, Ba
 def test_a_replay_and_a_dataset_say_that_a_chunk_is_damaged(umo: Umo, tmp_path: Path, number: int) -> None:
     path = save(recorded("conveyor", parts=1), tmp_path / "run.mcap")
     path.write_bytes(one_bit(path.read_bytes(), chunks_of(path)[number]))
-    replayed = umo("replay", str(path))
+    replayed = umo("recording", "replay", str(path))
     assert "lost" in replayed.stdout or "damaged" in replayed.output, replayed.output
     assert "at byte" in load(path).attrs["damage"] and load(path).attrs["periods_lost"] > 0
 

@@ -17,10 +17,11 @@ from helpers.machines import bench, wired
 from helpers.tiers import first
 from umo import connect, published
 from umo.cycle.frame import Frame
-from umo.frames import Reader, ring
-from umo.recording import Recording, recorder
+from umo.process.frames import Reader, ring
+from umo.recording import recorder
 from umo.recording.record_settings import RecordSettings
 from umo.recording.recorder import Recorder
+from umo.recording.recording import Recording
 from umo.recording.recording_parts import RecordingParts
 from umo.testing import Scripted, periods
 

@@ -19,13 +19,14 @@ from mcap.reader import make_reader
 
 from helpers import npm
 from helpers.recorded import block_at_random, decoded, layout_of
-from umo.frames import Layout
-from umo.recording import Recording, TakenCommand
+from umo.process.frames import Layout
+from umo.recording.block import TakenCommand
 from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
 from umo.recording.protobuf_channels import ProtobufChannels
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
-from umo.tables.dataset import attributes
+from umo.recording.tables.dataset import attributes
 
 PARTS = Layout(
     (

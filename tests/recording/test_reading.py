@@ -1,4 +1,5 @@
-"""Recordings read: `umo.load`, `umo info`, `umo export`, `umo plot`. Each gives the numbers that the frames have."""
+"""Recordings read: `umo.load`, `umo recording info`, `umo recording export`, `umo recording plot`. Each gives the
+numbers that the frames have."""
 
 from __future__ import annotations
 
@@ -16,20 +17,22 @@ from typer.testing import Result
 
 import umo as umo_package
 from tests.helpers.recorded import block_at_random, layout_of
-from umo.cli import recordings, replay_shrink
-from umo.cli.console import err
-from umo.cli.progress_line import OneLine
+from umo.commissioning.tuning.recorded_response import recorded_response
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError, OptionError, PathError, RangeError
-from umo.frames.reader import NumberedEvent
-from umo.recording import Recording, copying
+from umo.process.frames.run_reader import NumberedEvent
+from umo.recording import copying
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
-from umo.replay.closed_loop import Trial
-from umo.scope.history import samples
-from umo.tables.recorded_values import RecordedValues
-from umo.tables.recording_export import export
-from umo.tables.recording_summary import facts_of, lines_of
-from umo.tuning.recorded_response import recorded_response
+from umo.recording.replay.closed_loop import Trial
+from umo.recording.scope.history import samples
+from umo.recording.tables.recorded_values import RecordedValues
+from umo.recording.tables.recording_export import export
+from umo.recording.tables.recording_summary import facts_of, lines_of
+from umo_command.console import err
+from umo_command.progress_line import OneLine
+from umo_command.recording import files as recordings
+from umo_command.recording import replay_shrink
 
 Umo = Callable[..., Result]
 PATHS = ["part0.object0", "part1.object1", "part0.object2", "part0.signal0", "part0.signal1"]
@@ -90,7 +93,7 @@ def test_npz_has_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> No
 
 def test_parquet_has_the_schema_of_a_fleet_and_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    from umo.tables.value_tables import VALUES
+    from umo.recording.tables.value_tables import VALUES
 
     assert written(recorded, tmp_path / "run.parquet") == 400
     table = parquet.read_table(tmp_path / "run.parquet")
@@ -122,7 +125,7 @@ def test_a_dataset_has_units_ranges_states_and_quality(recorded: Path) -> None:
 
 def test_without_xarray_load_says_what_to_install(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(OptionError, match=r'needs xarray: pip install "umo\[analysis\]"'):
+    with pytest.raises(OptionError, match=r'needs xarray: pip install "\.\[analysis\]" in the clone of umo'):
         umo_package.load(recorded)
 
 
@@ -163,18 +166,23 @@ def test_the_facts_say_what_is_missing_and_whether_it_can_be_replayed(recorded: 
 @pytest.mark.full
 def test_umo_info_export_and_plot_tell_what_they_did(umo: Umo, recorded: Path) -> None:
     pytest.importorskip("matplotlib")
-    assert json.loads(umo("info", str(recorded), "--json").stdout)["station"] == "press"
-    assert "500 of 1 ms" in umo("info", str(recorded)).stdout
-    result = umo("export", str(recorded), "run.csv", "--to", "0.1")
+    assert json.loads(umo("recording", "info", str(recorded), "--json").stdout)["station"] == "press"
+    assert "500 of 1 ms" in umo("recording", "info", str(recorded)).stdout
+    result = umo("recording", "export", str(recorded), "--out", "run.csv", "--to", "0.1")
     assert result.exit_code == 0 and "run.csv: 100 periods" in result.stdout
-    result = umo("plot", str(recorded), "part0", "--out", "part.png")
+    result = umo("recording", "plot", str(recorded), "part0", "--out", "part.png")
     assert result.exit_code == 0 and Path("part.png").read_bytes().startswith(b"\x89PNG")
     assert "100 periods are left out" in result.stderr
 
 
 def test_what_is_no_recording_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"no recording")
-    for words in (("info", "x.mcap"), ("info", "."), ("export", "x.mcap", "x.csv"), ("plot", "none.mcap")):
+    for words in (
+        ("recording", "info", "x.mcap"),
+        ("recording", "info", "."),
+        ("recording", "export", "x.mcap", "--out", "x.csv"),
+        ("recording", "plot", "none.mcap"),
+    ):
         result = umo(*words)
         assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and "Errno" not in result.stderr
 
@@ -226,7 +234,7 @@ def test_the_memory_for_a_few_columns_does_not_grow_with_all_objects(
     monkeypatch.setattr(copying, "BATCH_BYTES", 1 << 20)
     assert peak(lambda: umo_package.load(path, ["part0.object0"])) < frames / 4
     assert peak(lambda: recorded_response(path, ["part0.object0", "part1.object1"])) < frames / 4
-    assert peak(lambda: umo("record", "--repair", str(path))) < frames / 4
+    assert peak(lambda: umo("recording", "repair", str(path))) < frames / 4
     assert peak(lambda: copying.thin(path)) < frames / 4
     with Recording(path) as recording:
         assert recording.periods == 4000 and recording.span == (0.0, pytest.approx(3.999))
@@ -234,9 +242,9 @@ def test_the_memory_for_a_few_columns_does_not_grow_with_all_objects(
 
 def test_a_plot_of_a_part_has_all_its_periods(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "MAX_ROWS", 100)
-    for start, stop, rows in (("0.01", "0.06", 50), (None, None, 80)):
+    for start, stop, rows in ((0.01, 0.06, 50), (None, None, 80)):
         with Recording(recorded) as recording:
-            values = recordings._values(recording, recordings.WhatIsWanted((), start, stop))
+            values = recordings._values(recording, recordings.ValueSelection((), start, stop))
             drawn = recordings._drawn(values, OneLine(err))
         assert len(drawn.rows) == rows
 
@@ -250,7 +258,10 @@ def test_a_plot_of_many_objects_has_fewer_periods(recorded: Path, monkeypatch: p
 
 def test_to_0_is_nothing_and_not_everything(umo: Umo, recorded: Path) -> None:
     for nothing in ("0", "0 s", "0s", "0.0"):
-        assert "run.csv: 0 periods" in umo("export", str(recorded), "run.csv", "--to", nothing).stdout
+        assert (
+            "run.csv: 0 periods"
+            in umo("recording", "export", str(recorded), "--out", "run.csv", "--to", nothing).stdout
+        )
 
 
 def test_the_span_without_a_timer_is_that_of_its_periods(tmp_path: Path) -> None:

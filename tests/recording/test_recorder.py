@@ -16,19 +16,19 @@ from helpers.machines import bench, wired
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo import connect, published
-from umo.clients.client_control import ClientControl
-from umo.frames import Reader, Ring
-from umo.frames.client_memory import ClientMemory
-from umo.frames.memory import RunDescriptors
 from umo.objects import Compound
-from umo.recording import Recording
+from umo.operation.commands.client_control import ClientControl
+from umo.process.frames import Reader, Ring
+from umo.process.frames.client_memory import ClientMemory
+from umo.process.frames.command_queue import Receiver, Sender
+from umo.process.frames.memory import RunDescriptors
 from umo.recording.record_settings import RecordSettings
 from umo.recording.recorder import Recorder
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
 from umo.recording.recording_parts import RecordingParts
-from umo.remote.queue import Receiver, Sender
-from umo.replay.tape import Periods
-from umo.tables.recording_summary import facts_of
+from umo.recording.replay.tape import Periods
+from umo.recording.tables.recording_summary import facts_of
 from umo.testing import Scripted, periods
 
 
@@ -233,7 +233,7 @@ def test_every_event_is_recorded_or_counted_as_lost(tmp_path: Path, each: int, i
             recorder.look()
         recorder.finish()
         file.close()
-        told = reader.next_event
+        told = reader.now().next_event
     with Recording(path) as recording:
         found = [event.number for event in recording.events]
         assert found == sorted(set(found)) and len(found) + recording.events_lost == told

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from helpers.recorded import block_at_random, layout_of
 from umo.errors import FramesError
-from umo.recording import Block, LostFrames, Recording
-from umo.recording.block import block_of, columns_message, exact_message
+from umo.recording.block import Block, block_of, columns_message, exact_message
 from umo.recording.copying import join, thin
+from umo.recording.recording import LostFrames, Recording
 from umo.recording.recording_file import RecordingFile
 
 

@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 
 from helpers.recorded import block_at_random, layout_of
-from umo.cli.record_beside import order_of
 from umo.errors import OptionError
-from umo.recording import Recording
 from umo.recording.copying import join
 from umo.recording.mcap_reader import McapReader
 from umo.recording.part_names import part_name
-from umo.recording.record_settings import RecordSettings, settings_of
+from umo.recording.record_settings import RecordSettings, record_of
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
 from umo.recording.recording_parts import RecordingParts
+from umo_command.run.record_beside import order_of
 
 LAYOUT = layout_of(2, 1)
 
@@ -125,4 +125,4 @@ def test_a_file_in_the_place_of_the_second_part_is_refused_before_the_run(tmp_pa
 def test_what_is_no_size_of_a_file_is_told(size: object) -> None:
     table = {"size": size} if size is not None else {"keep": float("nan")}
     with pytest.raises(OptionError, match=r"is not a size|is less than 100 kB"):
-        settings_of(table)
+        record_of(table)

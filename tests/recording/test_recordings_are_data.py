@@ -21,27 +21,27 @@ from helpers.recorded import block_at_random, layout_of
 from helpers.tapes import OVEN, MemoryTape, recorded, save, taped
 from helpers.tiers import first, named
 from umo import Compound, DigitalSensor, connect, drive, published
-from umo.cli.long_runs import prune
-from umo.cli.long_runs import recorded as recorded_runs
+from umo.clients.page.watched_recording import WatchedRecording
+from umo.clients.page.watched_run import described_twin
 from umo.drivers import registry
 from umo.errors import UmoError
-from umo.frames import Reader
-from umo.latency import blackbox
-from umo.page.watched_recording import WatchedRecording
-from umo.page.watched_run import described_twin
 from umo.process import source_files
 from umo.process import station as station_module
+from umo.process.frames import Reader, blackbox
 from umo.process.job import Job as RunJob
 from umo.process.job import Plan
 from umo.process.job_facts import job_facts
 from umo.process.station import Station, shipped
-from umo.recording import Recording, flight_folder
+from umo.recording import flight_folder
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
-from umo.replay.closed_loop import recorded_trial
-from umo.replay.code_given import CodeGiven
-from umo.replay.program import Program
-from umo.replay.tape import NotReplayable
+from umo.recording.replay.closed_loop import recorded_trial
+from umo.recording.replay.code_given import CodeGiven
+from umo.recording.replay.program import Program
+from umo.recording.replay.tape import NotReplayable
 from umo.testing import assert_no_error, assert_replays, periods
+from umo_command.run.long_runs import prune
+from umo_command.run.long_runs import recorded as recorded_runs
 
 Umo = Callable[..., Result]
 MODULES = ("objects", "application", "twin", "trap", "trap_driver", "__init__")
@@ -238,12 +238,13 @@ def attacking(conveyor: MemoryTape, trap: Path, change: Callable[[Job, Path], No
         about.update(before)
 
 
-FEW: list[tuple[str, ...]] = [("info", "FILE"), ("replay", "FILE")]
+FEW: list[tuple[str, ...]] = [("recording", "info", "FILE"), ("recording", "replay", "FILE")]
 MORE: list[tuple[str, ...]] = [
-    ("info", "FILE", "--json"), ("export", "FILE", "OUT.npz"), ("export", "FILE", "OUT.csv"),
-    ("why", "--file", "FILE"), ("replay", "FILE", "--set", "sorter.push_time=0.09"),
-    ("shrink", "FILE", "--seconds", "1"), ("shrink", "FILE", "--closed", "--seconds", "1"),
-    ("shrink", "FILE", "-o", "OUT.py", "--seconds", "1"), ("record", "--repair", "FILE"),
+    ("recording", "info", "FILE", "--json"), ("recording", "export", "FILE", "--out", "OUT.npz"),
+    ("recording", "export", "FILE", "--out", "OUT.csv"),
+    ("show", "why", "--file", "FILE"), ("recording", "replay", "FILE", "--set", "sorter.push_time=0.09"),
+    ("recording", "shrink", "FILE", "--for", "1"), ("recording", "shrink", "FILE", "--closed", "--for", "1"),
+    ("recording", "shrink", "FILE", "-o", "OUT.py", "--for", "1"), ("recording", "repair", "FILE"),
 ]  # fmt: skip
 
 
@@ -282,7 +283,7 @@ def test_a_registered_name_stands_for_no_module(conveyor: MemoryTape, trap: Path
 def test_what_the_command_line_names_is_run(umo: Umo, conveyor: MemoryTape, trap: Path, name: str) -> None:
     """The same traps are touched by the code that is named: the grid above would see it."""
     file = save(conveyor, trap / "run.mcap")
-    assert umo("replay", str(file), name).exit_code == 2  # it has other objects
+    assert umo("recording", "replay", str(file), name).exit_code == 2  # it has other objects
     assert (Path(name) / "touched").exists()
 
 
@@ -372,20 +373,25 @@ def test_a_program_is_replayed_by_its_functions(umo: Umo, tmp_path: Path, monkey
     with connection as m, taped(connection, job_facts(plan)) as tape:
         drive(m, plan.application)
     file = save(tape, tmp_path / "run.mcap")
-    refused = umo("replay", str(file))
+    refused = umo("recording", "replay", str(file))
     assert refused.exit_code == 2 and refused.stderr.strip().endswith("add oven.py:make:work")
-    same = umo("replay", str(file), f"{tmp_path / 'oven.py'}:make:work")
+    same = umo("recording", "replay", str(file), f"{tmp_path / 'oven.py'}:make:work")
     assert same.exit_code == 0 and same.stdout.startswith("identical"), same.output
-    other = umo("replay", str(file), f"{tmp_path / 'other.py'}:make:work")
+    other = umo("recording", "replay", str(file), f"{tmp_path / 'other.py'}:make:work")
     assert other.exit_code == 1 and "the code is another" in other.stdout, other.output
-    assert umo("replay", str(file), "none.py:make").exit_code == 2
+    assert umo("recording", "replay", str(file), "none.py:make").exit_code == 2
     for number, (before, after) in enumerate([("make()", "make(recipe: Path)"), ("work(m)", "work(m, recipe: Path)")]):
         program = f"from pathlib import Path\n{PROGRAM}".replace("LEVEL)", "1.5)").replace(before, after)
         (tmp_path / f"file{number}.py").write_text(program)
         tape.layout.about["job"] = dict(tape.job) | {"options": {"given": {"recipe": str(tmp_path / "secret.txt")}}}
         named = MemoryTape(tape.layout, tape.layout.about["job"])
         named.events, named.recorded = tape.events, tape.recorded
-        asked = umo("replay", str(save(named, tmp_path / f"f{number}.mcap")), f"{tmp_path}/file{number}.py:make:work")
+        asked = umo(
+            "recording",
+            "replay",
+            str(save(named, tmp_path / f"f{number}.mcap")),
+            f"{tmp_path}/file{number}.py:make:work",
+        )
         assert asked.exit_code == 2 and "had a file as its option --recipe" in asked.stderr, asked.output
     assert_replays(file, f"{tmp_path / 'oven.py'}:make:work")
 
@@ -408,10 +414,10 @@ def test_files_beside_a_run_are_data(umo: Umo, trap: Path, tmp_path: Path, monke
     (flight / flight_folder.ABOUT).write_text(json.dumps([place, 1, [1, place]]))
     try:
         with traps(trap):
-            assert umo("runs").exit_code == 0
+            assert umo("recording", "runs").exit_code == 0
             list(recorded_runs())
             prune(5, f"{place}/press")
-            assert umo("record", "--save", place, str(tmp_path / "saved.mcap")).exit_code in (1, 2)
+            assert umo("recording", "save", place, str(tmp_path / "saved.mcap")).exit_code in (1, 2)
     finally:
         shutil.rmtree(flight)
     assert trap.is_dir()
@@ -453,7 +459,7 @@ def test_a_station_that_a_package_installs_is_found_by_its_recorded_name(
     point, others = EntryPoint(value="acme.oven", **entry), metadata.entry_points
     monkeypatch.setattr(metadata, "entry_points", lambda **which: [point] if which == entry else others(**which))
     file = save(recorded(str(installed)), tmp_path / "run.mcap")
-    done = umo("replay", str(file))
+    done = umo("recording", "replay", str(file))
     assert done.exit_code == 0 and done.stdout.startswith("identical"), done.output
     assert not (beside / "touched").exists()
     assert station_module.packaged("kiln") is None
@@ -469,7 +475,7 @@ async def main(m):
 
 
 def test_a_station_is_named_for_the_twin_of_a_recording_alone(umo: Umo, trap: Path) -> None:
-    done = umo("view", "conveyor", "--station", "conveyor")
+    done = umo("show", "page", "conveyor", "--station", "conveyor")
     assert done.exit_code == 2 and "--station is for a recording" in done.stderr, done.output
 
 
@@ -495,7 +501,7 @@ def test_a_black_box_is_data(umo: Umo, trap: Path, tmp_path: Path) -> None:
         periods(m, 5)
         blackbox.save(reader, file, "kept")
     with traps(trap):
-        done = umo("why", "--file", str(file))
+        done = umo("show", "why", "--file", str(file))
         assert done.exit_code == 0 and "kept" in done.stdout, done.output
 
 

@@ -17,13 +17,14 @@ from mcap.reader import make_reader
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo.errors import FramesError
-from umo.recording import Recording, mcap_reader
+from umo.recording import mcap_reader
 from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
 from umo.recording.mcap_records import Opcode
 from umo.recording.protobuf_channels import ProtobufChannels
+from umo.recording.recording import Recording
 from umo.recording.recording_file import RecordingFile
-from umo.tables.recording_summary import facts_of
+from umo.recording.tables.recording_summary import facts_of
 
 LAYOUT = layout_of(2, 1)
 

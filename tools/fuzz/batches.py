@@ -3,6 +3,7 @@ by halves."""
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import tempfile
@@ -121,6 +122,7 @@ def _answer(process: Any, answer: Connection) -> list[Verdict] | str:
 
 def _play(batch: Batch, end: Connection) -> None:
     os.nice(NICE)
+    gc.disable()  # the process ends with its batch
     setrlimit(RLIMIT_CPU, (TIMEOUT, TIMEOUT + 5))
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")  # numpy's, of what programs divide by zero

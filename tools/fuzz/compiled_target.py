@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tools.fuzz.machine import Side, restored
+from tools.fuzz.machine import Side, refilled, restored
 from tools.fuzz.program import Program
 from tools.fuzz.stimuli import Stimulus, ticks
 from tools.fuzz.target import Beside, Refused, Target
@@ -100,8 +100,7 @@ class CompiledBeside(Beside):
         for owner, other, name, _ in self._fields[number]:
             restored(owner, name, self._python.own(number, _plain(getattr(other, name))))
         for held, beside, _ in self._deques[number]:
-            held.clear()
-            held.extend(beside)
+            refilled(held, beside)
 
     def difference(self, number: int) -> str:
         python, c = self._python, self._side

@@ -285,6 +285,11 @@ def deques(w: Writer) -> list[str]:
             f"self.t = {ring}[{w.pick('0', '-1', '1', 'self.i')}]"]  # fmt: skip
 
 
+def limit_before_finally(w: Writer) -> list[str]:
+    """What does not fit into 32 bits ends a law, whatever its `finally` raises."""
+    return ["try:", f"    self.c = ({w.whole(1)}) * 1000000007", "finally:", f"    self.d = 7 // ({w.whole(1)})"]
+
+
 HAZARDS: Sequence[WriteLines] = [
     real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
     alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
@@ -294,5 +299,5 @@ HAZARDS: Sequence[WriteLines] = [
     class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
     numpy_bools, numpy_number, returned_array, constant_array, deleted, returned_in_try, array_in_a_list,
     list_of_the_module, returned_list, size_of_an_object, class_of_an_error, late_text, bool_as_a_number,
-    list_in_a_tuple, deques,
+    list_in_a_tuple, deques, limit_before_finally,
 ]  # fmt: skip

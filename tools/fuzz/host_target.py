@@ -6,14 +6,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from tools.fuzz.machine import Side, part_of, restored
+from tools.compiled_machine import CompiledMachine, compiled
+from tools.fuzz.machine import Side, part_of, refilled, restored
 from tools.fuzz.program import Program
 from tools.fuzz.stimuli import ACTUATORS, SENSORS, Stimulus
 from tools.fuzz.target import Beside, Refused, Target
 from tools.fuzz.verdict import same
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import model_of
+from umo.generate.lower.lowered_rings import DequeFields
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS
 from umo.generate.translator import translate
@@ -115,6 +116,9 @@ class HostBeside(Beside):
 
     def restore(self, number: int) -> None:
         for each, owner in self._memories[number]:
+            if isinstance(owner, DequeFields):
+                refilled(owner.held, self._python.own(number, each.read("at"))[: each.read("count")])
+                continue
             for name in each.fields:
                 restored(owner, name, self._python.own(number, each.read(name)))
 

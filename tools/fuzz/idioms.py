@@ -228,9 +228,21 @@ def lead_lag(w: Writer) -> list[str]:
     return [f"{state} = Pair({w.real(1)}, 0.75 * {state}.second + 0.25 * {state}.first)", f"self.s = {state}.second"]
 
 
+def shifted_window(w: Writer) -> list[str]:
+    window, rest = w.field("window", "[0.0, 0.0, 0.0]"), w.new("rest")
+    return [f"_, *{rest} = {window}", f"{window}[:] = [*{rest}, {w.real(1)}]", f"self.t = {rest}[0] - {window}[2]"]
+
+
+def chosen_by_set(w: Writer) -> list[str]:
+    number = w.whole(1)
+    return [f"if self.mode in {{Mode.HEAT, Mode.COOL}} or {number} in {w.pick('{1, 2, -3}', '{0, 2.0}', '{True}')}:",
+            "    self.c = (self.c + 1) % 50"]  # fmt: skip
+
+
 IDIOMS: Sequence[WriteLines] = [
     debounced, on_delay, off_delay_in_seconds, deadline, ramp, filtered, moving_average, moving_sum, dead_time, median,
     two_out_of_three, interpolated, selected, latched, two_point, pid, umo_pid, umo_servo, umo_hysteresis, sequence,
     state_machine, text_machine, edges, pulse_width, alarm_word, checksum, totalizer, gain_scheduled, retried,
     guarded_input, split_range, dead_band, peak_hold, alternated, vector_written, rate_of_change, lead_lag,
+    shifted_window, chosen_by_set,
 ]  # fmt: skip

@@ -12,19 +12,19 @@ from typing import Any
 
 import pytest
 
+from tools.compiled_machine import CompiledMachine, compiled
 from tools.fuzz.host_target import HostBeside
 from tools.fuzz.machine import Side
 from tools.fuzz.program import Program
 from tools.fuzz.stimuli import Stimulus, ticks
 from tools.fuzz.target import Beside, Refused, Target
 from tools.fuzz.verdict import same
-from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import RUNTIME, TARGETS, NotTranslated, write_folder
+from umo.generate.split import part_plan
+from umo.generate.split.controller_driver import Controller
+from umo.generate.split.part_generator import files_of_plan
+from umo.generate.split.part_plan import PartPlan
 from umo.generate.struct_memory import StructMemory
-from umo.split import part_plan
-from umo.split.controller_driver import Controller
-from umo.split.part_generator import files_of_plan
-from umo.split.part_plan import PartPlan
 
 LOCKSTEP = Path(__file__).with_name("lockstep.c")
 ROOM = 1 << 16
@@ -161,6 +161,7 @@ class LineBeside(HostBeside):
         assert self._line.started == LineTarget.early
         self._hear()
         self._python.step()
+        self.limited = {n for n, fault in enumerate(self._faults()) if self._kinds[fault] == "ControllerLimit"}
 
     def place(self, memory: StructMemory) -> tuple[int, str]:
         return self._host.place(memory._struct.owner, memory.path)

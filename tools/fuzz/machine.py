@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from functools import reduce
 from types import MethodType, ModuleType
@@ -215,6 +216,12 @@ def restored(owner: Any, name: str, value: Any) -> None:
         kept[:] = value
     elif not same(kept, value):
         setattr(owner, name, value)
+
+
+def refilled(held: deque[Any], elements: Iterable[Any]) -> None:
+    """A deque stays the one that it is, with these elements."""
+    held.clear()
+    held.extend(elements)
 
 
 def part_of(path: str) -> tuple[int, str]:

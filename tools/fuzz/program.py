@@ -11,8 +11,9 @@ import linecache
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from random import Random
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 from tools.fuzz import expressions
@@ -228,8 +229,14 @@ class Program:
         linecache.cache[file] = len(self.text), None, self.text.splitlines(keepends=True), file
         module = sys.modules[self.name] = ModuleType(self.name)  # annotations are looked up there
         vars(module).update(names or {})
-        exec(compile(self.text, file, "exec", dont_inherit=True), vars(module))
+        exec(_compiled(self.text, file), vars(module))
         return module
+
+
+@lru_cache(2 * 24)
+def _compiled(text: str, file: str) -> CodeType:
+    """Each program is carried out twice in a batch."""
+    return compile(text, file, "exec", dont_inherit=True)
 
 
 def program(seed: int) -> Program:
@@ -265,7 +272,8 @@ CONDITIONS = (
     "self.yes and self.c > 3", "value_of(self.x) > 15.0", "state_of(self.door) is PassFail.FAIL", "self.s > self.t",
     "self.mode is Mode.COOL or self.y.quality is Quality.BAD", "self.c % 4 == 3", "self.y.read() < -5.0",
     "self.level.above(self.d)", "self.pairs(self.u)[0] > 1.0", "self.part.half > 1.5",
-    "any(each > 3.0 for each in self.row)",
+    "any(each > 3.0 for each in self.row)", "self.a.pending > 0.5", "self.b.pending < 0.0 or self.yes",
+    "self.fan.pending is OnOff.ON",
 )  # fmt: skip
 SCALES = "minimum=0.0, maximum=50.0, resolution=0.3, zero_offset=0.1", "minimum=-10.0, maximum=10.0, resolution=0.25"
 CONTROL = "    def control(self) -> None:\n"

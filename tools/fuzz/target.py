@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from contextlib import ExitStack
 from pathlib import Path
 from random import Random
@@ -93,7 +93,8 @@ class Target(ABC):
             python.observe()
             given = [stimuli(each.seed, self._periods, module) for each, module in zip(programs, modules, strict=True)]
             given = [list(map(self.stimulus, each)) for each in given]
-            return Comparison(self, python, beside, given).played(self._periods)
+            signed = {n for n, each in enumerate(programs) if "copysign" in each.text}
+            return Comparison(self, python, beside, given, signed).played(self._periods)
 
     def new_folder(self) -> Path:
         self._made += 1
@@ -106,6 +107,9 @@ def _refused(program: Program) -> str:
 
 class Beside(ABC):
     """The C beside a machine in Python."""
+
+    limited: Set[int] = frozenset()
+    """The parts that have come to a limit of the controller before the first period that is compared."""
 
     @abstractmethod
     def set(self, number: int, name: str, value: Any) -> bool:
@@ -146,9 +150,13 @@ class Beside(ABC):
 class Comparison:
     """Programs in Python and in C, period by period."""
 
-    def __init__(self, target: Target, python: Side, c: Beside, given: Sequence[Sequence[Stimulus]]) -> None:
-        self._target, self._python, self._c, self._given = target, python, c, given
-        self._over: set[int] = set()
+    def __init__(
+        self, target: Target, python: Side, c: Beside, given: Sequence[Sequence[Stimulus]], signed: Set[int]
+    ) -> None:
+        """`signed`: programs that look at the sign of a number. Where Python drives on both sides that may be the sign
+        of a NaN, of which two runs of Python differ: it adds in another order where it has specialised a line."""
+        self._target, self._python, self._c, self._given, self._signed = target, python, c, given, signed
+        self._over: set[int] = {*c.limited}
         """Parts that are not compared any more."""
         self._found: dict[int, str] = {}
         self._counts: dict[int, dict[str, int]] = defaultdict(lambda: {"periods": 0, "faults": 0, "limits": 0})
@@ -222,5 +230,8 @@ class Comparison:
         if not self._target.clears and self._python.in_fault(number):
             self._over.add(number)
             return
-        if difference := self._c.difference(number):
+        difference = self._c.difference(number)
+        if difference and number in self._signed and self._c.gave_up():
+            self._over.add(number)
+        elif difference:
             self._found[number] = f"period {period}: {difference}"

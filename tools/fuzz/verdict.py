@@ -39,7 +39,7 @@ class Verdict(NamedTuple):
             told = WHERE.sub("", told)
             told = told if told.startswith("Python") else told.partition(": ")[0]
         elif self.outcome.startswith("refused"):
-            told = told.rpartition(": ")[2]
+            told = told.partition("; use instead: ")[0].rpartition(": ")[2]
         return f"{self.outcome}: {'' if self.outcome == 'not compiled' else told}"
 
 
@@ -51,6 +51,8 @@ def bits(value: Any) -> Any:
         return value.name
     if isinstance(value, int) and abs(value) < 2**53:
         value = float(value)
+    if isinstance(value, complex):
+        return bits(value.real), bits(value.imag)
     if isinstance(value, float):
         return "nan" if math.isnan(value) else struct.pack("d", value)
     return value

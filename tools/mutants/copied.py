@@ -66,7 +66,9 @@ class Copied:
         (place / "umo_mutants_start.py").write_text(COVERED)
         (place / f"{PLUGIN}.py").write_text(NOTE_TEST)
         command = self.root / ".venv" / "bin" / "umo"
-        command.write_text(f"#!{command.with_name('python')}\nimport sys\nfrom umo.cli import main\nsys.exit(main())\n")
+        command.write_text(
+            f"#!{command.with_name('python')}\nimport sys\nfrom umo_command import main\nsys.exit(main())\n"
+        )
         command.chmod(0o755)
 
     def pytest(self, words: list[str], seconds: float, **environment: str) -> tuple[int | None, str]:

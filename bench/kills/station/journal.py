@@ -14,10 +14,10 @@ from time import monotonic
 from typing import Any
 
 from umo import Compound, Frame
-from umo.alarms.alarming import engine_of
 from umo.objects import numbers_of
 from umo.objects.laws import laws_in
 from umo.objects.numbers import MachineNumber, number_in
+from umo.operation.alarms.alarming import engine_of
 from umo.operation.unit_states import UnitStates
 
 FILE = "KILLS_JOURNAL"

@@ -9,13 +9,13 @@ from random import Random
 from typing import Annotated, Any
 
 from umo import BinaryActuator, Compound, DigitalActuator, Number
-from umo.alarms import Alarm, High
-from umo.alarms.alarm_states import Operation
-from umo.alarms.alarming import engine_of
-from umo.alarms.engine import AlarmRequest
 from umo.control import next_period
 from umo.errors import CommandRefused, TaskFailed
 from umo.operation import PackML, Procedure, UnitMode
+from umo.operation.alarms import Alarm, High
+from umo.operation.alarms.alarm_states import Operation
+from umo.operation.alarms.alarming import engine_of
+from umo.operation.alarms.engine import AlarmRequest
 from umo.operation.model import ABORT, STOP
 from umo.operation.unit_states import UnitStates
 from umo.states import OnOff

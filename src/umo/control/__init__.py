@@ -1,7 +1,11 @@
-"""Control laws and sequences. Control laws take objects, and raise BadInput if the quality of an input is not accepted.
-`PID` and `Profile` calculate with plain numbers."""
+"""What control code is written with: control laws, profiles, axes, homing, sequences. States of parts and alarms are in
+`umo.operation`, the tuning of laws in `umo.commissioning`.
 
-from umo.control.axis import Axis, Homing, Met, move_together
+Laws take objects, and raise BadInput if the quality of an input is not accepted. `PID` and `Profile` calculate with
+plain numbers.
+"""
+
+from umo.control.axis import Axis, Homing, SearchResult, move_together
 from umo.control.cascade import Cascade
 from umo.control.homing import EndStop, HomeSwitch, IndexPulse
 from umo.control.hysteresis import Hysteresis
@@ -31,8 +35,8 @@ __all__ = [
     "Hysteresis",
     "IndexPulse",
     "Lock",
-    "Met",
     "Profile",
+    "SearchResult",
     "Servo",
     "ServoAxis",
     "Setpoint",

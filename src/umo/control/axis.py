@@ -16,12 +16,12 @@ from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
 from umo.cycle.sequences import one_period
+from umo.digits import digits_of, number_text
 from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError, TaskFailed
 from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.keywords import declared_reaction
 from umo.objects.link import Task
-from umo.presentation.digits import digits_of, number_text
-from umo.presentation.value_text import measure, span
+from umo.objects.presentation.value_text import measure, span
 from umo.text import cut_repr, some
 from umo.user_code import told
 
@@ -31,11 +31,11 @@ setpoint is within the range, and the axis within `following_error` of it."""
 STANDSTILL_SHARE = 1 / 20
 """Share of `stall` by which an axis advances at least, or it stands still."""
 RETURN_WINDOWS = 2.0
-"""Distance in windows from where an axis was left within which it goes on: one of the motion back, and one of the
-digits in which the position is told."""
+"""Distance from where an axis was left, in windows, within which it may continue: one for the motion back, and one for
+the digits with which the position is shown."""
 
 
-class Met(Enum):
+class SearchResult(Enum):
     """The event that ended a search."""
 
     CONDITION = "condition"
@@ -44,15 +44,15 @@ class Met(Enum):
     STOP = "stop"
     """The axis stands still although it is driven."""
     REACH = "reach"
-    """Nothing was met within the distance."""
+    """Nothing was found within the distance."""
 
 
 class Interruption(Enum):
-    """Whether the motion is to be planned anew as soon as the axis is free, and from where."""
+    """How a motion continues when the axis is free: planned again or not, and from which position."""
 
     NONE = "none"
     WAITED = "waited"
-    """From the setpoint: whoever moves the axis has waited, and goes on."""
+    """From the setpoint: the sequence that moves the axis has waited and continues."""
     INHIBITED = "inhibited"
     """From where the axis then stands: an interlock has inhibited it."""
 
@@ -70,9 +70,10 @@ class Motion:
     by: Task | None = None
     """The sequence that has begun a jog; None: another caller has."""
     awaited: bool = False
-    """Whether a sequence awaits its end."""
+    """True if a sequence awaits its end."""
     was_disabled: bool = False
-    """Whether it ends because others have disabled the axis: an error of whoever awaits it, and no fault."""
+    """True if it ends because something else has disabled the axis: an error of the sequence that awaits it, but no
+    fault."""
 
 
 class Homing(Protocol):
@@ -104,8 +105,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
-    range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it goes on to its target from
-    where the axis then stands. An axis without a motion then stays where it is. A `move_to` that is cancelled
+    range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it continues to its target
+    from the present position. An axis without a motion then stays where it is. A `move_to` that is cancelled
     decelerates to standstill. A motion that fails is a fault where the axis is equipment: in manual mode, and where its
     class says so (`class Slide(ServoAxis, equipment=True)`). Homing that fails or is cancelled disables the axis. The
     numbers are read by `setup`; later change those of `profile` and, of a servo axis, `servo`.
@@ -136,7 +137,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     """The way in which the reference is found: `IndexPulse`, `HomeSwitch`, `EndStop`, or one of your own."""
 
     _state = _DISABLED
-    """The state, but for what is seen elsewhere: a fault of its equipment, and a setpoint that still moves."""
+    """The state without two facts that are known elsewhere: a fault of its equipment, and a setpoint that still
+    moves."""
     _interrupted = Interruption.NONE
 
     def setup(self) -> None:
@@ -177,8 +179,10 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         if the axis does not arrive, Busy during another motion.
         """
         self.check_target(position)
-        if not speed > 0.0 or not 0.0 <= duration < inf:
-            raise RangeError(f"{self._path}: no motion at a speed of {speed} in {duration} s")
+        if not speed > 0.0:
+            raise RangeError(f"{self._path}: the speed must be above 0, not {speed}")
+        if not 0.0 <= duration < inf:
+            raise RangeError(f"{self._path}: the duration must be finite and not negative, not {duration} s")
         with self._claimed(AxisState.DISCRETE_MOTION, ACCEPTED_WHEN_REFERENCED):
             await self.travel(position, speed=speed, duration=duration)
 
@@ -198,8 +202,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._begin(Motion(AxisState.CONTINUOUS_MOTION, by=self._machine.current_task))
 
     def halt(self) -> None:
-        """End a jog, whoever has begun it: decelerate to standstill. An axis that is not enabled, or does something
-        else, goes on so."""
+        """End a jog, also one that something else has begun: decelerate to standstill. An axis that is not enabled, or
+        does something else, goes on so."""
         if self._state is AxisState.CONTINUOUS_MOTION:
             self._halt()
 
@@ -234,19 +238,19 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @action
     def disable(self) -> None:
-        """Stop following: the actuators go to their defaults. A motion under way ends with AxisError, which
-        is no fault."""
+        """Stop following: the actuators go to their defaults. A motion in progress ends with AxisError, which is not a
+        fault."""
         self._enter(_DISABLED)
         self._accept = ACCEPTED_WHEN_REFERENCED
 
     @property
     def enabled(self) -> bool:
-        """Whether the axis follows its setpoint. The first motion enables it."""
+        """True if the axis follows its setpoint. The first motion enables it."""
         return self._state is not _DISABLED
 
     @property
     def state(self) -> AxisState:
-        """What the axis does, in PLCopen's words."""
+        """The state of the axis, in PLCopen's terms."""
         return self._seen_state()
 
     def _seen_state(self) -> AxisState:
@@ -265,8 +269,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             return AxisState.ERROR_STOP
 
     def describe_axis(self) -> Mapping[str, Any]:
-        """What others must know of it, as plain data: its states, the paths of what belongs to it, its limits in units
-        of the encoder and s."""
+        """The axis as plain data: its states, the paths of what belongs to it, its limits in units of the encoder and
+        s."""
         path, encoder = self._path, self.encoder
         return {
             "path": path,
@@ -301,14 +305,14 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         *,
         jump: float = inf,
         reach: float | None = None,
-    ) -> Met:
+    ) -> SearchResult:
         """Move at a velocity until the condition is true, the reading jumps by more than `jump` in a period, the axis
         stands still, or it was driven for the distance `reach` (default: three times the range of the encoder). Then
-        the motion goes on, except at a standstill."""
+        the motion continues, except at a standstill."""
         if reach is None:
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
         if isnan(jump) or isnan(reach):
-            raise RangeError(f"{self._path}: no search with jump={jump}, reach={reach}")
+            raise RangeError(f"{self._path}: jump={jump} and reach={reach} of a search must be numbers")
         motion = self._motion
         self._go(lambda: self._cruise(velocity))
         sign = copysign(1.0, velocity)
@@ -324,17 +328,17 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             missed = (tick.ticks - 1) * tick.period  # s, in which the axis has moved on
             if abs(reading - last) > jump + missed * abs(self.profile.setpoint.velocity):
                 self._shift(reading - last)
-                return Met.JUMP
+                return SearchResult.JUMP
             distance = sign * self.profile.setpoint.velocity * tick.period  # below 0 until a motion before has ended
             driven, idle, last = driven + max(distance, 0.0), idle + distance, reading
             if distance <= 0.0 or sign * (reading - best) > STANDSTILL_SHARE * self.stall:
                 best, idle = reading, 0.0
             if idle > self.stall:
                 self._stand()
-                return Met.STOP
+                return SearchResult.STOP
             if driven > reach:
-                return Met.REACH
-        return Met.CONDITION
+                return SearchResult.REACH
+        return SearchResult.CONDITION
 
     def reference(self, at: float | None = None) -> None:
         """The encoder is referenced; with `at`, its last reading is this position."""
@@ -374,7 +378,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     @property
     @abstractmethod
     def error(self) -> float:
-        """Setpoint minus reading, as of the last period."""
+        """Setpoint minus reading in the last period."""
 
     @property
     def setpoint(self) -> float:
@@ -383,7 +387,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @property
     def _outputs(self) -> tuple[Actuator, ...]:
-        """What its law drives while it is enabled, also in periods in which it writes nothing."""
+        """The actuators that its law drives while it is enabled, also in periods in which it writes nothing."""
         return ()
 
     @abstractmethod
@@ -402,13 +406,13 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Come to rest: before and after homing."""
 
     def _arrived(self, position: float) -> bool:
-        """Whether the axis is there, once its profile is done."""
+        """True if the axis is in position, once its profile is done."""
         return abs(position - self.reading) < self.window
 
     def _correct(self, position: float, corrections: int) -> None:
         """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""
         away = measure(self.reading, self.encoder.units)
-        raise AxisError(f"{self._path} did not arrive at {number_text(position)}: it stands at {away}")
+        raise AxisError(f"{self._path} did not arrive at {number_text(position)}: it is at {away}")
 
     def _disconnect(self) -> None:
         """The next connection begins with an axis that is not enabled."""
@@ -454,7 +458,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._enter(motion.state)
 
     def _end(self) -> None:
-        """The axis carries out no motion any longer."""
+        """The axis carries out no motion any more."""
         self._motion = None
         if self.enabled:
             self._enter(_STANDSTILL)
@@ -466,7 +470,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @contextmanager
     def _claimed(self, state: AxisState, accept: Accept) -> Iterator[None]:
-        """One motion at a time, with these qualities of the encoder. Errors as of `_prepare`."""
+        """Return a context for one motion at a time, with these qualities of the encoder. The errors are those of
+        `_prepare`."""
         self._prepare(state, accept)
         motion = Motion(state, awaited=True)
         self._begin(motion)
@@ -494,7 +499,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._let_go()
 
     def _let_go(self) -> None:
-        """`disable`. The axis is not controlled any longer, also if one of its own class fails."""
+        """`disable`. The axis is not controlled any more, also if one of its own class fails."""
         try:
             self.disable()
         finally:
@@ -526,18 +531,18 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             self._replan()
 
     def _brake(self) -> None:
-        """Nobody is in charge any longer: decelerate to standstill."""
+        """Decelerate to standstill, because nothing controls the axis any more."""
         if self._state is not _DISABLED:
             self.profile.at(0.0)
 
     def _moves(self) -> bool:
-        """Whether the setpoint moves."""
+        """True if the setpoint moves."""
         return self._state is not _DISABLED and not (self.profile.done and not self.profile.setpoint.velocity)
 
-    # While another is in charge (`umo.clients.suspension`) -------------------------------------------------
+    # While another is in charge (`umo.operation.commands.suspension`) -------------------------------------------------
 
     def _leave(self) -> LeftMotion:
-        """Whoever moves the axis has to wait: what it does is left, and it is free for another motion."""
+        """The sequence that moves the axis has to wait: store its motion, and free the axis for another one."""
         left = LeftMotion(self)
         self._end()
         if left.state is AxisState.HOMING:
@@ -545,8 +550,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return left
 
     def _stop_as_declared(self, left: LeftMotion | None) -> str:
-        """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes. `left`: what it did
-        before."""
+        """Carry out the declared reaction, because nothing controls the axis any more. Return it as a text; "" if
+        nothing changes. `left`: what the axis did before."""
         reaction = declared_reaction(self) or "hold"
         if not self.enabled:
             return ""
@@ -563,18 +568,18 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return "stops" if moves else ""
 
     def _ends_by_itself(self, left: LeftMotion | None) -> bool:
-        """Whether what the axis does ends by itself: not a jog or a search, and not what is planned anew."""
+        """True if what the axis does ends by itself: not a jog or a search, and not what is planned again."""
         states = (self._state, left and left.state)
         endless = AxisState.CONTINUOUS_MOTION in states or AxisState.HOMING in states
         return self.profile.stops and self._interrupted is Interruption.NONE and not endless
 
     def _driven(self) -> tuple[Actuator, ...]:
-        """What its law is in charge of, also if it has not written it in this period."""
+        """The actuators that its law controls, including those not written in this period."""
         return self._outputs if self.enabled else ()
 
 
 class LeftMotion:
-    """What an axis did when whoever moves it had to wait, and how it goes on with that."""
+    """What an axis did when its sequence was suspended, and how it continues."""
 
     def __init__(self, axis: Axis) -> None:
         self._axis = axis
@@ -583,7 +588,7 @@ class LeftMotion:
         self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
         by = None if self._motion is None else self._motion.by
         self._by = None if by is None or by.done else by
-        """The sequence that jogs, and ends the jog; None: it was begun by what has ended, or is no sequence."""
+        """The sequence that jogs, and ends the jog; None: it was begun by what has ended, or is not a sequence."""
         quality, searched = axis.encoder.quality, self.state is AxisState.HOMING
         self._referenced = quality is not Quality.UNREFERENCED and not (searched and quality is Quality.BAD)
         rests = self.state is _STANDSTILL and not axis._moves()
@@ -592,7 +597,7 @@ class LeftMotion:
 
     @property
     def _goes_on(self) -> bool:
-        """Whether there is a motion to go on with: its sequence, or the one that jogs, was not cancelled."""
+        """True if there is a motion to continue: its sequence, or the one that jogs, was not cancelled."""
         if self._motion is None:
             return False
         if self._motion.state is AxisState.CONTINUOUS_MOTION:
@@ -601,13 +606,13 @@ class LeftMotion:
 
     @property
     def _next_state(self) -> AxisState:
-        """The state in which it goes on. Homing that was cancelled leaves the axis disabled."""
+        """The state in which it continues. Homing that was cancelled leaves the axis disabled."""
         if self._motion is None or self.state is _DISABLED or self._goes_on:
             return self.state
         return _DISABLED if self.state is AxisState.HOMING else _STANDSTILL
 
     def why_not(self) -> str:
-        """Why it cannot go on; "": it can."""
+        """Return why it cannot continue; "" if it can."""
         axis = self._axis
         if self._next_state is _DISABLED:
             return ""
@@ -625,10 +630,10 @@ class LeftMotion:
             return ""
         digits = digits_of(encoder.resolution, encoder.zero_offset)
         here, there = (measure(position, encoder.units, digits) for position in (axis.reading, self._position))
-        return f"{path} stands at {here}, the application left it at {there}; move it back (`{path}.move_to`)"
+        return f"{path} is at {here}, the application left it at {there}; move it back (`{path}.move_to`)"
 
     def restore(self) -> None:
-        """The axis is enabled, where it stands, if it is to go on so; and disabled if not."""
+        """Enable the axis where it stands if it was enabled, otherwise disable it."""
         axis, enabled = self._axis, self._next_state is not _DISABLED
         if enabled and not axis.enabled:
             axis._accept = HOMING
@@ -637,7 +642,7 @@ class LeftMotion:
             axis.disable()
 
     def go_on(self) -> None:
-        """In this state, with its motion planned anew, from the setpoint."""
+        """Continue in this state, with the motion planned again from the setpoint."""
         axis, state, goes_on = self._axis, self._next_state, self._goes_on
         axis._end()
         axis._accept, axis._motion = self._accept, self._motion if goes_on else None
@@ -647,7 +652,7 @@ class LeftMotion:
                 axis._replan, axis._interrupted = self._replan, Interruption.WAITED
 
     def is_lost(self) -> bool:
-        """Whether a sequence still awaits its motion, which a fault has ended that was cleared."""
+        """True if a sequence still awaits its motion, which a fault has ended that was cleared."""
         return self._motion is not None and self._motion.awaited and self._axis.cycle.fault is None
 
 

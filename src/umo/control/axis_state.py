@@ -10,17 +10,17 @@ class AxisState(IntEnum):
     """The numbers stand in frames."""
 
     DISABLED = 0
-    """It does not follow a setpoint; its actuators are at their defaults."""
+    """The axis does not follow a setpoint; its actuators are at their defaults."""
     STANDSTILL = 1
     HOMING = 2
     DISCRETE_MOTION = 3
-    """A motion to a position is under way."""
+    """A motion to a position is in progress."""
     CONTINUOUS_MOTION = 4
-    """It is jogged."""
+    """The axis is jogged."""
     STOPPING = 5
-    """It decelerates to standstill."""
+    """The axis decelerates to standstill."""
     ERROR_STOP = 6
-    """It, or the equipment around it, is in fault."""
+    """The axis, or the equipment around it, is in fault."""
 
 
 _S = AxisState
@@ -32,9 +32,9 @@ FOLLOWED_BY: Mapping[AxisState, tuple[AxisState, ...]] = {
     _S.DISCRETE_MOTION: (_S.STANDSTILL, _S.DISABLED),
     _S.CONTINUOUS_MOTION: (_S.CONTINUOUS_MOTION, _S.STANDSTILL, _S.DISABLED),
 }
-"""The states that may follow a state. Two are no entries: STOPPING is STANDSTILL while the setpoint still moves, which
-the profile knows, so any motion may follow; ERROR_STOP is DISABLED while its equipment is in fault, which that knows.
-A motion that was left and goes on returns to its state from STANDSTILL."""
+"""The states that may follow a state. Two are not entries: STOPPING is STANDSTILL while the setpoint still moves, which
+the profile knows, so any motion may follow; ERROR_STOP is DISABLED while its equipment is in fault, which that knows. A
+motion that was left and continues returns to its state from STANDSTILL."""
 
 ACTIONS: Mapping[AxisState, str] = {
     _S.HOMING: "home",

@@ -34,7 +34,7 @@ class Cascade(PID):
     """The highest one."""
 
     def check_settings(self) -> None:
-        """As `PID.check_settings`; `low` and `high` are finite, `low` is below `high`."""
+        """Check the settings as `PID.check_settings`. `low` and `high` must be finite, and `low` below `high`."""
         super().check_settings()
         check_numbers(self, finite=("low", "high"))
         if not self.low < self.high:

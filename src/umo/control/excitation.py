@@ -11,7 +11,7 @@ SETTLED_SHARE = 0.02
 """Change over the last third of a step, as a share of its whole change, below which it has settled."""
 SMALLER = 0.5
 """Share of the amplitude in the last part of an experiment: whether the process is linear shows with a third level."""
-PATIENCE = 4.0
+MAX_TURN_TIME = 4.0
 """Times of the longest half cycle that the smaller amplitude may take to turn the measurement."""
 NOISE_FACTOR = 10.0
 """Hysteresis of a relay in standard deviations of the noise."""
@@ -55,7 +55,7 @@ class RelaySwitching:
         """s of this half cycle, and of the longest one with the whole amplitude."""
 
     def next(self, measurement: float, dt: float) -> float | None:
-        """The next output; None: it is over."""
+        """Return the next output, or None at the end."""
         self._time += dt
         away = (measurement - self._middle) * (1.0 if self._rising else -1.0)
         if away > self._hysteresis and self._up:
@@ -73,7 +73,7 @@ class RelaySwitching:
 
     @property
     def _level(self) -> float:
-        smaller = self._rises > self._full and self._time <= PATIENCE * self._longest
+        smaller = self._rises > self._full and self._time <= MAX_TURN_TIME * self._longest
         return self._smaller if smaller else self.high
 
     @property
@@ -103,7 +103,7 @@ class StepChange:
         return max(self.base.output, self.base.output + self.amplitude)
 
     def next(self, measurement: float, dt: float) -> float | None:
-        """The next output; None: it is over."""
+        """Return the next output, or None at the end."""
         self._time += dt
         if self._settled is not None:
             smaller = self.base.output + SMALLER * self.amplitude

@@ -15,14 +15,14 @@ from typing import Any, Literal
 from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, room_for
 from umo.control.loops import ControlLoop, Next
 from umo.cycle.sequences import one_period
+from umo.digits import number_text
 from umo.errors import Busy, CommandRefused, RangeError
 from umo.objects import Compound, Range, action
-from umo.presentation.digits import number_text
-from umo.presentation.value_text import measure
+from umo.objects.presentation.value_text import measure
 
 BASE_TIME, BASE_STEPS = 1.0, 20
-"""The law is watched for so long, s, and for so many of its steps before the experiment."""
-PATIENCE = 3
+"""Least time in s, and least number of steps, for which the law is observed before the experiment."""
+MAX_IDLE_PERIODS = 3
 """Steps that the law may leave out until it counts as switched off."""
 LONGEST = 86_400.0
 """s that an experiment can last, at most."""
@@ -44,7 +44,7 @@ class LoopExperiments:
         self._ended = self._failed = ""
         self._idle = 0
         """Looks at the law without a step of it."""
-        self._most_idle = PATIENCE + 1
+        self._most_idle = MAX_IDLE_PERIODS + 1
         """Such looks at most, of a law that acts."""
         self._dt = 0.0
         self._within = inf
@@ -57,7 +57,7 @@ class LoopExperiments:
 
     @action(harmless=True)
     def law(self) -> dict[str, Any]:
-        """What the law is made of."""
+        """Return the description of the law as plain data."""
         loop = self._loop
         numbers = {name: value if isfinite(value) else None for name, value in loop.gains.items()}
         ends = {"sensor": loop.sensor, "actuator": loop.output}
@@ -96,7 +96,7 @@ class LoopExperiments:
         """
         self._outer = self._loop.outer
         if any(each.is_taken for each in (self._loop, *self._outer)):
-            raise Busy(f"{self._path}: an experiment is under way")
+            raise Busy(f"{self._path}: an experiment is in progress")
         if not amplitude or (kind == "relay" and amplitude < 0.0):
             raise RangeError(f"{self._path}: the amplitude of a {kind} is not {number_text(amplitude)}")
         self._within = within or WITHIN_SHARE * self._loop.measured_range or inf
@@ -107,12 +107,12 @@ class LoopExperiments:
         self._loop.take(self._next)
         for each in self._outer:
             each.take(_holding())
-        began = nan_time = -1.0
+        began = not_begun = -1.0
         try:
             while not (self._ended or self._failed):
                 self._look((await one_period()).period)
                 if self._excitation is not None:
-                    began = began if began != nan_time else self._part.now
+                    began = began if began != not_begun else self._part.now
                     self._part.cycle.progress(self._excitation.progress)
                     if self._part.now - began > duration:
                         self._ended = "its time was over"
@@ -131,7 +131,10 @@ class LoopExperiments:
             return
         for each in self._outer:
             each.give_back()
-        self._plan, self._until = None, self._part.now + (PATIENCE + 1) * max(self._dt, self._part._machine.period)
+        self._plan, self._until = (
+            None,
+            self._part.now + (MAX_IDLE_PERIODS + 1) * max(self._dt, self._part._machine.period),
+        )
         if self._driven is None or self._is_idle:
             self._loop.give_back()
         if self._driven is None:
@@ -142,12 +145,12 @@ class LoopExperiments:
 
     @property
     def units(self) -> str:
-        """Of the measurement."""
+        """The units of the measurement."""
         return "" if self._loop.sensor is None else self._loop.sensor.units
 
     @property
     def amplitudes(self) -> Range:
-        """Of the output, in its units."""
+        """The range of the output, in its units."""
         output = self._loop.output
         if output is None:
             return Range("", -inf, inf)
@@ -157,7 +160,7 @@ class LoopExperiments:
     # In each step of the law -------------------------------------------------------------------------------
 
     def _next(self, output: float, measurement: float, dt: float, low: float, high: float) -> float | None:
-        """The output instead of the law's; None: the law's."""
+        """Return the output that replaces the law's, or None for the law's own."""
         self._idle, self._dt = 0, dt
         if self._plan is None:  # it has ended: the old output, once
             self._loop.give_back()
@@ -200,7 +203,7 @@ class LoopExperiments:
         if abs(amplitude) > room:
             units = "" if self._loop.output is None else self._loop.output.units
             raise RangeError(
-                f"the output stands at {measure(base.output, units)}, in a range of {number_text(low)} to "
+                f"the output is at {measure(base.output, units)}, in a range of {number_text(low)} to "
                 f"{measure(high, units)}: an amplitude of at most {measure(room, units)} fits"
             )
         if kind == "step":
@@ -211,11 +214,11 @@ class LoopExperiments:
     # In each period ----------------------------------------------------------------------------------------
 
     def _look(self, period: float) -> None:
-        """Whether the law still acts, and nobody else. `period`: s between two looks; the law may have a rate of its
-        own."""
+        """Check that the law still acts, and that nobody else writes its output. `period`: s between two checks; the
+        law may have a rate of its own."""
         self._idle += 1
         each = max(self._dt, self._part._machine.period) / period if period else 1.0
-        self._most_idle = PATIENCE * max(round(each), 1) + 1
+        self._most_idle = MAX_IDLE_PERIODS * max(round(each), 1) + 1
         if self._is_idle:
             self._failed = "the law does not act: nothing calls its `control`, or its sensor is not GOOD"
         output = self._loop.output
@@ -228,7 +231,7 @@ class LoopExperiments:
 
     @property
     def _is_idle(self) -> bool:
-        """Whether the law has not acted for some of its periods."""
+        """True if the law has not acted for some of its periods."""
         return self._idle > self._most_idle
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, fields
 from math import isinf
 from typing import Any
 
-from umo.control.axis import STANDSTILL_SHARE, Axis, Met
+from umo.control.axis import STANDSTILL_SHARE, Axis, SearchResult
 from umo.control.checks import check_numbers
 from umo.control.inputs import state_of
 from umo.errors import DeclarationError, HomingError
 from umo.objects import BinaryActuator, BinarySensor
-from umo.presentation.value_text import measure
+from umo.objects.presentation.value_text import measure
 from umo.states import TwoState
 
 
@@ -59,10 +59,10 @@ class IndexPulse:
         return False
 
     async def _search(self, axis: Axis, direction: int, reach: float | None = None) -> bool:
-        """Whether the index pulse was met. The counter may wrap on the way."""
+        """True if the index pulse was met. The counter may wrap on the way."""
         while True:
             met = await axis.search(direction * axis.search_speed, self._keep_enabled, jump=self.jump, reach=reach)
-            if met is not Met.JUMP:
+            if met is not SearchResult.JUMP:
                 return False
             if abs(axis.reading - self.index) <= self.tolerance:
                 return True
@@ -105,9 +105,12 @@ class HomeSwitch:
 
     async def find(self, axis: Axis) -> None:
         toward = self.direction * axis.search_speed
-        if not self._is_active() and await axis.search(toward, self._is_active) is not Met.CONDITION:
+        if not self._is_active() and await axis.search(toward, self._is_active) is not SearchResult.CONDITION:
             raise HomingError(f"{axis._path} found no home switch: {self.switch.path} did not become {self.active}")
-        if await axis.search(-self.direction * self.creep_speed, lambda: self._is_left(axis)) is not Met.CONDITION:
+        if (
+            await axis.search(-self.direction * self.creep_speed, lambda: self._is_left(axis))
+            is not SearchResult.CONDITION
+        ):
             raise HomingError(f"{axis._path} cannot leave its home switch: {self.switch.path} stays {self.active}")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)
@@ -116,7 +119,7 @@ class HomeSwitch:
         return state_of(self.switch) is self.active
 
     def _is_left(self, axis: Axis) -> bool:
-        """Whether the switch is not active any longer, and the axis moves away from it: before that it bounces."""
+        """True if the switch is not active any more, and the axis moves away from it: before that it bounces."""
         return not self._is_active() and self.direction * axis.profile.setpoint.velocity < 0.0
 
 
@@ -138,7 +141,7 @@ class EndStop:
     async def find(self, axis: Axis) -> None:
         if isinf(axis.stall):
             raise DeclarationError(f"{axis._path}: homing on an end stop requires `stall`")
-        if await axis.search(self.direction * axis.search_speed) is not Met.STOP:
+        if await axis.search(self.direction * axis.search_speed) is not SearchResult.STOP:
             raise HomingError(f"{axis._path} found no end stop")
         axis.reference(at=self.position)
         await axis.travel(self.position - self.direction * self.clearance, speed=axis.search_speed)

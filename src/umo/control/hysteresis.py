@@ -9,9 +9,9 @@ from typing import Generic, TypeVar
 
 from umo.control.checks import check_numbers
 from umo.control.inputs import Accept, value_of
+from umo.digits import number_text
 from umo.errors import DeclarationError, RangeError
 from umo.objects import BinaryActuator, DigitalSensor, Number
-from umo.presentation.digits import number_text
 from umo.states import TwoState
 
 S = TypeVar("S", bound=TwoState)
@@ -57,10 +57,10 @@ class Hysteresis(Generic[S]):
             state = actuator.zero if self.raising is actuator.one else actuator.one
         else:
             bounds = f"from {self.low} to {self.high}"
-            raise RangeError(f"{self.sensor.path}: {value} is no value to regulate by, {bounds}")
+            raise RangeError(f"{self.sensor.path}: {value} is not a value to regulate by, {bounds}")
         return state if actuator.write(state) else actuator.pending
 
     @property
     def settled(self) -> bool:
-        """Whether the value is between `low` and `high`. Raises BadInput like `control`."""
+        """True if the value is between `low` and `high`. Raises BadInput like `control`."""
         return self.low <= value_of(self.sensor) <= self.high

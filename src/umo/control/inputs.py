@@ -88,6 +88,6 @@ def _accepts(accept: Accept, quality: Quality) -> bool:
 
 
 def _refuse_other(function: str, given: object) -> None:
-    """TypeError for what is no sensor."""
+    """TypeError for what is not a sensor."""
     if not isinstance(given, Atomic):
         raise TypeError(f"{function}() takes a sensor, not {cut_repr(given)}") from None

@@ -1,4 +1,4 @@
-"""What a loop gives its output to: an actuator, or the setpoint of the inner law of a cascade."""
+"""The output of a loop: an actuator, or the setpoint of the inner law of a cascade."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class ActuatorOutput:
 
     @property
     def inhibited(self) -> str | None:
-        """What inhibits it, in words; None: nothing."""
+        """Return the reason why it is inhibited, or None."""
         reason = self._actuator.inhibited
         return None if reason is None else f"{self.path} is inhibited: {reason}"
 
     @property
     def commanded(self) -> float:
-        """What was commanded last."""
+        """Return the last commanded value."""
         return float(self._actuator.pending)
 
     def write(self, value: float) -> None:
@@ -69,7 +69,7 @@ class SetpointOutput:
 
     @property
     def limited(self) -> bool:
-        """Whether the inner law was limited last: it does not follow its setpoint then."""
+        """True if the inner law was limited last: it does not follow its setpoint then."""
         return bool(self._inner.limited)
 
     @property
@@ -84,7 +84,7 @@ LoopOutput = ActuatorOutput | SetpointOutput
 
 
 def output_of(part: Compound, law: Any, end: Any) -> LoopOutput | None:
-    """Of a law of this part; `end`: its actuator or its inner law, None: it is not known."""
+    """Return the output of a law of this part. `end`: its actuator or its inner law, None if not known."""
     if isinstance(end, DigitalActuator):
         return ActuatorOutput(end)
     return None if end is None else SetpointOutput(part, law)
@@ -108,5 +108,5 @@ def _laws_around(part: Compound) -> Iterator[tuple[str, Any]]:
 
 
 def told_range(range_: tuple[float, float]) -> dict[str, float | None]:
-    """As plain data; None: not finite."""
+    """Return a range as plain data; None for an infinite bound."""
     return {name: each if isfinite(each) else None for name, each in zip(("low", "high"), range_, strict=True)}

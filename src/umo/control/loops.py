@@ -17,7 +17,7 @@ Next = Callable[[float, float, float, float, float], float | None]
 
 
 class ControlLoop(Protocol):
-    """One loop, with its sensor and its output where the law knows them."""
+    """One loop, with its sensor and its output if the law knows them."""
 
     sensor: DigitalSensor | None
     output: LoopOutput | None
@@ -32,7 +32,7 @@ class ControlLoop(Protocol):
 
     @property
     def resolution(self) -> float:
-        """Of the sensor, in its units; 0: it is not known."""
+        """The resolution of the sensor in its units; 0 if not known."""
 
     @property
     def is_taken(self) -> bool: ...
@@ -51,7 +51,7 @@ class ControlLoop(Protocol):
 
 
 class _Loop:
-    """What loops have in common."""
+    """The common part of loops."""
 
     def __init__(self, part: Compound, law: Any, sensor: DigitalSensor | None = None, end: Any = None) -> None:
         """`end`: what the law gives its output to, an actuator or an inner law."""
@@ -115,7 +115,7 @@ class LawLoop(_Loop):
 
 
 class ElementLoop(_Loop):
-    """The loop of one element of a `VectorPID`; the others go on."""
+    """The loop of one element of a `VectorPID`; the others continue."""
 
     def __init__(
         self, part: Compound, law: Any, place: int, sensor: DigitalSensor | None = None, end: Any = None

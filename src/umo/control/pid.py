@@ -47,7 +47,7 @@ class PID:
     integral: float = field(default=0.0, init=False)
     """The integral part of the output."""
     limited: bool = field(default=False, init=False)
-    """Whether the last output was limited."""
+    """True if the last output was limited."""
     _last: float | None = field(default=None, init=False, repr=False)
     _rate: float = field(default=0.0, init=False, repr=False)
 
@@ -82,11 +82,11 @@ class PID:
         return LoopExperiments(part, path, LawLoop(part, self, *self.loops()[loop]))
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
-        """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
+        """Clear the state, and set the integral so that control continues from this output without a step (bumpless
         transfer). RangeError if a number is not finite."""
         integral = output - self.gain * (setpoint - measurement) - feed_forward
         if not isfinite(integral):
-            raise RangeError(f"no control from output {output!r}, setpoint {setpoint!r}, measurement {measurement!r}")
+            raise RangeError(f"output {output!r}, setpoint {setpoint!r} and measurement {measurement!r} must be finite")
         self.reset()
         self._last, self.integral = measurement, integral
 
@@ -115,7 +115,7 @@ class PID:
             growth = self.gain * error * dt / self.integral_time
             rate = self._filtered_rate(measurement, dt)
         except ZeroDivisionError:
-            raise RangeError(f"no output with these settings: {self!r}") from None
+            raise RangeError(f"the output cannot be computed with these settings: {self!r}") from None
         output = self.gain * (error - self.derivative_time * rate) + self.integral + growth + feed_forward
         inside = low <= output <= high
         if not isfinite(output) or not (inside or (low < inf and high > -inf)):  # one of its numbers is not finite
@@ -150,7 +150,7 @@ class PID:
 class VectorPID:
     """Many PIDs at once, on arrays: the same law as `PID`, element by element. Gains and times are numbers for all, or
     arrays of shape (n,). `measurement`, and with it the output, is an array of shape (n,). While all derivative times
-    are 0 no derivative is computed; it begins anew with the first step afterwards."""
+    are 0 no derivative is computed; it begins again with the first step afterwards."""
 
     gain: float | FloatArray
     integral_time: float | FloatArray = inf
@@ -160,7 +160,7 @@ class VectorPID:
     """The last setpoints minus measurements."""
     integral: FloatArray = field(default_factory=lambda: np.zeros(1), init=False)
     limited: BoolArray = field(default_factory=lambda: np.zeros(1, np.bool_), init=False)
-    """Whether each of the last outputs was limited."""
+    """True for each of the last outputs that was limited."""
     _last: FloatArray = field(default_factory=lambda: np.full(1, np.nan), init=False, repr=False)
     """NaN where the next measurement is the first."""
     _rate: FloatArray = field(default_factory=lambda: np.zeros(1), init=False, repr=False)
@@ -169,7 +169,7 @@ class VectorPID:
         self.check_settings()
 
     def check_settings(self) -> None:
-        """As `PID.check_settings`."""
+        """Check the settings as `PID.check_settings`."""
         check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",), arrays=True)
 
     def reset(self) -> None:
@@ -179,16 +179,16 @@ class VectorPID:
 
     @property
     def numbers(self) -> Mapping[str, Number]:
-        """As `PID.numbers`; a time that is an array is none."""
+        """The numbers as in `PID.numbers`, without times that are arrays."""
         times = {name: each for name, each in _times().items() if not isinstance(getattr(self, name), np.ndarray)}
         return {"largest_error": Number(shown=True), **times}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """As `PID.loops`, one for each element that it has calculated."""
+        """The loops as in `PID.loops`, one for each calculated element."""
         return {str(number): () for number in range(self.error.size)}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
-        """As `PID.experiments`."""
+        """Return the experiments as `PID.experiments`."""
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import ElementLoop
 
@@ -216,7 +216,7 @@ class VectorPID:
         try:
             growth = proportional * (dt / self.integral_time)
         except ZeroDivisionError:
-            raise RangeError(f"no output with integral_time={self.integral_time!r}") from None
+            raise RangeError(f"the output cannot be computed with integral_time={self.integral_time!r}") from None
         wanted = proportional + self.integral
         wanted += growth
         if feed_forward is not None:

@@ -38,7 +38,7 @@ class Segment(NamedTuple):
 MOST_SEGMENTS = 10
 """Segments of a motion at most: two that bring what is beyond the limits within them, seven, and what follows."""
 _NONE = Segment(inf, 0.0, 0.0, 0.0, 0.0)
-"""In the place of a segment that a motion does not have."""
+"""Stands for a segment that a motion does not have."""
 
 
 def _within(segment: Segment, time: float) -> tuple[float, float, float]:
@@ -72,9 +72,9 @@ class Profile:
     """Largest jerk, units per s cubed."""
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
     segments: list[Segment] = field(default_factory=lambda: _padded([Segment(0.0, *[0.0] * 4)]), init=False, repr=False)
-    """Of the motion under way; always `MOST_SEGMENTS`. One that starts at infinity ends them."""
+    """The segments of the motion in progress; always `MOST_SEGMENTS`. One that starts at infinity ends them."""
     origin: float = field(default=0.0, init=False, repr=False)
-    """What is added to their positions."""
+    """The offset that is added to their positions."""
     elapsed: float = field(default=0.0, init=False)
     """Time since the motion began, s."""
     duration: float = field(default=0.0, init=False)
@@ -89,18 +89,18 @@ class Profile:
         check_numbers(self, above_0=("velocity", "acceleration", "jerk"))
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
-        """Set the position and velocity from which the profile goes on. RangeError if one is not finite."""
+        """Set the position and velocity from which the profile continues. RangeError if one is not finite."""
         if not (isfinite(position) and isfinite(velocity)):
-            raise RangeError(f"no profile from {position!r} at {velocity!r} per s: both must be finite")
+            raise RangeError(f"position {position!r} and velocity {velocity!r} per s must be finite")
         self.setpoint = Setpoint(position, velocity, 0.0)
         self.segments[0], self.segments[1] = Segment(0.0, position, velocity, 0.0, 0.0), _NONE
         self.elapsed = self.origin = self.duration = 0.0
 
     def shift(self, distance: float) -> None:
-        """The origin of the positions has moved: the setpoint changes by this distance, the motion goes on. RangeError
-        if it is not finite."""
+        """The origin of the positions has moved: the setpoint changes by this distance, the motion continues.
+        RangeError if it is not finite."""
         if not isfinite(distance):
-            raise RangeError(f"a profile cannot be shifted by {distance!r}")
+            raise RangeError(f"the distance of a shift must be finite, not {distance!r}")
         position, velocity, acceleration = self.setpoint
         self.setpoint = Setpoint(position + distance, velocity, acceleration)
         self.origin += distance
@@ -113,10 +113,10 @@ class Profile:
         limit is not positive, or the duration is negative or not finite.
         """
         if not velocity > 0.0:
-            raise RangeError(f"no profile to {target!r}: the velocity must be positive, not {velocity!r}")
+            raise RangeError(f"the velocity of a profile to {target!r} must be above 0, not {velocity!r}")
         if not 0.0 <= duration < inf:
             raise RangeError(
-                f"no profile to {target!r}: the duration must be finite and not negative, not {duration!r}"
+                f"the duration of a profile to {target!r} must be finite and not negative, not {duration!r}"
             )
         plan, scale = self._plan()
         plan.target_position = [target * scale]
@@ -132,7 +132,7 @@ class Profile:
         final = min(max(velocity, -self.velocity), self.velocity)
         limited = self.velocity > 0.0 and limit > 0.0 and jerk > 0.0 and isfinite(min(limit, jerk))
         if not limited or isnan(velocity) or not isfinite(final):
-            raise RangeError(f"no profile at {velocity!r} per s within the limits of {self!r}")
+            raise RangeError(f"a velocity of {velocity!r} per s cannot be reached within the limits of {self!r}")
         position, v, a = self.setpoint
         sign = copysign(1.0, final - v - a * abs(a) / (2.0 * jerk))  # of what is missing once there is no acceleration
         begun, change = sign * a, sign * (final - v)
@@ -152,7 +152,7 @@ class Profile:
     def _plan(self) -> tuple[Any, float]:
         """The current setpoint and the limits for ruckig, and the scale of their lengths."""
         if not self.velocity > 0.0:
-            raise RangeError(f"no profile within the limits of {self!r}")
+            raise RangeError(f"a profile cannot be planned within the limits of {self!r}")
         plan = _ruckig().InputParameter(1)
         scale = 2.0 ** -frexp(self.velocity)[1]
         plan.current_position = [self.setpoint.position * scale]
@@ -164,7 +164,7 @@ class Profile:
         return plan, scale
 
     def _follow(self, plan: Any, scale: float, what: str) -> float:
-        """Begin a plan; its duration in s. If there is no such profile, what is under way goes on."""
+        """Begin a plan and return its duration in s. If there is no such profile, the present motion continues."""
         limit = plan.max_acceleration[0]
         trajectory = _ruckig().Trajectory(1)
         found = ""
@@ -174,7 +174,7 @@ class Profile:
             if not found:
                 break
         else:
-            raise RangeError(f"no profile {what} within the limits of {self!r}: {found}")
+            raise RangeError(f"a profile {what} cannot be planned within the limits of {self!r}: {found}")
         self.segments = _padded(_segments(trajectory, scale))
         self.elapsed, self.origin, self.duration = 0.0, 0.0, float(trajectory.duration)
         return self.duration
@@ -190,12 +190,12 @@ class Profile:
 
     @property
     def done(self) -> bool:
-        """Whether the target, or the velocity, is reached."""
+        """True if the target, or the velocity, is reached."""
         return self.elapsed >= self.duration
 
     @property
     def stops(self) -> bool:
-        """Whether the setpoint stands, or comes to a standstill by itself."""
+        """True if the setpoint stands, or comes to a standstill by itself."""
         last = self.segments[0]
         for each in self.segments:
             if each.start == inf:
@@ -209,7 +209,7 @@ class Profile:
         before = self.elapsed
         elapsed = before + dt
         if not isfinite(elapsed):
-            raise RangeError(f"no step of {dt!r} s: it must be finite")
+            raise RangeError(f"the time of a step must be finite, not {dt!r} s")
         self.elapsed = elapsed
         if before > self.duration and not self.setpoint.velocity:
             return self.setpoint  # it stands
@@ -224,7 +224,7 @@ class Profile:
 
 
 def _segments(trajectory: Any, scale: float) -> list[Segment]:
-    """Those of a trajectory of ruckig with lengths times `scale`, which ends at standstill."""
+    """Return the segments of a trajectory of ruckig that ends at standstill, with lengths times `scale`."""
     profile = trajectory.profiles[0][0]
     found, start = [], 0.0
     for part in (profile.brake, profile):

@@ -40,7 +40,8 @@ class Servo(PID):
     """Largest distance of the output from the actuator's default. Default: the range of the actuator."""
 
     def check_settings(self) -> None:
-        """As `PID.check_settings`; feed-forward, inertia and friction are finite, the limit is above 0."""
+        """Check the settings as `PID.check_settings`. Feed-forward, inertia and friction must be finite, the limit
+        above 0."""
         super().check_settings()
         check_numbers(self, finite=("feed_forward", "inertia", "friction"), above_0=("limit",))
 
@@ -113,7 +114,7 @@ class VectorServo(VectorPID):
         super().__post_init__()
 
     def check_settings(self) -> None:
-        """As `PID.check_settings`; an array has a number for each sensor."""
+        """Check the settings as `PID.check_settings`. An array must have a number for each sensor."""
         super().check_settings()
         for name in ("gain", "integral_time", "derivative_time", "filter_time"):
             if np.shape(getattr(self, name)) not in ((), (len(self.sensors),)):

@@ -13,7 +13,7 @@ from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError, TaskFailed
 from umo.objects import DigitalActuator, Number
-from umo.presentation.value_text import measure
+from umo.objects.presentation.value_text import measure
 
 _DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.NONE  # an attribute of an Enum is a call
 
@@ -49,7 +49,7 @@ class ServoAxis(Axis, numbers=_numbers):
         )
 
     While the axis is not enabled, the motor is at its default. The gains are those of `Servo`. After missed periods the
-    motion is planned anew from where the axis then is: it keeps its limits, and is later.
+    motion is planned again from where the axis then is: it keeps its limits, and is later.
     """
 
     motor: DigitalActuator
@@ -100,9 +100,9 @@ class ServoAxis(Axis, numbers=_numbers):
             raise AxisError(f"{self._path} does not follow: {measure(servo.error, units)} behind its setpoint")
 
     def _resume(self, ticks: int, period: float) -> None:
-        """After missed periods, in which the axis has gone on under its last command: it is controlled as if one period
-        had passed. What it has moved on further than in one period the setpoint moves too, and the motion is planned
-        anew from there; an axis that has moved on past the end of its motion moves back to it. So the command has no
+        """After missed periods, in which the axis has continued under its last command: it is controlled as if one
+        period had passed. If the axis has moved further than in one period, the setpoint moves with it, and the motion
+        is planned again from there; an axis that has moved past the end of its motion moves back. So the command has no
         step and keeps its limits. An axis that has not moved on has an error, as in any period."""
         position, velocity, _ = self.profile.setpoint
         reading = value_of(self.encoder, self._accept)

@@ -8,16 +8,16 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import wait
+from umo.digits import number_text
 from umo.errors import AxisError
 from umo.objects import Actuator, BinaryActuator
-from umo.presentation.digits import number_text
-from umo.presentation.value_text import measure
+from umo.objects.presentation.value_text import measure
 from umo.states import Rotation, UpDown
 
 _DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.NONE  # an attribute of an Enum is a call
 
 MAX_CORRECTIONS = 3
-"""Number of times that a motion makes up lost steps at most."""
+"""Largest number of times that a motion makes up lost steps."""
 
 
 class StepperAxis(Axis):
@@ -51,7 +51,7 @@ class StepperAxis(Axis):
 
     @property
     def commanded(self) -> float:
-        """The position that the steps sent so far stand for."""
+        """The position that corresponds to the steps sent so far."""
         return self._offset + self.stepping.count * self.step_size
 
     def control(self) -> None:
@@ -81,7 +81,8 @@ class StepperAxis(Axis):
 
     def _resume(self, missed: float) -> None:
         """After missed periods (s in all), in which no step was made: a motor that would have made more than one stands
-        still, and starts with a ramp. It does not start anew while it ramps up: an axis that is always late arrives."""
+        still, and starts with a ramp. It does not start again while it ramps up: an axis that is always late
+        arrives."""
         position, velocity, _ = self.profile.setpoint
         if self._ramp <= 0.0 and missed * abs(velocity) > self.step_size:
             self._ramp = abs(velocity) / self.profile.acceleration + self.profile.acceleration / self.profile.jerk
@@ -98,7 +99,7 @@ class StepperAxis(Axis):
 
     @property
     def error(self) -> float:
-        """As of the last reading."""
+        """The error at the last reading."""
         return self.commanded - self.encoder.read()
 
     async def _settle(self) -> None:

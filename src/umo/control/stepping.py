@@ -27,14 +27,14 @@ class Stepping:
     count: int = field(default=0, init=False)
     """Sum of the steps sent, CW positive."""
     refused: bool = field(default=False, init=False)
-    """Whether an interlock inhibits the outputs: this period's write was not taken."""
+    """True if an interlock inhibits the outputs: this period's write was not taken."""
 
     def control(self, position: float) -> bool:
         """One period towards `position` in steps; True once it is within half a step and the output is DOWN. RangeError
         if the position is not finite; then nothing is written."""
         due = position - self.count
         if due - due != 0.0:  # NaN, or infinite
-            raise RangeError(f"{self.step.path}: {position} is no position to step to")
+            raise RangeError(f"{self.step.path}: {position} is not a position to step to")
         self.refused = False
         if self.step.read() is _UP:
             self.step.write(_DOWN)

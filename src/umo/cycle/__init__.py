@@ -1,1 +1,2 @@
-"""The cycle: the process image, the sampling period, connecting and leaving."""
+"""One period: the process image, conversions, transfers, sequences, what happens when, and connecting and leaving. The
+processes around the loop are in `umo.process`."""

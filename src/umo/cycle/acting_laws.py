@@ -32,24 +32,24 @@ class ActingLaws:
     def __init__(self, root: Node, image: Image, equipment: Containment, turn: Turn) -> None:
         self._root, self._equipment = root, equipment
         self.groups = RateGroups(image)
-        """What acts at one rate."""
+        """The groups of parts with one rate."""
         self.whole = self.groups.whole
         """The group of the whole machine."""
         self._turn = turn
-        """Who takes a step at this moment."""
+        """The code that takes a step at this moment."""
         self._of: dict[int, list[MethodType]] = {}
         """The laws of each part that was asked for, by its id."""
         self._elsewhere: set[int] = set()
         """Ids of what capabilities carry out."""
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
-        """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
+        """The places of the laws of each equipment, by its id; made at its first fault since the laws were selected."""
         self.stale = False
-        """Whether equipment was cleared, or has come into fault, since they were chosen."""
+        """True if equipment was cleared, or has come into fault, since they were chosen."""
 
     # Which laws act -----------------------------------------------------------------------------------
 
     def of(self, part: Node) -> list[MethodType]:
-        """Those of a part, in the order in which they act; collected once, called flat."""
+        """Return the laws of a part, in the order in which they act. They are collected once."""
         if id(part) not in self._of:
             nodes = [node for node in (part, *walk(part)) if id(node) not in self._elsewhere]
             own = [(type(node).control, node) for node in nodes if type(node).control is not Node.control]
@@ -58,8 +58,8 @@ class ActingLaws:
         return self._of[id(part)]
 
     def choose(self) -> None:
-        """Deal out the laws, but those of equipment in fault. The lists are new ones: what was cleared does not act in
-        the period that is under way."""
+        """Distribute the laws, without those of equipment in fault. The lists are new: a law of cleared equipment does
+        not act in the period in progress."""
         self.stale, self._places = False, {}
         for group in self.groups.all:
             group.laws = []
@@ -150,5 +150,5 @@ class ActingLaws:
             turn.law = before
 
     def containing(self, part: object, error: BaseException) -> Equipment | None:
-        """The equipment whose failure an error is; None: that of the machine."""
+        """Return the equipment whose failure an error is, or None for the machine."""
         return self._equipment.innermost(part) if isinstance(part, Node) and not is_interrupt(error) else None

@@ -34,7 +34,7 @@ COPIED_OBJECTS = 50
 
 
 def wait_busily(wired: Wired, seconds: float) -> None:
-    """Let the timer of this connected machine, if it runs in real time, wake its thread so many s before each tick and
+    """If the timer of this connected machine runs in real time, wake its thread this time in s before each tick and
     warm the caches; 0: at the tick."""
     ticker = None if wired.timer_wire is None else getattr(bare(wired.timer_wire.driver), "ticker", None)
     if ticker is None:
@@ -48,7 +48,7 @@ def wait_busily(wired: Wired, seconds: float) -> None:
 
 
 class CacheWarming:
-    """Each call is one period of a copy of the machine's objects, at most `COPIED_OBJECTS` of them."""
+    """Carries out one period of a copy of the machine's objects per call, with at most `COPIED_OBJECTS` of them."""
 
     def __init__(self, wired: Wired) -> None:
         """Warms the caches for a machine with a timer."""

@@ -1,4 +1,4 @@
-"""Where calls of drivers go: to the driver, or to a stand-in while it is away (`drivers_away.py`)."""
+"""Selects the target of calls of drivers: the driver, or a stand-in while it is away (`drivers_away.py`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def refuse_write(*_: object) -> NoReturn:
 
 
 class Callees:
-    """Of each object, and of each block: whom its calls go to."""
+    """The driver, or its stand-in, that gets the calls of each object and of each block."""
 
     def __init__(self, wires: Sequence[Wire]) -> None:
         self.of: Any = [wire.driver for wire in wires]
@@ -31,7 +31,7 @@ class Callees:
             self.slots.setdefault(id(wire.driver), []).append(slot)
         self.away = NobodyAway()
         self.written = True
-        """Whether writes are carried out."""
+        """True if writes are carried out."""
         self.watched: Callable[[Block, BlockTransfer], BlockTransfer] = lambda block, call: call
         """Function that puts a watch around a block's transfer."""
         self._blocks: list[Block] = []
@@ -62,18 +62,18 @@ class Callees:
                 self._bind(block)
 
     def end_writing(self) -> None:
-        """Let no write reach a driver any longer, but resets."""
+        """Let no write reach a driver any more, but resets."""
         self.written = False
         for block in self._outputs:
             block.transfer = block.unwatched = refuse_write
 
     def end_absences(self) -> None:
-        """Every call is made again, and waits: the machine stops."""
+        """Make every call again, and let it wait: the machine stops."""
         self.away.end()
         self.away = NobodyAway()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no block's call, and no look, reach a driver any longer: in its place `instead` is called."""
+        """Let no block's call, and no look, reach a driver any more: in its place `instead` is called."""
         self.slots = {}
         self.away.refuse(instead)
         for block in self._blocks:

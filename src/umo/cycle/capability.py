@@ -1,11 +1,11 @@
-"""What may be attached to a machine beside objects, laws and sequences: the contract.
+"""The contract of capabilities: what may be attached to a machine in addition to objects, laws and sequences.
 
 A capability has these calls, made in this order:
 
     attach(machine)  the machine is laid out, no driver was called yet: add to the phases of its period
     begin()          every object is initialised; the first sample follows
-    end()            the sequences are cancelled; nothing is reset yet; what it raises is told and hinders no reset
-    refuse(instead)  this process is to reach no device any longer: call `instead`, which does not return, in its place
+    end() the sequences are cancelled; nothing is reset yet; what it raises is told and hinders no reset refuse(instead)
+    this process is to reach no device any more: call `instead`, which does not return, in its place
 
 `attach` may use:
 
@@ -17,25 +17,25 @@ A capability has these calls, made in this order:
     machine.clock       `now` and `dt`, s
     machine.directory   actions, numbers, axes, laws by their paths
     machine.events      `add(Event(time, path, text))`
-    machine.states      what was kept of the last run, or what a recording has: alarms go on with theirs
+    machine.states what was kept of the last run, or what a recording has: alarms continue with theirs
 
 and, where it carries out what the machine itself would do:
 
     machine.acting_laws         `replace(laws)`: other functions for the same laws; `leave_out(part)`: it has those
     machine.at_work             the sequences that what is started at this moment joins
     machine.is_manual           whether somebody operates it by hand, in place of the application
-    machine.under_way           lists of functions: `noting` are told which equipment has come into fault, before what
-                                is under way in it ends; `others` end what they have under way; `before_cancel` are
-                                called when the machine stops, before its sequences are cancelled
-    machine.facts               functions that give facts of the run, in words by their names
+    machine.under_way lists of functions: `noting` are told which equipment has come into fault, before what is in
+    progress in it ends; `others` end what they have in progress; `before_cancel` are called when the machine stops,
+    before its sequences are cancelled machine.facts functions that give facts of the run, as text by their names
 
-What is called in a phase is to raise nothing: an error ends the run. What a phase costs is part of every period.
+A function in a phase must not raise an error, because an error ends the run. What a phase costs is part of every
+period.
 
-A machine gets its capabilities in four ways. A part of it whose class is a `Capability` is one
-(`umo.capabilities.AttachedPart` is a base); what it declares in `numbers` and `alarms`, and its actions, are those of
-any compound: shown, kept, tuned, called. A law brings one with its class (`_capability`), which is made once, of all
-the laws that name it, each with its path. A class keyword brings another (`BY_KEYWORD`). A program attaches more to a
-connected machine (`machine.attach`), which add to `commanding`, `before_laws` and `showing` only.
+A machine gets its capabilities in four ways. A part of the machine whose class is a `Capability` is attached
+(`umo.operation.capabilities.AttachedPart` is a base). Its `numbers`, `alarms` and actions are shown, kept, tuned and
+called like those of any compound. A law brings one with its class (`_capability`), which is made once, of all the laws
+that name it, each with its path. A class keyword brings another (`BY_KEYWORD`). A program attaches more to a connected
+machine (`machine.attach`), which add to `commanding`, `before_laws` and `showing` only.
 """
 
 from __future__ import annotations
@@ -47,36 +47,36 @@ from typing import Any, NoReturn
 from umo.objects import Compound, walk
 from umo.objects.laws import laws_in
 
-BY_KEYWORD = {"alarms": "umo.alarms.alarming"}
+BY_KEYWORD = {"alarms": "umo.operation.alarms.alarming"}
 """The module whose `attached(root)` gives the capability for a class keyword, or None: imported where a class has
 that."""
 
 
 class Capability:
-    """What a machine may have beside objects, laws and sequences."""
+    """An addition to the objects, laws and sequences of a machine."""
 
     alarm_rows: int = 0
-    """The number of its rows in the column `alarms` of the shown memory (`umo.cycle.columns`). What else is to be shown
-    of a part is one of its `numbers`."""
+    """The number of its rows in the column `alarms` of the shown memory (`umo.cycle.columns`). Other values of a part
+    are shown as its `numbers`."""
 
     def attach(self, machine: Any) -> None:
         """`machine` (`umo.cycle.machine.ConnectedMachine`) is laid out: add to its phases. No driver was called yet."""
         raise NotImplementedError(f"{type(self).__name__}.attach")
 
     def begin(self) -> None:
-        """Every object is initialised; the first sample follows."""
+        """Called when every object is initialised, before the first sample."""
 
     def end(self) -> None:
         """The sequences are cancelled; nothing is reset yet."""
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """This process is to reach no device any longer: in place of that `instead` is called, which does not
+        """This process must not use any device from now on: calls of devices are replaced by `instead`, which does not
         return."""
 
 
 def declared_capabilities(root: Compound) -> list[Capability]:
-    """Those that a machine declares: by class keywords, by its laws, then its parts, in the order of their
-    declaration."""
+    """Return the capabilities that a machine declares: by class keywords, by its laws, then its parts, in the order of
+    their declaration."""
     compounds = [node for node in (root, *walk(root)) if isinstance(node, Compound)]
     named = (module for word, module in BY_KEYWORD.items() if any(getattr(each._settings, word) for each in compounds))
     brought: dict[Any, list[tuple[str, Any]]] = {}

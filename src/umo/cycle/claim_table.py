@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from math import inf
 from typing import Any
 
@@ -19,6 +18,7 @@ from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.cycle.to_defaults import ToDefault
+from umo.duration import TIME_TOLERANCE
 from umo.errors import Failure, Interlocked
 from umo.objects import Actuator, Compound, atoms
 from umo.objects.claims import TAKEN, Claim, Rank
@@ -26,12 +26,10 @@ from umo.objects.stop_order import stop_sequence
 
 ONE_BY_ONE = 64
 """Number of actuators from which on the column `restrictions` is set as a whole."""
-A_TICK = 1e-9
-"""Tolerance in s of a sum of periods (rounding)."""
 
 
 def reason_of_client(who: str) -> str:
-    """Why the program cannot write an actuator that somebody has taken."""
+    """Return why the program cannot write an actuator that a client has taken."""
     return f"{TAKEN}{who}"
 
 
@@ -57,7 +55,13 @@ class Command:
     @property
     def inhibition(self) -> Inhibition | None:
         """The fault or interlock for which only the default may be sent."""
-        return next((each for each in chain(self.faults, self.interlocks) if each.reason is not None), None)
+        for each in self.faults:
+            if each.reason is not None:
+                return each
+        for each in self.interlocks:
+            if each.reason is not None:
+                return each
+        return None
 
     @property
     def interlocked(self) -> str | None:
@@ -66,7 +70,7 @@ class Command:
 
     @property
     def rank(self) -> Rank:
-        """Who has it."""
+        """Return the rank that has the actuator."""
         if any(each.held for each in self.faults):
             return Rank.FAULT
         if any(each.reason is not None for each in self.interlocks):
@@ -75,11 +79,11 @@ class Command:
 
     @property
     def reason(self) -> str | None:
-        """Why the program cannot write another value than the default."""
+        """Return why the program may write no value except the default."""
         return self.interlocked or (reason_of_client(self.client) if self.client else None)
 
     def admits(self, value: float, source: Source) -> bool:
-        """Whether a value may be taken now; Interlocked where an interlock is declared to stop the program."""
+        """True if a value may be taken now; Interlocked where an interlock is declared to stop the program."""
         if self.client and source is not Source.CLIENT:
             return False
         if value == self.default:
@@ -96,11 +100,11 @@ class Command:
         return free
 
     def has_expired(self, now: float) -> bool:
-        return self.written is not None and not self.client and now - self.written >= self.expires - A_TICK
+        return self.written is not None and not self.client and now - self.written >= self.expires - TIME_TOLERANCE
 
 
 class Claims:
-    """Those of one machine."""
+    """The claims of one machine."""
 
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
@@ -122,10 +126,10 @@ class Claims:
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
         self.left: dict[object, dict[int, float]] = {}
-        """What waiting work has left of its actuators, by slot, for each that lets work wait. A fault of equipment ends
-        the work in it, and with it what it has left."""
+        """The values that waiting work has left on its actuators, by slot, for each part that lets work wait. A fault
+        of equipment ends the work in it, and removes these values."""
         self._asks_all = False
-        """Whether writes of free actuators pass the command stage too."""
+        """True if writes of free actuators pass the command stage too."""
         self._numbers: dict[str, int] = {}
         asked = (slot for slot in self.order if image.deliveries[slot].at_once)
         expiring = (slot for slot, command in self.by_slot.items() if command.expires < inf)
@@ -150,7 +154,7 @@ class Claims:
     # Who has it ----------------------------------------------------------------------------------------
 
     def claim(self, slot: int) -> Claim:
-        """Who drives an actuator."""
+        """Return the claim on an actuator."""
         command = self.by_slot.get(slot)
         return Claim(Rank.PROGRAM) if command is None else Claim(command.rank, command.reason or "")
 
@@ -167,19 +171,20 @@ class Claims:
         return not self._inhibiting_some(slots, [*self.inhibitions, *self._faults])
 
     def inhibiting(self, slots: frozenset[int], *, latched: bool = False) -> list[str]:
-        """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
+        """Return the reasons of the interlocks that inhibit one of these, each once; `latched`: only of those that
+        latch."""
         found = self._inhibiting_some(slots, self.inhibitions)
         asked = (each for each in found if each.interlock.latched or not latched)
         return list(dict.fromkeys(each.reason for each in asked if each.reason))
 
     def _inhibiting_some(self, slots: frozenset[int], among: Iterable[Inhibition]) -> list[Inhibition]:
-        """Those that inhibit one of these actuators now."""
+        """Return the inhibitions that inhibit one of these actuators now."""
         return [each for each in among if each.reason is not None and not slots.isdisjoint(each.slots)]
 
     # Clients -------------------------------------------------------------------------------------------
 
     def client_of(self, slot: int) -> str:
-        """The client that has taken the actuator; empty: nobody."""
+        """Return the client that has taken the actuator; empty if none has."""
         command = self.by_slot.get(slot)
         return "" if command is None else command.client
 
@@ -202,7 +207,7 @@ class Claims:
         self._image.settle(slots, ToDefault.SEND)
 
     def end_client(self, slot: int) -> None:
-        """The actuator is at its default: a client that had taken it has it no longer, which the client is told."""
+        """The actuator is at its default: the hold of a client on it has ended, and the client is notified."""
         if slot in self._taken_by_clients:
             self._taken_by_clients.discard(slot)
             self.by_slot[slot].client = ""
@@ -221,7 +226,7 @@ class Claims:
 
     @property
     def any_fault(self) -> bool:
-        """Whether a fault keeps any actuator at its default."""
+        """True if a fault keeps any actuator at its default."""
         return any(fault.held for fault in self._faults)
 
     def know(self, faults: Sequence[Inhibition]) -> None:
@@ -235,8 +240,8 @@ class Claims:
         self._restrict()
 
     def hold(self, fault: Inhibition) -> None:
-        """Only the defaults of its actuators may be sent from now on, whoever has taken them: no fault around them
-        holds them yet."""
+        """From now on only the defaults of its actuators may be sent, even if a client has taken them: no fault around
+        them holds them yet."""
         fault.held, fault.reason = True, fault.interlock.reason
         number = self._numbers.get(fault.reason, len(self._numbers))
         known, restrictions, any_taken = self.by_slot, self._image.restrictions, bool(self._taken_by_clients)
@@ -267,7 +272,7 @@ class Claims:
     # The column `restrictions` -------------------------------------------------------------------------
 
     def ask_all(self, yes: bool) -> None:
-        """Whether the command stage is asked before every write."""
+        """Set whether the command stage checks every write."""
         self._asks_all = yes
         self._restrict()
 
@@ -282,17 +287,17 @@ class Claims:
             found[self.order] = ASKED
         for each in reversed([*self._faults, *self.inhibitions]):
             if each.reason is not None:
-                found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
+                found[each.slots] = self._numbers.get(each.reason_key, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
         self._image.columns.restrictions[:] = found
 
     def _restrict_one(self, command: Command) -> None:
-        """The same of one actuator."""
+        """Set the column of one actuator."""
         slot, each = command.slot, command.inhibition
         if slot in self._taken_by_clients:
             found = TAKEN_BY_CLIENT
         elif each is not None:
-            found = self._numbers.get(each.brief, len(self._numbers))
+            found = self._numbers.get(each.reason_key, len(self._numbers))
         else:
             found = ASKED if self._asks_all else int(self._unrestricted[slot])
         self._image.restrictions[slot] = found
@@ -311,7 +316,7 @@ class Claims:
 
 
 def _by_slot(inhibitions: Iterable[Inhibition]) -> dict[int, list[Inhibition]]:
-    """Those that name each actuator, as declared."""
+    """Return the inhibitions that name each actuator, as declared."""
     found: dict[int, list[Inhibition]] = {}
     for each in inhibitions:
         for slot in each.slots:

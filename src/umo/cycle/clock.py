@@ -32,7 +32,7 @@ class Clock:
         return self.now
 
     def advance(self, missed: int) -> None:
-        """The timer was read: 0 after it blocked for one tick, else the ticks that had already passed."""
+        """The timer was read: 0 after it blocked for one tick, otherwise the ticks that had already passed."""
         self.on_tick()
         if missed:
             self.missed_in_all += missed

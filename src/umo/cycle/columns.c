@@ -1,5 +1,5 @@
 /* umo.cycle._columns: what is done with the columns of the process image in each period: the conversion of its blocks
- * (conversion.py), and their copy into a frame (frames/body.py). Compiled laws have laws.c and watch.c.
+ * (conversion.py), and their copy into a frame (frames/ring.py). Compiled laws have laws.c and watch.c.
  *
  * The same IEEE operations in the same order as objects/scaling.py: compiled without contraction of a * b + c. Only
  * functions of Python's stable interface are used, so that one file serves all versions from 3.11 on.

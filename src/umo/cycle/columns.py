@@ -37,7 +37,7 @@ class Source(Enum):
     PROGRAM = "program"
     CLIENT = "client"
     DEFAULT = "default"
-    """No write: an interlock, a fault, a reset, an expiry or the end of a client's hold sends the default."""
+    """Not a write: an interlock, a fault, a reset, an expiry or the end of a client's hold sends the default."""
 
 
 class Columns:
@@ -62,9 +62,9 @@ class Columns:
         self.quality, self.restrictions = memory[ends[0] : ends[1]].reshape(NARROW, count)
         self.equipment, self.axes, self.alarms = np.split(memory[ends[1] :], [equipment, equipment + axes])
         self.written = np.zeros(count, np.uint8)
-        """Of actuators: bits that tell when control code has written them."""
+        """Actuators: bits that are set when control code has written them."""
         self.owners = np.zeros(count, np.uint64)
-        """Of actuators: what identifies who has written them last."""
+        """Actuators: the identity of the code that has written them last."""
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
         """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`, in this order: what
@@ -85,8 +85,8 @@ class Scales:
         """The least and the greatest raw integer of an actuator."""
         exact = [wire.item.direction is Direction.INPUT or wire.exact for wire in wires]
         self.exact = np.array(exact, bool) & (np.maximum(np.abs(self.least), np.abs(self.greatest)) < 2.0**51)
-        """Whether the raw integer nearest to any value of an actuator's range lies within these two, and is not so
-        great that floats near it are whole numbers."""
+        """True if the raw integer nearest to any value of an actuator's range lies within these two, and is small
+        enough for floats near it to have fractions."""
         rates = (wire.item._slew_rate for wire in wires)
         self.rate = np.array([inf if rate is None else rate for rate in rates], float)
         """The largest rate of an actuator in units per s; infinite: it is not limited."""
@@ -99,7 +99,7 @@ class Scales:
 
 
 def _raw_bounds(wire: Wire) -> tuple[float, float]:
-    """As floats within the bounds; for a sensor those of any raw integer."""
+    """Return the bounds of the raw integer as floats; for a sensor those of any raw integer."""
     if wire.item.direction is Direction.INPUT:
         return -(2.0**63), 2.0**63 - 1024.0
     least, greatest = wire.raw_bounds
@@ -134,7 +134,7 @@ class Block:
         self.unwatched: Callable[[Any, IntArray], None]
         """The same without a watch around it."""
         self.was_moved: Callable[[int], object] | None = None
-        """What a watch is told of a transfer that has not gone by `transfer`: how long it took, in ns."""
+        """Called with the duration in ns of a transfer that was not made by `transfer`."""
         self.convert: Callable[[float], Sequence[tuple[int, float]]]
         """Inputs: takes the buffer to raws, values and, with the time given in s, times of the image. If any values are
         out of bounds, their (slot, value) pairs are returned and not kept, and the times are left to the caller."""

@@ -22,7 +22,7 @@ from umo.objects.scaling import FloatArray
 from umo.user_code import attempt
 
 WriteWatch = Callable[[int, float, str, bool], object]
-"""A function that is told of a write: the slot, the value, the source, whether it was taken."""
+"""A function that is called for each write: with the slot, the value, the source, and whether it was accepted."""
 
 
 class CommandStage:
@@ -36,7 +36,7 @@ class CommandStage:
         """The actuators that were written since `note_writes`; None: they are not noted."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """A value within the range was written; whether the image takes it. False: inhibited."""
+        """Handle a write within the range. Return True if the image accepts it, False if the actuator is inhibited."""
         if self.noted is not None:
             self.noted.add(slot)
         command, taken = self._by_slot.get(slot), False
@@ -49,7 +49,7 @@ class CommandStage:
         return taken
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+        """Handle many writes at once, each with its answer. If it raises Interlocked, none was accepted."""
         if self.noted is not None:
             self.noted.update(slots)
         commands = [self._by_slot.get(slot) for slot in slots]
@@ -66,7 +66,8 @@ class CommandStage:
         return free
 
     def go_on(self, left: Mapping[int, float]) -> None:
-        """Work goes on: what it has left of these actuators is written again. What is not taken is told."""
+        """Write the values again that work has left on these actuators. A value that is not accepted is recorded as an
+        event."""
         image = self._image
         if refused := [slot for slot, value in left.items() if not self._goes_on(slot, value)]:
             image.events.add(partial(_not_restored, image.clock.now, image.items, refused), logged=True)
@@ -90,7 +91,7 @@ class CommandStage:
             self._tell(slot, float(self._image.scales.defaults[slot]), Source.DEFAULT, True)
 
     def _tell(self, slot: int, value: float, source: Source, taken: bool) -> None:
-        """One that raises is told and called no more: it keeps no output from its default."""
+        """A watch that raises an error is reported and not called again, so that it cannot prevent a reset."""
         for watch in tuple(self._watching):
             _, error = attempt(watch, slot, value, source.value, taken)
             if error is not None:
@@ -99,19 +100,19 @@ class CommandStage:
                 self._image.events.add(Event(self._image.clock.now, "", text), logged=True)
 
     def watch(self, call: WriteWatch) -> None:
-        """From now on this function is told of each write and each default that is sent: its slot, its value, the
-        source ("program", "client", "default"), and whether it was taken. Every write passes this stage."""
+        """From now on call this function for each write and each default that is sent: with its slot, its value, the
+        source ("program", "client", "default"), and whether it was accepted. Every write passes this stage."""
         self._watching.append(call)
         self._ask()
 
     def end_watch(self, call: WriteWatch) -> None:
-        """It is told no longer."""
+        """Do not call this function any more."""
         if call in self._watching:
             self._watching.remove(call)
         self._ask()
 
     def _ask(self) -> None:
-        """All writes pass this stage while somebody looks at them."""
+        """Let all writes pass this stage while somebody observes them."""
         self._claims.ask_all(self.noted is not None or bool(self._watching))
 
 

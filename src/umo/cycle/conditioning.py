@@ -1,8 +1,8 @@
 """Conditioning of sensors: rollover of a counter, filter, velocity, debounce.
 
-It happens where raw integers become values. Times are those of the readings, so it is right after missed ticks, at any
-rate, and for a driver off the cycle. What was not read changes nothing. The raw integers stay those of the circuit.
-"""
+It happens where raw integers become values. It computes with the times of the readings, so it is correct after missed
+ticks, at any rate, and for a driver off the cycle. What was not read changes nothing. The raw integers stay those of
+the circuit."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from math import expm1, isnan
 
 from umo.cycle.columns import Block, Columns
+from umo.duration import TIME_TOLERANCE
 from umo.objects import Atomic
 from umo.objects.scaling import FloatArray
 from umo.wiring.wired import Wire
-
-A_MOMENT = 1e-9
-"""Time in s that is allowed for the rounding of times."""
 
 
 class Conditioner:
@@ -33,11 +31,11 @@ class Conditioner:
 
     @property
     def reading(self) -> float | None:
-        """The value of the last reading, as it was read; None before the first one."""
+        """Return the value of the last reading, or None before the first one."""
         return None
 
     def conditioned(self, value: float, time: float, inside: bool) -> float:
-        """The value of a reading at this time in s, conditioned. One that is not inside the range is shown as it is."""
+        """The value of a reading at this time in s, conditioned. A value outside the range is shown unfiltered."""
         if inside:
             return self.value_of(value, time)
         self.leave()
@@ -51,7 +49,7 @@ class Conditioner:
         """The zero offset has changed by this distance."""
 
     def leave(self) -> None:
-        """A reading out of the range is shown as it is: the next one begins anew."""
+        """A reading out of the range is shown unfiltered; the filter starts again with the next one."""
 
 
 class NumberConditioner(Conditioner):
@@ -112,8 +110,8 @@ class NumberConditioner(Conditioner):
 
 
 class StateConditioner(Conditioner):
-    """A change counts when it has lasted from one reading to another one that is at least `debounce` later; what the
-    level was between two readings is not known."""
+    """A change counts when it lasts from one reading to another one at least `debounce` later; the level between two
+    readings is unknown."""
 
     def __init__(self, debounce: float) -> None:
         self._debounce = debounce
@@ -130,7 +128,7 @@ class StateConditioner(Conditioner):
             self._since = None
         elif self._since is None:
             self._since = time
-        if self._since is not None and time - self._since >= self._debounce - A_MOMENT:
+        if self._since is not None and time - self._since >= self._debounce - TIME_TOLERANCE:
             self._level, self._since = value, None
         return self._level
 
@@ -141,7 +139,7 @@ def _share(dt: float, time_constant: float) -> float:
 
 
 def conditioner_of(wire: Wire) -> Conditioner | None:
-    """None for an object without conditioning."""
+    """Return the conditioner of an object, or None if it has none."""
     item, bits = wire.item, wire.rollover_bits
     if item._debounce is not None:
         return StateConditioner(item._debounce)
@@ -151,8 +149,8 @@ def conditioner_of(wire: Wire) -> Conditioner | None:
 
 
 class ConditionedInputs:
-    """The conversion of a block with sensors that are conditioned. `refused` tells whether a raw integer is no
-    reading."""
+    """The conversion of a block with sensors that are conditioned. `refused` says whether a raw integer stands for an
+    invalid reading."""
 
     def __init__(
         self,
@@ -168,7 +166,7 @@ class ConditionedInputs:
         """The times in s of the readings, NaN for none yet; None: all are of the time of the call."""
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
-        """As `Block.convert`."""
+        """Convert as `Block.convert`."""
         view, raws, values = self._block.view, self._columns.raws, self._columns.values
         read = [
             (place, slot, each, raw)

@@ -78,7 +78,7 @@ class connect(Generic[C]):
         self.pause: Callable[[float], object] = time.sleep
         """The function that waits (in s) before the second reset."""
         self.reached = True
-        """Whether every initialised actuator is at its default, as far as is known."""
+        """True if every initialised actuator is at its default, as far as is known."""
         self.reports: dict[str, Mapping[str, Any]] = {}
         """Reports of the drivers on their circuits or plants (`Reports.report`), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
@@ -86,9 +86,10 @@ class connect(Generic[C]):
         self.kept: Mapping[str, Any] = {}
         """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
         self.states: Mapping[str, Any] = {}
-        """What capabilities had at the end of the last run, by their names, such as the states of `alarms` by path."""
+        """The states of capabilities at the end of the last run, by their names, such as the states of `alarms` by
+        path."""
         self.not_restored: dict[str, str] = {}
-        """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
+        """The kept values that were not taken, by path: why, as text. Each of these numbers has its default."""
         self.laid_out: Callable[[ConnectedMachine], object] = lambda machine: None
         """Function that is called when the machine has its parameters, its kept values and its laws; no device is open
         yet."""
@@ -112,14 +113,14 @@ class connect(Generic[C]):
         return self.machine.image
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call of this process reach a driver any longer: in its place `instead` is called, which does not
+        """Let no call of this process reach a driver any more: in its place `instead` is called, which does not
         return."""
         self.on_step = instead
         if hasattr(self, "machine"):
             self.machine.refuse(instead)
 
     def _stand_aside(self, device_claim: DeviceClaim) -> None:
-        """In a process that was forked: the devices are not its own, and it ends as soon as it would use one."""
+        """Mark a forked process: the devices are not its own, and it ends as soon as it would use one."""
         self.refuse(lambda *_: end_forked(self.stop.title))
         with suppress(OSError):
             device_claim.hold.release()
@@ -303,7 +304,7 @@ class connect(Generic[C]):
 
 
 def _moment(machine: ConnectedMachine) -> Moment | None:
-    """The time of the run; None before its first period."""
+    """Return the time of the run, or None before its first period."""
     return Moment.at(machine.clock.now) if machine.clock.number else None
 
 

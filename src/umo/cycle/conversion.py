@@ -26,7 +26,7 @@ extension: Any = None
 """The extension in C; None: it was not built, and numpy does its work."""
 with suppress(ImportError):
     extension = import_module("umo.cycle._columns")
-ROUNDING = 1.5 * 2.0**52
+ROUND_TO_EVEN = 1.5 * 2.0**52
 """Constant that rounds: the sum of it and a float below 2**51 is rounded half to even; the difference of the bits of
 sum and constant is the integer. This takes a fifth of the time of numpy's rint and its conversion to integers."""
 
@@ -68,7 +68,8 @@ def _views(block: Block, *columns: FloatArray | IntArray) -> tuple[memoryview, .
 
 
 class Inputs:
-    """One block of inputs, by numpy. (Arguments by position: a call takes half the time of one with names.)"""
+    """One block of inputs, converted by numpy. (Arguments by position: a call takes half the time of one with
+    names.)"""
 
     def __init__(
         self,
@@ -98,7 +99,7 @@ class Inputs:
         self._plain = not (linearizations or hidden)
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
-        """As `Block.convert`."""
+        """Convert as `Block.convert`."""
         block, both = self._block, self._both
         self._raws[:] = block.view
         self._rows[...] = block.buffer  # as floats: quicker than a product of integers and floats
@@ -123,7 +124,7 @@ class Inputs:
 
 
 class Outputs:
-    """One block of outputs, by numpy."""
+    """One block of outputs, converted by numpy."""
 
     def __init__(self, block: Block, columns: Columns, scales: Scales, linearizations: Linearizations) -> None:
         slots = block.slots
@@ -137,14 +138,14 @@ class Outputs:
         self._zero_offset = zero_offset if zero_offset.any() else None
         self._found = np.zeros(block.count)
         self._bits = self._found.view(np.int64)
-        self._rounding = np.full(block.count, ROUNDING)  # arrays: a number would have to become one at each call
+        self._rounding = np.full(block.count, ROUND_TO_EVEN)  # arrays: a number would have to become one at each call
         self._bits_of_rounding = self._rounding.view(np.int64)
         self._limited = bool(np.isfinite(scales.rate[slots]).any())
         self._plain = not linearizations and bool(scales.exact[slots].all())
         self._written = None if extension is None else columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
-        """As `Block.give`."""
+        """Encode as `Block.give`."""
         if self._written is not None:
             extension.end_period(self._written)
         if self._limited or not self._plain:
@@ -158,7 +159,7 @@ class Outputs:
         subtract(self._bits, self._bits_of_rounding, self._block.raws)
 
     def commit(self, now: float) -> None:
-        """As `Block.commit`."""
+        """Confirm as `Block.commit`."""
         self._values[:] = self._sent_view
         self._raws[:] = self._block.view
         self._times.fill(now)
@@ -174,8 +175,8 @@ def send(
     now: float,
     dt: float,
 ) -> None:
-    """Set `sent` and `sent_raws`, together: whatever a linearization raises, both are as they were. It is not asked for
-    what was sent last or for a default."""
+    """Set `sent` and `sent_raws` together: if a linearization raises an error, both stay unchanged. It is not called
+    for the last sent value or a default."""
     sent, stepped = _next(columns, scales, slots, now, dt)
     raws, at_default = columns.sent_raws[slots].copy(), sent == scales.defaults[slots]
     changed = sent.view(np.int64) != np.array(columns.sent[slots]).view(np.int64)

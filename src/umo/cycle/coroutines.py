@@ -1,4 +1,4 @@
-"""What Python knows of a sequence: where it waits, whose code it is, what it was called with."""
+"""Facts about a sequence from Python: where it waits, whose code it is, its arguments."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ def place_of(sequence: Any) -> str:
 
 
 def code_of(sequence: Any) -> CodeType | None:
-    """That of its `async def` function; None: it is of another kind."""
+    """Return the code of its `async def` function, or None for other kinds."""
     return getattr(sequence, "cr_code", None)
 
 
 def given_to(sequence: Any) -> dict[str, Any]:
-    """What its function was called with, and what it uses of the functions around it; {} when it has ended."""
+    """Return the arguments of its function and the values it uses of enclosing functions; {} after its end."""
     code, values = _running(sequence)
     names = () if code is None else (*_parameters(code), *code.co_freevars)
     return {name: values[name] for name in names if name in values}
 
 
 def arguments_text(sequence: Any) -> str:
-    """What an `async def` function was called with, as far as that is short: objects of the machine, numbers, texts."""
+    """Return the short arguments of an `async def` function as text: objects of the machine, numbers, texts."""
     code, values = _running(sequence)
     if code is None:
         return ""
@@ -49,12 +49,12 @@ def arguments_text(sequence: Any) -> str:
 
 
 def is_new(sequence: Any) -> bool:
-    """Whether it is one, and has not begun."""
+    """True if it is one, and has not begun."""
     return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
 
 
 def _running(sequence: Any) -> tuple[CodeType | None, dict[str, Any]]:
-    """The code of a sequence that has not ended, and the values of its names; None: it has ended."""
+    """Return the code of a sequence and the values of its names; None after its end."""
     frame: FrameType | None = getattr(sequence, "cr_frame", None)
     return (None, {}) if frame is None else (frame.f_code, frame.f_locals)
 

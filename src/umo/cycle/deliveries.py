@@ -1,4 +1,4 @@
-"""The actuators of the image: what becomes of one, and how what is pending of it reaches its device.
+"""The actuators of the image: what happens to one, and how what is pending of it reaches its device.
 
 Each actuator has one delivery, chosen when it is connected:
 
@@ -22,20 +22,20 @@ from umo.wiring.wired import Wired
 
 
 class ImageOutputs(Slots):
-    """The slots of a machine's objects, with what becomes of the actuators among them."""
+    """The slots of a machine's objects, with what happens to the actuators among them."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
         self.owed: set[int] = set()
         """Asynchronous actuators whose default the device did not accept: it is sent in every period until it does."""
         self.unconfirmed: dict[int, float] = {}
-        """Those with on_error="retry" whose pending value was not confirmed, each with the time in s of the first
+        """Actuators with on_error="retry" whose pending value was not confirmed, with the time in s of the first
         attempt. While they are STALE, it is sent again in every period."""
         with_period, at_once = WithPeriod(self), AtOnce(self)
         self.deliveries = [with_period if item.synchronous else at_once for item in self.items]
-        """How what is pending of each reaches its device; of a sensor nothing is."""
+        """The delivery of the pending value of each actuator; sensors have none."""
         self.does_not_wait: Callable[[int], object] = bool
-        """Function that is told of each actuator whose pending value is sent in this period in any case."""
+        """Function that is called for each actuator whose pending value must be sent in this period."""
 
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
@@ -43,20 +43,20 @@ class ImageOutputs(Slots):
         self.does_not_wait(slot)
 
     def is_at_default(self, slot: int) -> bool:
-        """Whether its default is pending."""
+        """True if its default is pending."""
         return bool(self.pending[slot] == self._defaults[slot])
 
     def _give_default(self, slot: int) -> None:
-        """Its default is what is sent next."""
+        """Send its default next."""
         self.sent[slot], self.sent_raws[slot] = self._defaults[slot], self.transfer.defaults[slot]
         self.stepped[slot] = self.clock.now
 
     def accepted(self, slot: int) -> None:
-        """One actuator was sent a value, and there was no error."""
+        """Note that one actuator was sent a value without an error."""
         self.deliveries[slot].accepted(slot)
 
     def confirmed(self, slot: int) -> None:
-        """One actuator has accepted what was sent to it."""
+        """Note that one actuator has accepted the value that was sent."""
         self.values[slot] = self.sent[slot]
         self.times[slot] = self.clock.now
         if self.stepped[slot] == inf:
@@ -67,7 +67,7 @@ class ImageOutputs(Slots):
             self.unconfirmed.pop(slot, None)
 
     def send_again(self) -> list[Failure]:
-        """What was not confirmed; what has failed of it."""
+        """Send the unconfirmed values again; returns the failures."""
         stale = [slot for slot in self.unconfirmed if self.quality[slot] == Quality.STALE]
         return [failure for slot in stale for failure in self.deliveries[slot].written(slot)]
 
@@ -88,44 +88,44 @@ class ImageOutputs(Slots):
 
 
 class WithPeriod:
-    """Every `update` sends what is pending, written or not."""
+    """Outputs of which every `update` sends the pending values, whether written or not."""
 
     at_once: ClassVar[bool] = False
-    """Whether a write sends it."""
+    """True if a write sends it."""
 
     def __init__(self, image: ImageOutputs) -> None:
         self._image = image
         self._items: Any = image.items
 
     def written(self, slot: int) -> list[Failure]:
-        """A value was taken, or the default is to be sent: send it where no `update` does; what failed."""
+        """A value was accepted, or the default must be sent: send it if no `update` will. Returns the failures."""
         return []
 
     def accepted(self, slot: int) -> None:
-        """It was sent a value, and there was no error."""
+        """Note that an actuator was sent a value without an error."""
         self._image.confirmed(slot)
 
     def refused(self, slot: int) -> None:
-        """The device did not accept what is pending."""
+        """Note that the device did not accept the pending value."""
 
     def is_sent_again(self, slot: int) -> bool:
-        """Whether what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
+        """True if what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
         not known whether the device answers, it was not tried."""
         image = self._image
         away, driver = image.transfer.callees.away, image.wires[slot].driver
         return self._is_within(slot, image.times[slot]) or away.is_unknown(driver)
 
     def _is_within(self, slot: int, since: float) -> bool:
-        """Whether no more than its `max_age` has passed since this time, in s."""
+        """True if no more than its `max_age` has passed since this time, in s."""
         max_age = self._items[slot]._max_age
         return max_age is not None and bool(self._image.clock.now - since <= max_age)
 
     def survives(self, slot: int) -> bool:
-        """Whether it gets what is pending when its device was away and has been initialised again."""
+        """True if it gets its pending value after its device was away and has been initialised again."""
         return True
 
     def goes_on(self, slot: int) -> None:
-        """Its device has been initialised again, and gets what is pending."""
+        """Note that its device has been initialised again and gets the pending value."""
 
 
 class AtOnce(WithPeriod):

@@ -12,7 +12,7 @@ from umo.objects import Action, Actuator, Compound, actions_of, numbers_of, walk
 from umo.objects.laws import has_loops, laws_in
 
 DATA = ("builtins", "numpy")
-"""Modules whose objects are no laws, but what a law calculates with: nobody but the law is to have them."""
+"""Modules whose objects are not laws, but data of a law that only the law may use."""
 
 
 class MotionAxis(Protocol):
@@ -22,48 +22,50 @@ class MotionAxis(Protocol):
     def _path(self) -> str: ...
 
     def shown_state(self) -> int:
-        """What it does, for frames: the number of one of its states. It raises nothing."""
+        """Return its state for frames, as the number of one of its states. It raises nothing."""
 
     def describe_axis(self) -> Mapping[str, Any]:
         """Its path, states, position, limits and actions, as plain data."""
 
     def _leave(self) -> Any:
-        """What it does, to go on with it later (`umo.control.axis.LeftMotion`): it is free for others."""
+        """Store its motion, to continue it later (`umo.control.axis.LeftMotion`), and free it for others."""
 
     def _stop_as_declared(self, left: Any) -> str:
-        """Nobody is in charge: the declared reaction, in words; "": nothing changes. `left`: what it has left."""
+        """Carry out the declared reaction, because nothing controls the part any more. Return it as a text; "" if
+        nothing changes. `left`: what it has left."""
 
     def _let_go(self) -> None:
-        """It could not be left, or stopped: it is controlled no longer."""
+        """Stop controlling the part, because leaving or stopping it has failed."""
 
     def _driven(self) -> tuple[Actuator, ...]:
-        """What its law is in charge of, also if it has not written it in this period."""
+        """The actuators that its law controls, including those not written in this period."""
 
 
 class Book(Protocol):
-    """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
+    """A law that offers values to choose from for the next batch, such as a book of recipes
+    (`umo.operation.recipe_book`)."""
 
     def choose(self, name: str, content: str = "") -> str:
         """Choose one by its name."""
 
     def describe(self) -> Mapping[str, Any]:
-        """What can be chosen, as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
+        """Return the choices as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
 
 
 class Directory:
-    """What one machine has when it is connected."""
+    """The parts of a connected machine."""
 
     def __init__(self, root: Compound) -> None:
         self._root = root
         self.numbers = numbers_of(root)
         """Its numbers, by path."""
         self.kept = {path: kept_kind(each) for path, each in self.numbers.items() if each.declared.kept}
-        """What is kept over a restart, by path: its type as plain data."""
+        """The values that are kept over a restart, by path: the type as plain data."""
         self.tunables = {path: each for path, each in self.numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.axes = axes_in(root)
         self.units: list[Any] = []
-        """The laws that are states of a part, told by what carries them out (`umo.operation.supervisors`)."""
+        """The laws that are states of a part, set by `umo.operation.supervisors`."""
         self._laws = [each for each in laws_in(root) if type(each[2]).__module__ not in DATA]
         self.laws = [each for each in self._laws if has_loops(each[2])]
         """Its laws with loops, each with the compound that has it and its path."""
@@ -84,7 +86,7 @@ class Directory:
 
     @cached_property
     def books(self) -> dict[str, Book]:
-        """The laws from which clients choose what comes next, by path."""
+        """Return the laws that offer recipes to clients, by path."""
         return dict(self.having("choose", "next", "describe"))
 
     def having(self, *names: str) -> list[tuple[str, Any]]:

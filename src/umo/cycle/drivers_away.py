@@ -1,10 +1,10 @@
 """Drivers that are away: their devices do not answer, and no call waits for them while the machine runs.
 
-A call that timed out puts a stand-in in the place of its driver: every call fails at once. Before each period the
-devices are looked for (`Looks.look`, which never waits), at growing intervals. One that answers is initialised again
-if it was away for long, and tried: the first call that succeeds ends the absence. Another failure of a whole transfer
-lets the driver be looked for before the next period; until then it is called as ever. When which of this is done is
-decided in `umo.drivers.absence`. (docs/decisions/0030 and 0098)
+After a call that timed out a stand-in replaces its driver: every call fails immediately. Before each period the devices
+are looked for (`Looks.look`, which never waits), at growing intervals. One that answers is initialised again if it was
+away for long, and tried: the first call that succeeds ends the absence. Another failure of a whole transfer lets the
+driver be looked for before the next period; until then it is called as ever. When which of this is done is decided in
+`umo.drivers.absence`. (docs/decisions/0030 and 0098)
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from umo.cycle.transfer import Transfer
 from umo.drivers.absence import ON_CYCLE, Absence, AbsenceState, AbsenceStep
 from umo.drivers.contract import Driver
 from umo.drivers.optional import answers_for_device, look_for
+from umo.duration import duration
 from umo.errors import DriverError, Failure, text_of
-from umo.presentation.durations import duration
 from umo.text import some
 from umo.user_code import attempt
 
 
 class DriverAway:
-    """One driver that has failed."""
+    """One driver that has failed and is looked for."""
 
     def __init__(self, name: str, driver: Driver[Any]) -> None:
         self.name, self.driver = name, driver
@@ -38,7 +38,7 @@ class DriverAway:
         self.defaulted: dict[str, None] = {}
         """The actuators that this has brought to their defaults, where they stay."""
         self.judged = self.told = False
-        """Whether it has lasted long enough to be told; whether it was told, so that its end is."""
+        """True if it has lasted long enough for an event; whether it had one, so that its end gets one."""
 
     def refusal(self) -> NotCalled:
         return NotCalled(f"it is away: {self.cause}")
@@ -54,15 +54,15 @@ class DriversAway(NobodyAway):
         clock: Clock,
         events: Events,
         initialize: Callable[[int], Failure | None],
-        stays_at_default: Callable[[int], str],
+        path_if_default_kept: Callable[[int], str],
         slots: Mapping[int, Sequence[int]],
         watchdogs: Mapping[str, float],
     ) -> None:
-        """`slots` are those of each driver (by id) in the order in which they are initialised. `stays_at_default` is
-        the path of an object that loses its value by this, else ""."""
+        """`slots` are those of each driver (by id) in the order in which they are initialised. `path_if_default_kept`
+        is the path of an object that loses its value by this, else ""."""
         self._transfer, self._segments = transfer, segments
         self._clock, self._events = clock, events
-        self._stays_at_default = stays_at_default
+        self._path_if_default_kept = path_if_default_kept
         self._initialize, self._slots, self._watchdogs = initialize, slots, watchdogs
         self._names = {id(driver): name for name, driver in segments.drivers.items()}
         self._away: dict[int, DriverAway] = {}
@@ -140,9 +140,9 @@ class DriversAway(NobodyAway):
         return away.absence.initialized(self._clock.now, not why)
 
     def _why_not_initialized(self, away: DriverAway) -> str:
-        """Why that failed, or ""."""
+        """Return why initialisation failed, or ""."""
         for slot in self._slots.get(id(away.driver), ()):
-            loses = self._stays_at_default(slot)
+            loses = self._path_if_default_kept(slot)
             if (failure := self._initialize(slot)) is not None:
                 return failure.cause
             if loses:
@@ -175,7 +175,7 @@ class DriversAway(NobodyAway):
 
 
 def _answer(driver: Driver[Any]) -> bool | None:
-    """What its look says. The call begins in this file: `insisting.CALLERS`."""
+    """Return the result of a look. The call begins in this file: `insisting.CALLERS`."""
     return look_for(driver)
 
 
@@ -192,7 +192,7 @@ def _back_event(away: DriverAway, now: float) -> Event:
 
 
 def _at_defaults(paths: Sequence[str]) -> str:
-    """Which actuators are at their defaults; "" if there are none."""
+    """Return which actuators are at their defaults, as text; "" if none is."""
     if not paths:
         return ""
     return f"; {some(paths)} {'is at its default' if len(paths) == 1 else 'are at their defaults'}"

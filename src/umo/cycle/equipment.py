@@ -2,7 +2,7 @@
 
 What fails belongs to the innermost equipment around it: an object, a law, a started sequence, a motion. Equipment in
 fault has its actuators at their defaults, its sequences have ended and its laws are not called; the rest of the machine
-goes on. What no declared equipment contains ends the run.
+continues. What no declared equipment contains ends the run.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from operator import attrgetter
 from typing import Any
 
 from umo.cycle.claim_table import Claims
-from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, Event
+from umo.cycle.events import FAULT, FAULT_CLEARED, FAULT_PREFIX, Event
 from umo.cycle.guards import Guards
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
@@ -35,7 +35,7 @@ CLEANING_UP = "in its cleaning up: "
 
 
 class EquipmentState(IntEnum):
-    """The state of equipment; the numbers stand in frames."""
+    """The state of equipment. The numbers are stored in frames."""
 
     NORMAL = 0
     FAULT = 1
@@ -58,7 +58,7 @@ class Reason:
 
 @dataclass(eq=False)
 class Equipment:
-    """One compound that is declared equipment."""
+    """One compound that is declared as equipment."""
 
     number: int
     """Its place among all: the outer stand before the inner."""
@@ -67,9 +67,9 @@ class Equipment:
     slots: list[int]
     """Its objects: the actuators in stop order, then the sensors."""
     in_manual_only: bool
-    """Whether it contains its failures in manual mode only."""
+    """True if it contains its failures in manual mode only."""
     inhibition: Inhibition | None
-    """What keeps its actuators at their defaults during a fault; None: it has none."""
+    """The inhibition that keeps its actuators at their defaults during a fault; None if it has none."""
     referenced: frozenset[int]
     """The sensors whose reference is lost when they are initialised."""
     nodes: tuple[int, ...]
@@ -79,20 +79,20 @@ class Equipment:
     """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""
 
     def describe(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the equipment as plain data."""
         return {"path": self.path, "states": [state.name.lower() for state in EquipmentState]}
 
     @property
     def fault(self) -> str | None:
-        """The reason of its fault; None: it is not in fault."""
+        """Return the reason of its fault, or None."""
         return self.reason() if self.in_fault else None
 
     def enter(self, reason: str | Callable[[], str]) -> None:
-        """It is in fault."""
+        """Called when the equipment enters a fault."""
         self.in_fault, self.reason = True, Reason(reason)
 
     def clear(self) -> None:
-        """It is not in fault any longer."""
+        """Called when the fault of the equipment is cleared."""
         self.in_fault, self.reason = False, str
 
     def error(self) -> EquipmentFault:
@@ -104,9 +104,6 @@ class Equipment:
         return partial(EquipmentFault, self.path, self.reason)
 
 
-_IS_IN_FAULT = attrgetter("in_fault")
-
-
 def equipment_in(root: Compound) -> list[Compound]:
     """The compounds below the root that are declared equipment, the outer before the inner."""
     compounds = (node for node in walk(root) if isinstance(node, Compound))
@@ -114,8 +111,8 @@ def equipment_in(root: Compound) -> list[Compound]:
 
 
 class Containment:
-    """The equipment of one connected machine: puts it in fault, and clears it. `is_manual` tells the mode; `changed` is
-    called when equipment has come into fault, or was cleared."""
+    """The equipment of one connected machine: puts it in fault, and clears it. `is_manual` returns the mode; `changed`
+    is called when equipment enters a fault or is cleared."""
 
     def __init__(
         self,
@@ -131,10 +128,10 @@ class Containment:
         self.all = [self._equipment(number, each) for number, each in enumerate(equipment_in(root))]
         self._by_id = {id(each.compound): each for each in self.all}
         self._around: dict[Node, tuple[Equipment, ...]] = {}
-        """What `around` has found."""
+        """The results of `around`."""
         self._gathering = False
         self._held: list[Equipment] = []
-        """What has come into fault since `gather` and was not settled yet."""
+        """Equipment that has entered a fault since `gather` and was not settled yet."""
         self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
         """The objects by path."""
         claims.know([each.inhibition for each in self.all if each.inhibition is not None])
@@ -157,24 +154,28 @@ class Containment:
     # Whose failure it is -------------------------------------------------------------------------------
 
     def innermost(self, node: Node | None) -> Equipment | None:
-        """The equipment that contains the failures of an object; None: the machine itself."""
+        """Return the equipment that contains the failures of an object, or None for the machine itself."""
         for each in self.around(node):
             if each.in_fault or not each.in_manual_only or self._is_manual():
                 return each
         return None
 
     def fault_of(self, node: Node) -> EquipmentFault | None:
-        """The error for what is to be done with an object of equipment in fault."""
-        for each in self.around(node):
-            if each.in_fault:
-                return each.error()
-        return None
+        """Return the error for using an object of equipment in fault."""
+        found = self._in_fault_around(node)
+        return None if found is None else found.error()
 
     def check_may_begin(self, node: Node) -> None:
         """Raise the fault of the equipment around an object: nothing is begun there."""
+        if (found := self._in_fault_around(node)) is not None:
+            raise found.error()
+
+    def _in_fault_around(self, node: Node | None) -> Equipment | None:
+        """The innermost equipment in fault around an object."""
         for each in self.around(node):
             if each.in_fault:
-                raise each.error()
+                return each
+        return None
 
     def around(self, node: Node | None) -> tuple[Equipment, ...]:
         """The equipment around an object, the innermost first."""
@@ -214,7 +215,8 @@ class Containment:
         return True
 
     def _fail(self, equipment: Equipment, text: Callable[[], str]) -> None:
-        """Put it in fault for an error with this text; told as one of a cleaning up if it is."""
+        """Put it in fault because of an error with this text; the text says if the error came from a `finally`
+        block."""
         if self.is_in_fault(equipment.compound):
             event = partial(_cleaning_up_event, self._image.clock.now, equipment.path, text)
             self._image.events.add(event, logged=True)
@@ -224,8 +226,8 @@ class Containment:
             self._settle_held()
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
-        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
-        in fault; False if it is the machine itself."""
+        """A started sequence has failed: the sequence that awaits it gets the error. If nobody in the same equipment
+        does, it is in fault; False if it is the machine itself."""
         if is_interrupt(error):
             return False
         equipment = self.innermost(task.part)
@@ -242,8 +244,8 @@ class Containment:
 
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
         """Put equipment in fault, unless it is: from now on its actuators cannot be written, and nothing is started in
-        it. Its actuators are brought to their defaults and what is under way in it is ended at once, or after `gather`
-        with the others."""
+        it. Its actuators are brought to their defaults and what is in progress in it is ended at once, or after
+        `gather` with the others."""
         for equipment in sorted(reasons, key=attrgetter("number")):  # the outer before the inner
             if not self.is_in_fault(equipment.compound):
                 self._hold(equipment, reasons[equipment])
@@ -251,7 +253,7 @@ class Containment:
             self._settle_held()
 
     def _hold(self, equipment: Equipment, reason: str | Callable[[], str]) -> None:
-        """It is in fault, and to be settled."""
+        """Put equipment in fault. It is settled later."""
         equipment.enter(reason)
         self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
         if equipment.inhibition is not None:
@@ -259,12 +261,12 @@ class Containment:
         self._held.append(equipment)
 
     def gather(self) -> None:
-        """What comes into fault from now on is settled together, with one reset of all its actuators: a cause that many
-        share is no dearer for that."""
+        """Collect the equipment that enters a fault from now on, and reset all its actuators together, so that a common
+        cause does not cost more."""
         self._gathering = True
 
     def settle(self) -> None:
-        """What was gathered is at its defaults, and has ended."""
+        """Bring everything gathered to its defaults and end its sequences."""
         self._gathering = False
         if self._held:
             self._settle_held()
@@ -283,8 +285,8 @@ class Containment:
             self._changed(new)
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """Whether equipment around an object is in fault."""
-        return any(map(_IS_IN_FAULT, self.around(node)))
+        """True if equipment around an object is in fault."""
+        return self._in_fault_around(node) is not None
 
     # And back ------------------------------------------------------------------------------------------
 
@@ -321,7 +323,7 @@ class Containment:
                 self._image.sample_some(slow)
 
     def _initialize(self, equipment: Equipment) -> Failure | None:
-        """Its actuators, and the sensors that had failed; what failed."""
+        """Initialise its actuators, and the sensors that had failed. Return the failure."""
         image, actuators = self._image, self._claims.place
         for slot in equipment.slots:
             if slot in actuators or slot in image.failed:
@@ -332,7 +334,7 @@ class Containment:
         return None
 
     def _absent(self, equipment: Equipment) -> str:
-        """Which of its drivers are away, in words."""
+        """Return which of its drivers are away, as text."""
         transfer = self._image.transfer
         drivers = dict.fromkeys(transfer.wires[slot].driver for slot in equipment.slots)
         names = [transfer.words_of(driver) for driver in drivers if transfer.callees.away.is_away(driver)]
@@ -357,7 +359,7 @@ def _text_of_failures(what: str, failures: Sequence[Failure]) -> str:
 
 
 def _fault_event(now: float, path: str, reason: Callable[[], str]) -> Event:
-    return Event(now, path, f"{IN_FAULT}{reason()}", asked=FAULT)
+    return Event(now, path, f"{FAULT_PREFIX}{reason()}", asked=FAULT)
 
 
 def _unreached_event(now: float, path: str, failures: Sequence[Failure]) -> Event:

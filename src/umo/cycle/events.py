@@ -20,13 +20,13 @@ log = logging.getLogger("umo")
 KEPT_EVENTS = 1000
 """Number of the last events that are kept."""
 LIMIT_COUNT, LIMIT_TIME = 3, 60.0
-"""Number of absences of one driver that are told within so many s, each with its end."""
-TOLD_PER_PERIOD = 20
-"""Number of the events and lines of the log that are told in a period at most, beside the answers to clients: the
-others follow in the next periods."""
+"""Largest number of absences of one driver that are recorded within this time in s, each with its end."""
+EVENTS_PER_PERIOD = 20
+"""Largest number of events and lines of the log in a period, not counting answers to clients: the others follow in the
+next periods."""
 MOST_WAITING = 1000
-"""Number of those that may wait for a later period, beside faults and ends of what is held, which all wait. Of more the
-oldest are left out, and an event tells how many."""
+"""Number of those that may wait for a later period, beside faults and ends of what is held, which all wait. If there
+are more, the oldest are left out, and an event has their number."""
 EVENT_TEXT_BYTES = 448
 """Length of an event's text that others see, bytes of UTF-8."""
 END = "end"
@@ -35,28 +35,28 @@ stopped) or FAILED; it has no number of a command."""
 
 
 LET_GO = "let go"
-"""`Event.asked` of the end of what a client has written or called and held; of several that end for one reason, as that
-their lease ends, one event without a number of a command tells all."""
+"""`Event.asked` for the end of a hold of a client. If several end for one reason, such as the end of the lease, one
+event without a number of a command covers all."""
 FAULT = "fault"
 """`Event.asked` of the event that equipment, at its path, has come into fault."""
-IN_FAULT = "in fault: "
+FAULT_PREFIX = "in fault: "
 """Beginning of the text of this event; the reason follows."""
 FAULT_CLEARED = "fault cleared"
 """Text of the event that the fault of the equipment at its path has ended."""
 MISTAKE = "mistake"
-"""`Event.asked` of a mistake in the program, at the object that it concerns: it is told once, and the run goes on."""
+"""`Event.asked` for a mistake in the program, at the object concerned: it is recorded once, and the run continues."""
 ALARM = "alarm"
-"""`Event.asked` of a change of the alarm at its path; the text begins with its new state (`umo.alarms`)."""
+"""`Event.asked` of a change of the alarm at its path; the text begins with its new state (`umo.operation.alarms`)."""
 
 
 class CommandState(IntEnum):
-    """The state of a command; the numbers stand in shared memory, so they keep their meaning."""
+    """The state of a command. The numbers are stored in shared memory and keep their meaning."""
 
     NONE = 0
     """The event is not a command's."""
     BEGUN = 1
-    """An action, or a change to automatic mode, has begun; another event tells its end. Further ones of this state
-    tell the progress of an action."""
+    """An action, or a change to automatic mode, has begun; its end has another event. Further events with this state
+    have the progress of an action."""
     DONE = 2
     REFUSED = 3
     """The command is not allowed, or not valid: nothing was changed."""
@@ -69,15 +69,16 @@ class CommandState(IntEnum):
 
 
 class EventLimit:
-    """How often something of one source is told: `LIMIT_COUNT` times within `LIMIT_TIME`. What flickers does not push
-    all other events out."""
+    """Limits the events of one source: `LIMIT_COUNT` within `LIMIT_TIME`. What flickers does not push all other events
+    out."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=LIMIT_COUNT)
         self._left_out = 0
 
     def admit(self, now: float) -> int | None:
-        """The number of those that were left out before this one, at a time in s; None: this one is left out, too."""
+        """Return the number of events that were left out before this one, at a time in s; None if this one is left out,
+        too."""
         if len(self._times) == LIMIT_COUNT and now - self._times[0] < LIMIT_TIME:
             self._left_out += 1
             return None
@@ -88,7 +89,7 @@ class EventLimit:
 
 def limited(time: float, path: str, text: str, left_out: int) -> Event:
     """An event that an `EventLimit` has admitted, with the number of those that it has left out before."""
-    return Event(time, path, f"{text} ({left_out} such events before were not told)" if left_out else text)
+    return Event(time, path, f"{text} ({left_out} such events before were left out)" if left_out else text)
 
 
 class Event(NamedTuple):
@@ -104,34 +105,34 @@ class Event(NamedTuple):
     """The number of a client's command, from 1."""
     state: CommandState = CommandState.NONE
     asked: str = ""
-    """The command in words."""
+    """The command as text."""
 
     @property
     def is_end(self) -> bool:
-        """Whether it tells the end of the run."""
+        """True if it is the end of the run."""
         return self.asked == END and not self.command
 
 
 class Note(NamedTuple):
-    """What has happened, not told yet."""
+    """Something that has happened and is not an event yet."""
 
     event: Event | Callable[[], Event | str]
     """The event; or a function that puts it into words, or a line that is only logged."""
     logged: bool
     is_answer: bool
-    """It is told in its period."""
+    """True if it becomes an event in its period."""
     is_needed: bool
-    """It is told in any case, though it may be later."""
+    """True if it always becomes an event, perhaps in a later period."""
 
 
 class Events(Sequence[Event]):
-    """The last events. Whoever reads them in this process finds those too that were only noted so far; they are logged
-    and shown to others later, by `tell`."""
+    """The last events. Readers in this process also find those that were only noted so far; `tell` logs them and shows
+    them to other processes later."""
 
     def __init__(self) -> None:
         self._kept: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.untold = False
-        """Whether anything is to be told; looked at when the outputs of a period have been sent."""
+        """True if there are notes that must become events; checked when the outputs of a period were sent."""
         self._noted: deque[Note] = deque()
         """Since the last period."""
         self._waiting: deque[Note] = deque()
@@ -139,13 +140,13 @@ class Events(Sequence[Event]):
         self._spare = 0
         """Number of those that are waiting, and may be left out."""
         self._lines: deque[str] = deque()
-        """What is to be logged and was put into words already."""
+        """Lines for the log whose text is made already."""
         self.told = 0
-        """Number of events in words so far."""
+        """Number of events as text so far."""
 
     def add(self, event: Event | Callable[[], Event], *, logged: bool = False, needed: bool = False) -> None:
         """Note an event, or a function that makes it later. `logged`: the log has it too, as a warning; `needed`: it is
-        told however many others there are, as the answers to clients are."""
+        never left out, like the answers to clients."""
         self.untold = True
         is_answer = isinstance(event, Event) and event.command > 0
         self._noted.append(Note(event, logged, is_answer, needed))
@@ -156,9 +157,9 @@ class Events(Sequence[Event]):
         self._noted.append(Note(line, True, False, False))
 
     def tell(self) -> None:
-        """The outputs of a period have been sent: put into words and log what was noted, the answers to clients and
-        the first of the others."""
-        room = TOLD_PER_PERIOD
+        """Format and log the noted events after the outputs of a period were sent: the answers to clients and the first
+        of the others."""
+        room = EVENTS_PER_PERIOD
         while self._waiting and room:
             self._take_waiting()
             room -= 1
@@ -177,12 +178,12 @@ class Events(Sequence[Event]):
         self._log()
 
     def tell_all(self) -> None:
-        """No period follows: tell all that was noted."""
+        """Make events of all notes, because no period follows."""
         self._take_all()
         self._log()
 
     def _leave_out(self, count: int) -> None:
-        """So many of the oldest that are waiting are not told; an event and a line of the log say so."""
+        """Leave out this number of the oldest notes that wait; an event and a line of the log say so."""
         waiting, left = self._waiting, count
         self._waiting = deque()
         for note in waiting:
@@ -192,7 +193,7 @@ class Events(Sequence[Event]):
                 self._waiting.append(note)
         self._spare -= count
         time = self._kept[-1].time if self._kept else 0.0
-        text = f"{count:,} events were not told: more came than {TOLD_PER_PERIOD} in a period"
+        text = f"{count:,} events were left out: more than {EVENTS_PER_PERIOD} came in a period"
         self._take(Note(Event(time, "", text), True, False, True))
 
     def _take_all(self) -> None:
@@ -226,7 +227,7 @@ class Events(Sequence[Event]):
         return self.told
 
     def recent(self, count: int) -> list[Event]:
-        """The last events that were told, so many at most."""
+        """The last events, at most this number."""
         kept = self._kept
         return [kept[place] for place in range(-min(count, len(kept)), 0)]
 
@@ -251,7 +252,7 @@ class Paths(Sequence[str]):
     """The paths of objects, each made when it is asked for."""
 
     def __init__(self, items: Sequence[Node], places: Sequence[int]) -> None:
-        """Those at these places among the items."""
+        """`places`: the indices of these objects among the items."""
         self._items, self._places = items, places
 
     def __len__(self) -> int:
@@ -289,15 +290,15 @@ def _with_outer(node: Node | None) -> list[Node]:
 
 
 def of_several(time: float, paths: Paths, alone: str, together: str) -> Event:
-    """One event for one cause, whatever the number of the objects concerned: of one object at its path, with the text
-    `alone`; of several at the path of the nearest compound around them, with the text `together` and their paths."""
+    """Return one event for one cause, for any number of objects: for one object at its path, with the text `alone`; for
+    several at the path of the nearest compound around them, with the text `together` and their paths."""
     if len(paths) == 1:
         return Event(time, paths[0], alone)
     return Event(time, paths.around, f"{together}: {some(paths)}")
 
 
 def around(paths: Sequence[str]) -> str:
-    """The path of what is nearest around objects; "": the machine."""
+    """Return the path of the nearest compound around objects; "" for the machine."""
     first, last = min(paths).split("."), max(paths).split(".")
     same = 0
     while same < min(len(first), len(last)) - 1 and first[same] == last[same]:

@@ -1,12 +1,12 @@
-"""The faults of equipment in one run, and the mistakes of its program, as its events tell them."""
+"""The faults of equipment in one run, and the mistakes of its program, taken from its events."""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
 
-from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, MISTAKE, Event, Events
-from umo.presentation.run_facts import clock_text
+from umo.cycle.events import FAULT, FAULT_CLEARED, FAULT_PREFIX, MISTAKE, Event, Events
+from umo.objects.presentation.run_facts import clock_text
 
 KEPT_FAULTS = 1000
 """Number of the last faults that are kept; all are counted."""
@@ -33,7 +33,7 @@ class EquipmentFaultRecord:
 
 @dataclass
 class MistakeRecord:
-    """One mistake of the program, which is told once."""
+    """One mistake of the program, recorded once."""
 
     path: str
     """The object that it concerns."""
@@ -50,17 +50,17 @@ class FaultLog:
         """Number of faults in all."""
         self.last: deque[EquipmentFaultRecord] = deque(maxlen=KEPT_FAULTS)
         self.standing: dict[str, EquipmentFaultRecord] = {}
-        """Those that were not cleared, by the path of the equipment."""
+        """Faults that were not cleared, by the path of the equipment."""
         self.mistakes: list[MistakeRecord] = []
         self.next = 0
         """Number of the next event of the run that is to be added."""
 
     def add(self, event: Event) -> None:
-        """The next event; those that tell neither are passed over."""
+        """Add the next event; other events are ignored."""
         if event.command or event.who:  # of a client
             return
         if event.asked == FAULT:
-            fault = EquipmentFaultRecord(event.path, event.time, event.text.removeprefix(IN_FAULT))
+            fault = EquipmentFaultRecord(event.path, event.time, event.text.removeprefix(FAULT_PREFIX))
             self.number += 1
             self.last.append(fault)
             self.standing[event.path] = fault
@@ -71,6 +71,8 @@ class FaultLog:
 
     def add_new(self, events: Events) -> None:
         """The events of a machine in this process that were not added yet, as far as they are kept."""
+        if events.told == self.next and not events.untold:
+            return
         if new := events.number - self.next:
             self.next = events.number
             for event in list(events)[-new:]:

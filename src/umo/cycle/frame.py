@@ -1,4 +1,4 @@
-"""One finished period, shown to observers."""
+"""One finished period, as shown to observers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from umo.cycle.image import Image
 from umo.cycle.stage import Progress
 from umo.objects import Atomic, MachineNumber, described
 from umo.objects.numbers import number_in
+from umo.user_code import read_numbers
 
 
 class Signal(NamedTuple):
@@ -49,7 +50,7 @@ def _signal(each: MachineNumber) -> Signal:
 
 
 def velocities(items: Sequence[Atomic]) -> tuple[Signal, ...]:
-    """Those of the sensors that are declared with `velocity`."""
+    """Return the velocities of the sensors that are declared with `velocity`."""
     moving = (item for item in items if item._velocity is not None)
     return tuple(Signal(f"{item.path}.velocity", f"{described(item).unit}/s", item, "velocity") for item in moving)
 
@@ -68,8 +69,7 @@ class Frame:
         """The number of the `AlarmState` of each alarm, in the order of frames."""
         self.signals = signals
         """Numbers of the control code that are shown beside the objects."""
-        self.signal_values: list[float] = []
-        """The value of each signal."""
+        self._signal_values: list[float] | None = None
         self.number = 0
         """Number of ticks since connecting."""
         self.time = 0.0
@@ -81,7 +81,18 @@ class Frame:
         self.execution = 0.0
         """Wall-clock time in s from the timer's return to the end of `update`."""
         self.progress = Progress()
-        """The progress that the machine told last."""
+        """The last progress of the machine."""
+
+    @property
+    def signal_values(self) -> list[float]:
+        """The value of each signal. They are read for the first observer that asks."""
+        if self._signal_values is None:
+            self._signal_values = read_numbers(self.signals)
+        return self._signal_values
+
+    def renew(self) -> None:
+        """Another period is shown."""
+        self._signal_values = None
 
 
 Observer = Callable[[Frame], None]

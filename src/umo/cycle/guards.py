@@ -18,7 +18,7 @@ from umo.objects.claims import Rank
 
 
 class Guards:
-    """Those of one machine."""
+    """The guards of one machine."""
 
     def __init__(self, claims: Claims, image: Image) -> None:
         self._claims, self._image = claims, image
@@ -30,7 +30,7 @@ class Guards:
 
     @property
     def any(self) -> bool:
-        """Whether there are guards, or asynchronous actuators, which may owe their defaults."""
+        """True if there are guards, or asynchronous actuators, which may owe their defaults."""
         items = self._image.items
         return bool(self._claims.by_slot) or any(
             item.direction is Direction.OUTPUT and not item.synchronous for item in items
@@ -68,11 +68,11 @@ class Guards:
         return {slot for each in begun for slot in each.slots}
 
     def _is_outranked(self, slot: int) -> bool:
-        """Whether what has the actuator ranks above any interlock."""
+        """True if what has the actuator ranks above any interlock."""
         return self._claims.by_slot[slot].rank > Rank.INTERLOCK
 
     def _tell_inhibited(self, slots: Sequence[int], each: Inhibition) -> None:
-        """One interlock inhibits these."""
+        """Report that one interlock inhibits these objects."""
         waits = each.interlock.latched and each.held  # its reason says so itself once its condition is false
         what = "inhibited until acknowledged" if waits else "inhibited"
         event = partial(_inhibited, self._image.clock.now, self._image.items, slots, what, str(each.reason))
@@ -100,12 +100,12 @@ class Guards:
         return found
 
     def expire(self) -> None:
-        """Before outputs are sent that have waited for the tick: the default in the place of an expired command."""
+        """Before outputs are sent that have waited for the tick: replace an expired command by the default."""
         self._expired({command.slot for command in self._expiring if not command.synchronous})
 
     def free(self, faults: Sequence[Inhibition]) -> None:
-        """The actuators of these may be written again, unless an interlock inhibits them: one that began to do so
-        during the fault is told now."""
+        """The actuators of these equipments may be written again, unless an interlock inhibits them; an interlock that
+        began during the fault gets its event now."""
         self._claims.free(faults)
         begun: dict[Inhibition, list[int]] = {}
         for slot, each in [key for key in self._untold if not self._is_outranked(key[0])]:

@@ -1,10 +1,9 @@
-"""The process image: the slots of a connected machine, with what becomes of sensors (`readings.py`) and of actuators
+"""The process image: the slots of a connected machine, with what happens to sensors (`readings.py`) and of actuators
 (`deliveries.py`), and their way to and from drivers.
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
-after it (`conversion.py`). What moves goes through the transfer stage. What control code writes goes straight into the
-image (`writes.py`), but where the column `restrictions`, which the claims set, says that the command stage is to be
-asked.
+after it (`conversion.py`). What moves goes through the transfer stage. Control code writes directly into the image
+(`writes.py`), unless the column `restrictions`, which the claims set, requires the command stage.
 """
 
 from __future__ import annotations
@@ -33,6 +32,12 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 
 
+def raise_others(error: BaseException) -> None:
+    """Raise what a driver's call has raised and is not a failure of it, such as a KeyboardInterrupt."""
+    if not isinstance(error, FAILURES):
+        raise error
+
+
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
     raise DriverError(what, failures)
 
@@ -46,8 +51,8 @@ class Image(ImageDefaults):
     before_tick: Callable[[], object] = staticmethod(bool)
     """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
-    """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
-    these objects contains their failure."""
+    """Function that is called with the objects that have failed, and what they should have done. It raises, unless the
+    equipment of all these objects contains their failure."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
@@ -66,7 +71,7 @@ class Image(ImageDefaults):
         self.transfer.callees.end_absences()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
+        """Let no call reach a driver any more: in its place `instead` is called, which does not return."""
         self.segments.on_call = instead
         self.transfer.refuse(instead)
 
@@ -85,18 +90,40 @@ class Image(ImageDefaults):
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
-                self.accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
-                continue
-            try:
-                outside = block.convert(now)
-            except Exception:  # of a linearization of the user's
-                self.accept_each(block, {}, failures)
-                continue
-            if outside or block.unsettled:
-                self.settle_block(block, outside, now, failures)
+                self._unread(block, error, failures)
+            else:
+                self._take(block, now, failures)
         if failures or self.sampled_good is None:
             return self._end_sample(failures)
         return self.sampled_good
+
+    def sample_rest(self, blocks: Sequence[Block], place: int, error: BaseException | None) -> bool:
+        """Read the rest of the blocks: those before this place were transferred in this period; the transfer at this
+        place has raised the error or, without one, is still to come."""
+        failures: list[Failure] = []
+        for block in blocks[:place]:
+            self._take(block, self.clock.now, failures)
+        if error is not None:
+            raise_others(error)
+            self._unread(blocks[place], error, failures)
+            place += 1
+        self.found += failures
+        self.sampled_good = None  # so `sample` ends by looking at what was found
+        return self.sample(blocks[place:])
+
+    def _take(self, block: Block, now: float, failures: list[Failure]) -> None:
+        """Store the values that the driver has read."""
+        try:
+            outside = block.convert(now)
+        except Exception:  # of a linearization of the user's
+            self.accept_each(block, {}, failures)
+            return
+        if outside or block.unsettled:
+            self.settle_block(block, outside, now, failures)
+
+    def _unread(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
+        """Its transfer has failed."""
+        self.accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
 
     def _end_sample(self, failures: list[Failure]) -> bool:
         """Something is not, or was not, as it should be."""
@@ -116,10 +143,21 @@ class Image(ImageDefaults):
     def update(self, blocks: Sequence[Block] | None = None, dt: float | None = None) -> bool:
         """Send the actuators of these blocks, default: of all, written or not since the last period; one transfer each.
         `dt`: the time in s that a slew rate counts; 0: from the last step. Default: since the last period."""
+        return self._send_each(self.outputs if blocks is None else blocks, self.clock.dt if dt is None else dt, [])
+
+    def update_rest(self, blocks: Sequence[Block], place: int, error: BaseException | None) -> bool:
+        """Send the rest of the blocks: those before this place were sent in this period; the transfer at this place has
+        raised the error or, without one, is still to come."""
         failures: list[Failure] = []
+        if error is not None:
+            raise_others(error)
+            self._unsent(blocks[place], error, failures)
+            place += 1
+        return self._send_each(blocks[place:], self.clock.dt, failures)
+
+    def _send_each(self, blocks: Sequence[Block], dt: float, failures: list[Failure]) -> bool:
         now = self.clock.now
-        dt = self.clock.dt if dt is None else dt
-        for block in self.outputs if blocks is None else blocks:
+        for block in blocks:
             unconverted: Set[int] = NO_SLOTS
             try:
                 block.give(now, dt)
@@ -128,7 +166,7 @@ class Image(ImageDefaults):
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
-                self._update_rest(block, error, failures)
+                self._unsent(block, error, failures)
                 continue
             block.commit(now)
             if block.unsettled:
@@ -148,7 +186,7 @@ class Image(ImageDefaults):
                     self.raws[slot] = raw
                     self.accept(slot, raw, failures)
 
-    def _update_rest(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
+    def _unsent(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
         causes = dict(self.transfer.block_failed(block, error, inputs=False))
         for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
             if slot in causes:
@@ -167,21 +205,29 @@ class Image(ImageDefaults):
             self.before_tick()
         try:
             raw = self.transfer.read(slot)
-        except WaitEnded:
-            return NO_TICK
-        except FAILURES as error:
-            self.fail_input(slot, cause_of_failure(error), failures)
+        except (WaitEnded, *FAILURES) as error:
+            return self.not_read(slot, error)
+        if slot != self.timer:
+            self.accept(slot, raw, failures)
         else:
-            if slot != self.timer:
-                self.accept(slot, raw, failures)
-            else:
-                self._take_tick(raw, failures)
+            self._take_tick(raw, failures)
+        self._end_read(failures)
+        value: float = self.values[slot]
+        return value
+
+    def not_read(self, slot: int, error: BaseException) -> float:
+        """Reading a sensor from the hardware has raised this: what `read_now` returns."""
+        if isinstance(error, WaitEnded):
+            return NO_TICK
+        raise_others(error)
+        failures: list[Failure] = []
+        self.fail_input(slot, cause_of_failure(error), failures)
         self._end_read(failures)
         value: float = self.values[slot]
         return value
 
     def ticked(self, raw: int) -> None:
-        """The timer was read elsewhere: this is what it gave."""
+        """Note a reading of the timer that was made elsewhere."""
         failures: list[Failure] = []
         self.raws[self.timer] = raw
         self._take_tick(raw, failures)
@@ -252,7 +298,8 @@ class Image(ImageDefaults):
         return True
 
     def go_on(self, slot: int, value: float) -> bool:
-        """What work has left before it rested is written again, and sent in this period; whether it was taken."""
+        """Write a value again that was left before work rested, to be sent in this period. Return True if it was
+        accepted."""
         taken = self.command(slot, value)
         self.does_not_wait(slot)
         return taken
@@ -272,7 +319,7 @@ class Image(ImageDefaults):
         return self.update_some([slot for slot, taken in zip(each, free, strict=True) if taken]) and all(free)
 
     def _ask_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> list[bool]:
-        """Which of them the command stage takes."""
+        """Return which of these writes the command stage accepts."""
         pending, writes = self.columns.pending, self.writes
         free = self.commands.accept_many(each, values)
         taken, before = np.array(free), pending[slots].copy()
@@ -290,7 +337,7 @@ class Image(ImageDefaults):
             self.fail("could not be reset", failures)
 
     def _resets_again(self, slot: int) -> bool:
-        """Whether a failed reset is no failure yet: the default is sent again in the next period."""
+        """True if a failed reset is not a failure yet: the default is sent again in the next period."""
         if self.items[slot].direction is not Direction.OUTPUT or not self.deliveries[slot].is_sent_again(slot):
             return False
         self.owed.discard(slot)  # it is sent again as what is pending
@@ -305,7 +352,7 @@ class Image(ImageDefaults):
         send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 
     def give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
-        """The same one by one. The slots of those that failed: they keep what was sent last."""
+        """Handle them individually. Return the slots that failed: they keep the last sent values."""
         failed = set()
         for slot in slots:
             try:

@@ -11,7 +11,7 @@ import numpy as np
 from umo.errors import DeclarationError
 from umo.objects import Compound, Interlock
 from umo.objects.paths import atoms, walk
-from umo.user_code import briefly, told, told_as
+from umo.user_code import briefly, raise_as, told
 
 MAX_RESULT_TEXT = 100
 """Length of a wrong result of a condition in its message at most, characters."""
@@ -19,19 +19,20 @@ MAX_RESULT_TEXT = 100
 
 @dataclass(eq=False)
 class Inhibition:
-    """One interlock, or the fault of one equipment: its actuators, and whether it inhibits them."""
+    """One interlock, or the fault of one equipment, with its actuators, and True in each period in which it inhibits
+    them."""
 
     interlock: Interlock
     slots: list[int]
     """The actuators that it inhibits, in stop order."""
     reason: str | None = None
-    """The reason while it inhibits; None: it does not."""
+    """The reason while it inhibits, or None if it does not."""
     held: bool = False
     """The last result of its condition."""
     condition: Callable[[], Any] = field(init=False)
-    """What is evaluated: the condition of the interlock, or the same compiled."""
+    """The function that is evaluated: the condition of the interlock, or its compiled form."""
     _latched: bool = False
-    """Whether it inhibits until it is acknowledged."""
+    """True if it inhibits until it is acknowledged."""
 
     def __post_init__(self) -> None:
         self.condition = self.interlock.condition
@@ -55,13 +56,13 @@ class Inhibition:
         return before is None and self.held
 
     @property
-    def brief(self) -> str:
+    def reason_key(self) -> str:
         """The reason without the cause for which a condition cannot be evaluated: one of a few for each interlock."""
         return self.reason if self.reason in self._known else self._unevaluated
 
     @property
     def cause(self) -> str:
-        """Why its condition cannot be evaluated; empty where it can be."""
+        """Return why its condition cannot be evaluated; empty if it can."""
         if self.reason is None or self.reason == self.interlock.reason:
             return ""
         start = f"{self._unevaluated}: "
@@ -74,8 +75,8 @@ class Inhibition:
 
 
 def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[int]) -> list[Inhibition]:
-    """Every interlock of a machine, as declared. `slot_of` tells the slot of an object's id, `order` is the stop
-    order."""
+    """Return every interlock of a machine, as declared. `slot_of` maps the id of an object to its slot, `order` is the
+    stop order."""
     place = {slot: number for number, slot in enumerate(order)}
     found = []
     for interlock in interlocks_of(root):
@@ -85,7 +86,8 @@ def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[i
 
 
 def _reason(interlock: Interlock, holds: Any) -> str | None:
-    """Why it inhibits now, None if it does not. What is no bool counts as true: None, for want of a return."""
+    """Return why it inhibits now, or None. A result that is not a bool counts as true, such as None of a function
+    without a return."""
     if isinstance(holds, bool | np.bool_):
         return interlock.reason if holds else None
     return _cannot(interlock, f"it gives {briefly(holds, MAX_RESULT_TEXT)}, which is not True or False")
@@ -106,13 +108,13 @@ def _cannot(interlock: Interlock, cause: str) -> str:
 
 
 def interlocks_of(root: Compound) -> list[Interlock]:
-    """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
-    machine's."""
+    """Return every interlock of a machine, as declared. DeclarationError for any other object, and for one that forbids
+    objects of another machine."""
     return [interlock for _, interlock in owned_interlocks(root)]
 
 
 def owned_interlocks(root: Compound) -> list[tuple[Compound, Interlock]]:
-    """The same, each with the compound that declares it."""
+    """Return every interlock with the compound that declares it."""
     own = set(map(id, atoms(root)))
     compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
     declaring = (node for node in compounds if _declares(node))
@@ -129,7 +131,7 @@ def _declares(node: Compound) -> bool:
 
 
 def _declared_by(node: Compound) -> list[Interlock]:
-    with told_as(DeclarationError, f"{node._path or type(node).__name__}.interlocks failed"):
+    with raise_as(DeclarationError, f"{node._path or type(node).__name__}.interlocks failed"):
         declared = node.interlocks()
         each = list(declared) if isinstance(declared, Iterable) else [declared]
     for interlock in each:

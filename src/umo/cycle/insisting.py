@@ -32,7 +32,7 @@ from umo.exit_status import ExitStatus
 from umo.system.processes import flush
 from umo.system.signal_handling import handling
 from umo.system.streams import say_without_waiting
-from umo.text import LIBRARY, STATIONS, UMO, in_brackets, place_among, printable, some
+from umo.text import COMMAND, LIBRARY, STATIONS, UMO, in_brackets, place_among, printable, some
 
 CALL_MARGIN = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout, before a signal ends it."""
@@ -42,12 +42,10 @@ MAX_RAISED = 2
 """Number of times that code may pass over an `Interrupted`."""
 STOPPING, HANDLER = f"{UMO}cycle{os.sep}stopping.py", "_caught"
 """File and name of the handler of signals."""
-LOOPS = ("cycle/run.py", "cycle/connect.py")
-"""Files of umo whose functions end by themselves once a stop was asked for: what is around them is not interrupted."""
-ROOMS = (
-    "alarms", "capabilities", "clients", "control", "cycle", "drivers", "objects", "operation", "plant", "testing",
-    "user_code.py", "wiring",
-)  # fmt: skip
+LOOPS = ("cycle/run.py", "cycle/connect.py", "objects/presentation/", "plant/twin/")
+"""Files of umo whose functions end by themselves, some once a stop was asked for: what is around them is not
+interrupted."""
+ROOMS = ("control", "cycle", "drivers", "objects", "operation", "plant", "testing", "user_code.py", "wiring")
 """The rooms of umo that the user's code calls while a machine is connected. What others are at work with ends by
 itself."""
 DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")
@@ -62,11 +60,11 @@ INSTALLED = ("numpy", "pint", "typer", "click", "rich", "pydantic", "_pytest", "
 
 
 class Side(Enum):
-    """Whose code a file is."""
+    """The owner of the code in a file: user or umo."""
 
     USER = auto()
     LIBRARY = auto()
-    """Python's own, or a package that knows nothing of machines: it works for whoever calls it."""
+    """Python's own code, or a package that does not use machines: it works for its caller."""
     UMO = auto()
     DRIVER = auto()
     """Umo's drivers."""
@@ -79,9 +77,11 @@ class Side(Enum):
 @lru_cache(maxsize=4096)
 def side_of(file: str) -> Side:
     """The side of a file of code."""
+    if file.startswith(COMMAND):
+        return Side.LOOP
     if file.startswith(UMO) and not file.startswith(STATIONS):
         name = file[len(UMO) :].replace(os.sep, "/")
-        if name in LOOPS or not name.startswith(ROOMS):
+        if name.startswith(LOOPS) or not name.startswith(ROOMS):
             return Side.LOOP
         return Side.CALLER if name in CALLERS else Side.DRIVER if name.startswith(DRIVERS) else Side.UMO
     installed = f"{os.sep}site-packages{os.sep}"
@@ -100,27 +100,27 @@ def _side(frame: FrameType) -> Side:
     return side_of(file)
 
 
-class Standing(NamedTuple):
-    """Where the main thread is."""
+class MainThreadPlace(NamedTuple):
+    """The place of the main thread."""
 
     code: FrameType | None
-    """Frame of the user's code that may be interrupted; None: there is none."""
+    """Frame of the user's code that may be interrupted, or None if there is none."""
     at_once: bool
-    """Whether nothing of umo's is under way within it."""
+    """True if nothing of umo's is in progress within it."""
     call: FrameType | None
-    """The outermost frame of the call of a driver that is under way; None: none is."""
+    """The outermost frame of the call of a driver that is in progress, or None if none is."""
 
 
-def standing_of(frame: FrameType | None, is_leaving: bool = False) -> Standing:
-    """Where a thread is, by its innermost frame. `is_leaving`: the outputs are being reset in the midst of the user's
-    code; what that one was at work with is over, only a call of a driver within the reset counts."""
+def standing_of(frame: FrameType | None, is_leaving: bool = False) -> MainThreadPlace:
+    """Return the place of a thread, by its innermost frame. `is_leaving`: the outputs are being reset in the middle of
+    the user's code; then only calls of drivers within the reset count."""
     within: list[FrameType] = []  # frames that are not umo's, up to one that is
     call: FrameType | None = None
     inner: FrameType | None = None
     at_once, frame = True, frame if is_leaving else _interrupted(frame)
     while frame is not None:
-        if is_leaving and frame.f_code is Insistence._end.__code__:
-            return Standing(None, False, None)
+        if is_leaving and frame.f_code is StopSignals._end.__code__:
+            return MainThreadPlace(None, False, None)
         side = _side(frame)
         is_called = inner is not None and _side(inner) in (Side.USER, Side.LIBRARY, Side.DRIVER)
         if side in (Side.USER, Side.LIBRARY):
@@ -131,13 +131,13 @@ def standing_of(frame: FrameType | None, is_leaving: bool = False) -> Standing:
                 if side is Side.CALLER and is_called:
                     call = call or inner
             elif own is not None:
-                return Standing(own, at_once and call is None, call)
+                return MainThreadPlace(own, at_once and call is None, call)
             if side is Side.LOOP:
-                return Standing(None, False, call)
+                return MainThreadPlace(None, False, call)
             within, at_once = [], False
         frame, inner = frame.f_back, frame
     own = _users(within)
-    return Standing(own, at_once and call is None and own is not None, call)
+    return MainThreadPlace(own, at_once and call is None and own is not None, call)
 
 
 def _interrupted(frame: FrameType | None) -> FrameType | None:
@@ -172,8 +172,8 @@ def call_limit(timeouts: Sequence[float]) -> float:
 
 @contextmanager
 def asked_by_signals(ask: Callable[[], object]) -> Iterator[None]:
-    """For a program that serves and has no outputs: in the block SIGINT and SIGTERM ask it to stop, by this function. A
-    further one raises `Interrupted` where it is."""
+    """Return a context for a program that serves and has no outputs: SIGINT and SIGTERM call `ask` to stop it. A
+    further signal raises `Interrupted` at the present line."""
     asked = False
 
     def handler(number: int, frame: FrameType | None) -> None:
@@ -196,20 +196,20 @@ class SignalledMachine(NamedTuple):
     """Function that brings its outputs to their defaults at once, and returns the paths of those not reached."""
 
 
-class Insistence:
+class StopSignals:
     """The signals from the one that has asked the machines of this process to stop, to their end."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
         self._call: FrameType | None = None
-        """The call of a driver that was under way at an earlier signal, and since when that is known."""
+        """The call of a driver that was active at an earlier signal, and since when this is known."""
         self._since = 0.0
         self._raised = 0
         self._is_leaving = False
 
     def begin(self, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
-        """The first signal has come. What is waited for is told at once; `machines`: those that further signals end,
-        none where a guardian does."""
+        """Handle the first signal. Print immediately what is waited for; `machines`: those that further signals end,
+        none if a guardian does."""
         standing = standing_of(frame)
         self._find_call(standing)
         if not machines:
@@ -218,7 +218,7 @@ class Insistence:
             _tell_call(frame, standing.call, _limit(machines))
         elif standing.code is not None:
             place = place_within(frame, standing.code)
-            say_without_waiting(printable(f"umo: asked to stop; {place} is under way: a second Ctrl-C ends it"))
+            say_without_waiting(printable(f"umo: asked to stop; {place} is in progress: a second Ctrl-C ends it"))
         else:
             say_without_waiting("umo: asked to stop; a second Ctrl-C ends code that does not end by itself")
 
@@ -242,8 +242,8 @@ class Insistence:
             end()
         _at_return(code, end)
 
-    def _find_call(self, standing: Standing) -> float:
-        """Time in s for which the call of a driver that is under way is known."""
+    def _find_call(self, standing: MainThreadPlace) -> float:
+        """Time in s for which the active call of a driver is known."""
         if standing.call is not self._call:
             self._call, self._since = standing.call, self._clock()
         return self._clock() - self._since
@@ -264,8 +264,8 @@ def _limit(machines: Sequence[SignalledMachine]) -> float:
 
 
 def _tell_call(frame: FrameType | None, call: FrameType, limit: float) -> None:
-    """A call of a driver is under way when a signal comes, and is not ended by it."""
-    what = f"a call of a driver is under way{in_brackets(place_within(frame, call))}"
+    """A call of a driver is in progress when a signal comes, and is not ended by it."""
+    what = f"a call of a driver is in progress{in_brackets(place_within(frame, call))}"
     say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
 
 
@@ -299,8 +299,8 @@ def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]
 
 
 def tell_in_a_line() -> None:
-    """From now on a program that is ended by `Interrupted` tells it in a line, without a traceback, and ends with the
-    status of its signal. A `__del__` that it has ended, which lets no exception out, is told so, too."""
+    """From now on a program that is ended by `Interrupted` prints one line instead of a traceback, and ends with the
+    status of its signal. It also prints a line for a `__del__` that it has ended, from which no exception can come."""
     former = sys.excepthook
     if getattr(former, "tells_interrupted", False):
         return

@@ -27,13 +27,13 @@ FEW = 16
 CAPACITY = 4096
 """Number of entries of one period that are kept, beside one for each object: all may fail in a period."""
 OF_BLOCK = -inf
-"""Number in the place of a time: the object has failed in the transfer of its block, not in one of its own."""
-NEVER = -1
-"""Number in the place of a count: the transfer of the whole machine did not take place in this period."""
+"""Stands for a time: the object has failed in the transfer of its block, not in one of its own."""
+NO_TRANSFER = -1
+"""Stands for a count: the transfer of the whole machine did not take place in this period."""
 
 
 class Kind(IntEnum):
-    """The kind of an event between two transfers of the whole machine; the numbers stand in frames."""
+    """The kind of an event between two transfers of the whole machine. The numbers are stored in frames."""
 
     READ = 0
     WRITE = 1
@@ -59,7 +59,7 @@ class Kind(IntEnum):
 
 
 class ErrorKind(IntEnum):
-    """The cause of a driver's failed call; the numbers stand in frames."""
+    """The cause of a driver's failed call. The numbers are stored in frames."""
 
     NONE = 0
     """The call did not fail."""
@@ -88,17 +88,17 @@ class Journal:
         """Number of entries of this period so far."""
         self.lost = 0
         """Number of entries of this period that were dropped because the journal was full."""
-        self.sampled = NEVER
-        """Number of entries before the sample of the whole machine; NEVER before it took place."""
-        self.updated = NEVER
-        """Number of entries before the update of the whole machine; NEVER before it took place."""
+        self.sampled = NO_TRANSFER
+        """Number of entries before the sample of the whole machine; NO_TRANSFER before it took place."""
+        self.updated = NO_TRANSFER
+        """Number of entries before the update of the whole machine; NO_TRANSFER before it took place."""
 
     def add(
         self, slot: int, kind: Kind, raw: int, before: int, error: ErrorKind = ErrorKind.NONE, time: float = nan
     ) -> None:
-        """An object has this raw integer now, and had another one before (the same where nothing moved). What failed:
-        `raw` is what was to be written, the last one of a sensor. `time` of what a worker process has brought, in s on
-        the cycle's clock; NaN: it has brought nothing yet; `OF_BLOCK`."""
+        """An object has this raw integer now, and had another one before (the same where nothing moved). Add a failure:
+        `raw` is the value that should have been written, or the last one of a sensor. `time` of what a worker process
+        has brought, in s on the cycle's clock; NaN: it has brought nothing yet; `OF_BLOCK`."""
         if self.count == self.capacity:
             self.lost += 1
             return
@@ -133,7 +133,7 @@ class Journal:
         error: ErrorKind = ErrorKind.NONE,
         times: float | FloatArray = nan,
     ) -> None:
-        """As `add`, for each of these objects."""
+        """Add rows as `add`, for each of these objects."""
         count = min(len(slots), self.capacity - self.count)
         rows = np.zeros(count, ENTRIES)
         rows["slot"], rows["kind"], rows["error"] = slots[:count], kind, error
@@ -152,4 +152,4 @@ class Journal:
     def clear(self) -> None:
         """A new period begins."""
         self.count = self.lost = 0
-        self.sampled = self.updated = NEVER
+        self.sampled = self.updated = NO_TRANSFER

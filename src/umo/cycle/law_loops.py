@@ -34,8 +34,8 @@ class FoundLoop(NamedTuple):
 
 
 class Loops:
-    """The loops of one machine, by the paths of what they are in: as of now; those that come later are found by their
-    own paths, and by the compounds that have them. Nothing is sought when a client asks for one."""
+    """The present loops of one machine, by the paths of their compounds. Later ones are found by their own paths, and
+    by the compounds that have them. Nothing is sought when a client asks for one."""
 
     def __init__(self, root: Compound, laws: Iterable[tuple[Compound, str, Any]]) -> None:
         """`laws`: those of the machine, each with its compound and its path."""
@@ -43,12 +43,12 @@ class Loops:
         self._objects = {node._path: node for node in walk(root)}
         self._known = [loop for part, path, law in laws for loop in _loops_of(part, path, law)]
         self._around: dict[str, list[FoundLoop]] = {}
-        """Those whose compound or an end of which is at or below a path."""
+        """The loops whose compound or end is at or below a path."""
         for loop in self._known:
             for path in dict.fromkeys(each._path for node in (loop.part, *loop.ends) for each in outwards(node)):
                 self._around.setdefault(path, []).append(loop)
         self._actions: dict[str, tuple[Any, Mapping[str, Action]]] = {}
-        """Those that were asked for, by path, with the law that each is on."""
+        """The actions that were requested, by path, with the law of each."""
         for loop in self._known[:1]:
             self._on(loop, loop.path)  # what is imported and kept for this takes long at the first time
 
@@ -105,7 +105,7 @@ class Loops:
 
 
 def _loops_of(part: Compound, path: str, law: Any) -> list[FoundLoop]:
-    """Every loop of the law at a path."""
+    """Return every loop of the law at a path."""
     loops = law.loops().items() if has_loops(law) else ()
     return [_found(part, f"{path}.{name}".rstrip("."), law, name, ends) for name, ends in loops]
 

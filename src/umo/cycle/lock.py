@@ -22,14 +22,15 @@ class Lock(AsyncBlock):
     First come, first served; one that is paused (`task.paused`: a part that is held) is passed over, and keeps its
     place. It is given back when the block ends, also by an error or a cancellation; then the first one that waits has
     it at once. A sequence that is cancelled while it waits leaves the queue. TaskFailed, which names the circle, if the
-    sequence can never get it: whoever has it waits for this sequence, by whatever locks and sequences.
+    sequence can never get it, because its holder waits for this sequence, directly or through other locks and
+    sequences.
     """
 
     def __init__(self) -> None:
         self._owner: Task | None = None
         """The innermost sequence that has it."""
         self._queue: deque[Task] = deque()
-        """Those that wait for it, the first that came first."""
+        """The sequences that wait for it, in the order of arrival."""
         self._users: WeakSet[Task] = WeakSet()
         """Those that have had it."""
 
@@ -40,7 +41,7 @@ class Lock(AsyncBlock):
 
     @property
     def locked(self) -> bool:
-        """Whether a sequence has it."""
+        """True if a sequence has it."""
         return self._owner is not None
 
     async def __aenter__(self) -> Lock:
@@ -74,7 +75,7 @@ class Lock(AsyncBlock):
             raise TaskFailed(why)
 
     def _leave(self, own: Task) -> None:
-        """A sequence that waits is cancelled, perhaps after the lock was passed on to it."""
+        """A waiting sequence is cancelled; it may have got the lock already."""
         if self._owner is own:
             self._pass_on()
         else:
@@ -92,5 +93,5 @@ class Lock(AsyncBlock):
 
 
 def _is_paused(task: Task) -> bool:
-    """Whether the sequence, or one that runs it, is paused."""
+    """True if the sequence, or one that runs it, is paused."""
     return any(each.paused for each in task.lineage)

@@ -25,7 +25,7 @@ from umo.cycle.sequences import Sequences
 from umo.cycle.stage import Progress
 from umo.cycle.stopping import StopFlag
 from umo.cycle.two_writers import TwoWriters
-from umo.cycle.under_way import UnderWay
+from umo.cycle.under_way import ActiveWork
 from umo.errors import text_of
 from umo.objects import Compound, walk
 from umo.wiring.wired import AT_ONCE
@@ -34,7 +34,8 @@ K = TypeVar("K", bound=Capability)
 
 
 class ConnectedMachine:
-    """What runs of one machine, from `connect` to its end. Its compounds see it by a view (`machine_view.py`)."""
+    """The running parts of one machine, from `connect` to its end. Its compounds access it by a view
+    (`machine_view.py`)."""
 
     def __init__(
         self,
@@ -52,11 +53,11 @@ class ConnectedMachine:
         self.states = states
         """What its capabilities had at the end of the last run, by their names."""
         self.is_manual = False
-        """Whether somebody operates it by hand, in place of the application."""
+        """True if somebody operates it by hand, in place of the application."""
         self.progress = Progress()
-        """What was told of it last (`Cycle.progress`)."""
+        """Its last progress (`Cycle.progress`)."""
         self.result_so_far: Any = None
-        """What the application has told of its result (`Cycle.result`): data, or a function that returns them."""
+        """The result so far (`Cycle.result`): data, or a function that returns them."""
         self.directory = Directory(root)
         """What is looked up by its path."""
         self.claims = Claims(root, image)
@@ -69,10 +70,10 @@ class ConnectedMachine:
         """The sequences that what is started at this moment joins: the application's, or those of an action."""
         self.piling_up = PilingUp()
         """Sequences of one part that are started faster than they end."""
-        self.under_way = UnderWay(self.equipment, self.sequences)
+        self.under_way = ActiveWork(self.equipment, self.sequences)
         """What a fault of equipment ends, and a stop."""
         self.facts: list[Callable[[], Mapping[str, str]]] = []
-        """Give facts of the run in words, by their names."""
+        """Give facts of the run as text, by their names."""
         self.events: Events = image.events
         """The last 1,000 actions of guards and clients."""
         self.random = Random(0)
@@ -88,7 +89,7 @@ class ConnectedMachine:
         """Called after every period with its frame."""
         self.attached: list[Capability] = []
         self.has_begun = False
-        """Whether their `begin` was called."""
+        """True if their `begin` was called."""
         for each in attached:
             self.attach(each)
         self.phases.bind()
@@ -107,7 +108,7 @@ class ConnectedMachine:
         self.groups.restart()
 
     def contain_failures(self, yes: bool) -> None:
-        """Whether equipment contains failures of its objects: between connecting and disconnecting."""
+        """Set whether equipment contains failures of its objects: between connecting and disconnecting."""
         if yes and self.equipment.all:
             self.image.fail = self.equipment.failed
         else:
@@ -123,13 +124,13 @@ class ConnectedMachine:
         return capability
 
     def find(self, kind: type[K]) -> K | None:
-        """The capability of a class; None: it has none."""
+        """Return the capability of a class, or None."""
         return next((each for each in self.attached if isinstance(each, kind)), None)
 
     def end(self, *, parts: bool = True) -> None:
-        """No period follows: from now on every driver is called again, and each call waits. What a capability raises
-        is told and keeps nothing from being reset. `parts`: whether those among them that are parts of the machine are
-        called, which are the user's code."""
+        """End the periods: from now on every driver is called again, and each call waits. An error of a capability is
+        reported and does not prevent a reset. `parts`: True to call also those capabilities that are parts of the
+        machine, which are the user's code."""
         self.image.end()
         for each in self.attached:
             if parts or not isinstance(each, Compound):
@@ -140,7 +141,7 @@ class ConnectedMachine:
                     self.events.add(Event(self.clock.now, "", text), logged=True)
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
+        """Let no call reach a driver any more: in its place `instead` is called, which does not return."""
         self.image.refuse(instead)
         for each in self.attached:
             each.refuse(instead)
@@ -151,7 +152,7 @@ class ConnectedMachine:
         self.image.disconnect()
 
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
-        """It is in fault, or was cleared."""
+        """Called when equipment enters a fault or is cleared."""
         self.acting_laws.stale = True
         faults = [(each, each.error_of_this_fault()) for each in changed if each.in_fault]
         for equipment in changed if faults else ():

@@ -20,12 +20,12 @@ from umo.cycle.sequences import Task
 from umo.cycle.stage import Stage
 from umo.errors import EquipmentFault
 from umo.objects import Compound, Node
-from umo.presentation.run_facts import facts_of
+from umo.objects.presentation.run_facts import facts_of
 from umo.user_code import check_acts_at_once
 
 
 class MachineView:
-    """What compounds ask of their machine."""
+    """The interface of the machine for its compounds."""
 
     clock: Clock
 
@@ -76,6 +76,9 @@ class MachineView:
     def fault_of(self, part: Node) -> EquipmentFault | None:
         return self.whole.equipment.fault_of(part)
 
+    def is_in_fault(self, part: Node) -> bool:
+        return self.whole.equipment.is_in_fault(part)
+
     def fail(self, part: Node, error: BaseException) -> bool:
         return self.whole.equipment.contain(part, error)
 
@@ -112,12 +115,12 @@ class MachineView:
     def result(self, so_far: Any) -> None:
         if iscoroutine(so_far):
             so_far.close()
-            raise TypeError(f"`{so_far.__name__}` is a sequence, no result: write `await` before its call")
+            raise TypeError(f"`{so_far.__name__}` is a sequence, not a result: write `await` before its call")
         check_acts_at_once("the function of a result", so_far)
         self.whole.result_so_far = so_far
 
     def facts(self) -> dict[str, str]:
-        """The state of the machine in words."""
+        """The state of the machine as text."""
         machine = self.whole
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         now, missed = machine.clock.now, machine.clock.missed_in_all

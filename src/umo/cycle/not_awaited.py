@@ -1,9 +1,9 @@
-"""A sequence that was called and is let go without an `await`: an error in the line that lets go of it.
+"""A sequence that was called and dropped without an `await`: an error in the line that drops it.
 
-Python only warns of it, by one function for the whole process, and goes on. While a machine is connected umo stands in
-the place of that function for the thread of the machine. The error is raised in the innermost code that expects errors
-of a user's code, when its next line is to begin or it returns: so it is a failure of that sequence or law, of its
-equipment, or of the run. An error that is under way already comes first: then what it lets go was not forgotten.
+Python only prints a warning, by one function for the whole process, and continues. While a machine is connected umo
+replaces that function for the thread of the machine. The error is raised in the innermost code that expects errors of a
+user's code, when its next line is to begin or it returns: so it is a failure of that sequence or law, of its equipment,
+or of the run. An error that is being raised already comes first: a sequence that it drops was not forgotten.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from umo.text import CodePlace, is_own, printable, shown_place
 
 log = logging.getLogger("umo")
 Raising = TypeVar("Raising", bound=Callable[..., Any])
-_FUNNEL = "_warn_unawaited_coroutine"
+_WARNING_FUNCTION = "_warn_unawaited_coroutine"
 """The function of `warnings` that Python calls with each coroutine that nobody has awaited."""
 
 
@@ -46,9 +46,9 @@ _DROPS = _codes("POP_TOP")
 _LEAVES = _codes("RETURN", "YIELD")
 """Those by which code returns, or waits, without an error."""
 _FORGETS = _codes("STORE", "DELETE")
-"""Those that let go of what a name was: of a sequence, or of an error and all that its frames had."""
+"""Instructions that drop the old value of a name: a sequence, or an error with all values of its frames."""
 _HANDLES = _codes("POP_EXCEPT", "RERAISE")
-"""Those that let go of an error."""
+"""Instructions that drop an error."""
 _CATCHES = _codes("PUSH_EXC_INFO")
 """The one with which the handling of an error begins."""
 _EXPECTING: set[CodeType] = set()
@@ -71,7 +71,7 @@ def advances(function: Raising) -> Raising:
 
 
 class _Watch:
-    """Of all machines of this process."""
+    """The watch of all machines of this process."""
 
     def __init__(self) -> None:
         self._threads: list[int] = []
@@ -80,14 +80,14 @@ class _Watch:
         """How far each of these threads tracked the origin of sequences before."""
         self._former: Callable[[Any], object] = _pass_over
         self._collecting = False
-        """Whether the garbage collector is at work: what it lets go has nothing to do with the code at that place."""
+        """True if the garbage collector is at work: what it lets go has nothing to do with the code at that place."""
         self.debugger: Any = None
         """What has traced the thread before an error was raised."""
 
     def begin(self, thread: int) -> None:
         if not self._threads:
-            self._former = getattr(warnings, _FUNNEL)
-            setattr(warnings, _FUNNEL, self._let_go)
+            self._former = getattr(warnings, _WARNING_FUNCTION)
+            setattr(warnings, _WARNING_FUNCTION, self._let_go)
             gc.callbacks.append(self._note_collecting)
         if thread not in self._threads:
             self._depths[thread] = depth = sys.get_coroutine_origin_tracking_depth()
@@ -97,7 +97,7 @@ class _Watch:
     def end(self, thread: int) -> None:
         self._threads.remove(thread)
         if not self._threads:
-            setattr(warnings, _FUNNEL, self._former)
+            setattr(warnings, _WARNING_FUNCTION, self._former)
             gc.callbacks.remove(self._note_collecting)
         if thread not in self._threads:
             depth = self._depths.pop(thread)
@@ -124,7 +124,7 @@ class _Watch:
 
 
 def _pass_over(coroutine: object) -> None:
-    """Nobody is told."""
+    """Report nothing."""
 
 
 _WATCH = _Watch()
@@ -139,8 +139,8 @@ def _instruction(frame: FrameType) -> int:
 
 
 def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
-    """Whether a sequence that this frame lets go may have been forgotten, and has not belonged to what an error has
-    ended: then it may be let go wherever that error is."""
+    """True if a sequence that this frame drops may have been forgotten, and was not ended by an error: such a sequence
+    may be dropped anywhere."""
     instruction, code = _instruction(frame), frame.f_code
     if is_own(code.co_filename) and code not in _EXPECTING and code not in _ADVANCING:
         return instruction in _DROPS
@@ -150,7 +150,7 @@ def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
 
 
 def _may_await(origin: CodePlace) -> bool:
-    """Whether the function that has called it gives it a name, and awaits that somewhere: an error has kept it from
+    """True if the function that has called it gives it a name, and awaits that somewhere: an error has kept it from
     that, or it was not to be."""
     function = _function_at(origin)
     nodes = [] if function is None else list(ast.walk(function))
@@ -162,7 +162,7 @@ def _may_await(origin: CodePlace) -> bool:
 
 
 def _function_at(place: CodePlace) -> ast.FunctionDef | ast.AsyncFunctionDef | None:
-    """The innermost function around a place; None: there is none, or its source cannot be read."""
+    """Return the innermost function around a place, or None if there is none or its source cannot be read."""
     try:
         tree = ast.parse("".join(linecache.getlines(place.file)))
     except (SyntaxError, ValueError):
@@ -173,8 +173,8 @@ def _function_at(place: CodePlace) -> ast.FunctionDef | ast.AsyncFunctionDef | N
 
 
 def _is_in_sequence(origin: CodePlace, frame: FrameType | None) -> bool:
-    """Whether a sequence has called it; a comprehension belongs to the function around it. Without the source the frame
-    that lets go of it tells."""
+    """True if a sequence has called it; a comprehension belongs to the function around it. Without the source the frame
+    that drops it decides."""
     if origin.function == "<lambda>":
         return False
     if (function := _function_at(origin)) is not None:
@@ -187,7 +187,7 @@ def _has_line(node: ast.stmt, line: int) -> bool:
 
 
 def _close_given(coroutine: Any) -> None:
-    """The sequences that were given to one that is not awaited: that is told of the one."""
+    """Close the sequences that were arguments of one that is not awaited: only that one is reported."""
     for value in inspect.getcoroutinelocals(coroutine).values():
         for each in value if isinstance(value, tuple) else (value,):
             if inspect.iscoroutine(each) and inspect.getcoroutinestate(each) == inspect.CORO_CREATED:
@@ -212,8 +212,8 @@ def heard() -> Iterator[None]:
 
 
 def tell_kept(root: Compound) -> None:
-    """The sequences that attributes of a machine still have at its end, and that nobody has awaited, are told and
-    closed: nothing comes any more that would let go of them."""
+    """Report and close the sequences that attributes of a machine still have at its end and that were never awaited,
+    because nothing will drop them later."""
     parts = [each for each in (root, *walk(root)) if isinstance(each, Compound)]
     values = [value for part in parts for value in vars(part).values()]
     for each in chain.from_iterable(value if isinstance(value, list | tuple) else (value,) for value in values):
@@ -224,7 +224,7 @@ def tell_kept(root: Compound) -> None:
 
 
 def _origin(coroutine: Any) -> CodePlace | None:
-    """Where it was called; None: that, and what was called, is not of the user's, or not known."""
+    """Return where it was called, or None if this or the called function is not the user's or not known."""
     code: CodeType | None = getattr(coroutine, "cr_code", None)
     places = getattr(coroutine, "cr_origin", None)
     if code is None or not places or (is_own(places[0][0]) and is_own(code.co_filename)):
@@ -233,7 +233,7 @@ def _origin(coroutine: Any) -> CodePlace | None:
 
 
 def _text(coroutine: Any, origin: CodePlace, frame: FrameType | None) -> str:
-    """What is told of it. `frame`: the one that lets go of it, if one does."""
+    """The text of the report. `frame`: the one that drops it, if any."""
     name, code = coroutine.__name__, coroutine.cr_code
     if is_own(origin.file):  # umo has called what it takes for a plain function
         place = shown_place(CodePlace(code.co_filename, code.co_firstlineno, "<module>"))
@@ -244,19 +244,19 @@ def _text(coroutine: Any, origin: CodePlace, frame: FrameType | None) -> str:
 
 
 def _call_in(line: str, name: str) -> str:
-    """The call of the function in a line of the source; of one that goes on in the next line its name."""
+    """The call of the function in a line of the source; its name, if the call continues in the next line."""
     found = (ast.get_source_segment(whole, call) for whole, call in calls_in(line.strip(), name))
     return next(filter(None, found), f"{name}(...)")
 
 
 class _Pending:
-    """An error that is raised when a frame goes on. A debugger that traces this thread traces no longer."""
+    """An error that is raised when a frame continues. A debugger that traces this thread traces no longer."""
 
     def __init__(self, text: str, frame: FrameType, warn: Callable[[], object]) -> None:
         self._text, self._warn = text, warn
         self._handled = sys.exc_info()[1]
         self._is_certain = _instruction(frame) in _DROPS
-        """Whether the sequence was let go in the normal course, not since an error has ended what had it."""
+        """True if the sequence was let go in the normal course, not since an error has ended what had it."""
 
     def wait_in(self, frame: FrameType) -> None:
         """Until the next line of the frame, or its end."""
@@ -264,7 +264,7 @@ class _Pending:
         sys.settrace(self._at_call)
 
     def _at_call(self, frame: FrameType, event: str, argument: Any) -> None:
-        """Nothing else is traced."""
+        """Trace nothing except the call."""
 
     def _look(self, frame: FrameType, event: str, argument: Any) -> Any:
         expects = frame.f_code in _EXPECTING or not is_own(frame.f_code.co_filename)
@@ -279,7 +279,7 @@ class _Pending:
         return None
 
     def _is_failing(self, frame: FrameType, event: str) -> bool:
-        """Whether another error is under way."""
+        """True if another error is in progress."""
         instruction = _instruction(frame)
         if event == "return":
             return instruction not in _LEAVES
@@ -299,7 +299,7 @@ class _Pending:
             self.wait_in(outer)
 
     def _give_up(self) -> None:
-        """Another error is raised, or there is nobody to raise this one to: Python warns as usual."""
+        """Give up: another error is raised, or this one cannot be raised. Python warns as usual."""
         sys.settrace(_WATCH.debugger)
         if self._is_certain:
             self._warn()

@@ -2,8 +2,8 @@
 
 Their values arrive at times of their own, each with its stamp: the time at which the transfer began that brought it.
 Age alone decides: a value older than the driver's `max_age` is STALE, one older than twice that has failed, as its
-object's `on_error` says. So one failed transfer of a slow device is no failure, and whatever a worker process suffers,
-no old value looks fresh. Outputs are posted in each period; `read` gives what the device has confirmed.
+object's `on_error` says. So one failed transfer of a slow device is not a failure, and whatever a worker process
+suffers, no old value looks fresh. Outputs are posted in each period; `read` gives what the device has confirmed.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
 from umo.drivers.absence import LONG_ABSENCE
 from umo.drivers.contract import Direction
-from umo.drivers.off_cycle import NEVER, OffCycle
+from umo.drivers.off_cycle import NO_TIME, OffCycle
 from umo.drivers.off_cycle.proxy import generation_of
 from umo.drivers.off_cycle.shared_memory import Cell, Row
+from umo.duration import duration
 from umo.errors import Failure, cause_of_failure
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray, IntArray
-from umo.presentation.durations import duration
 from umo.text import some
 from umo.wiring.wired import Wired
 
@@ -40,8 +40,8 @@ BAD_AGES = 2
 """Number of maximum ages after which a value has failed."""
 
 
-class Remote:
-    """One driver off the cycle, as the image meets it. A channel's place is its number in the exchange."""
+class WorkerLink:
+    """One driver off the cycle, as the image uses it. The place of a channel is its number in the exchange."""
 
     def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
         self.driver = driver
@@ -62,18 +62,18 @@ class Remote:
         """What was taken last."""
         self.until = -np.inf
         """Time in s up to which no value becomes too old."""
-        self.stamps = np.full(len(driver.exchange.channels), NEVER)
+        self.stamps = np.full(len(driver.exchange.channels), NO_TIME)
         self.times: FloatArray = np.full(len(self.stamps), np.nan)
         """Time of each channel's value in s on the cycle's clock, by place."""
         self.awaited: dict[int, tuple[int, float]] = {}
         """Asynchronous actuators whose last order is not carried out yet: its number, and the time in s of the first
         one that was not."""
         self.told_away = False
-        """Whether it counts as away, or as not written, since no value came for long."""
+        """True if it counts as away, or as not written, since no value came for long."""
         self.tells_end = False
-        """Whether that was told, so that its end is to be told."""
+        """True if that had an event, so that its end must have one."""
         self.told_again = False
-        """Whether an initialisation was told since."""
+        """True if an initialisation had an event since then."""
         self.limits = {text: EventLimit() for text in ("away", "initialised")}
         self.last = np.zeros(len(self.stamps))
         """Time in s at which a value of each channel was taken last, by place."""
@@ -82,7 +82,8 @@ class Remote:
         """The places of the outputs that each transfer writes."""
 
     def silence(self, now: float) -> str:
-        """What is told where no value has come for long, or none of its outputs was confirmed; "" else."""
+        """The text of the event if no value has arrived for long, or none of its outputs was confirmed; otherwise
+        ""."""
         since = now - max(LONG_ABSENCE, BAD_AGES * self.driver.max_age)
         if self.last.max() < since:
             return f"is away: {self.driver.cause(-1)}"
@@ -96,8 +97,8 @@ class OffCycleDrivers(Capability):
 
     def __init__(self, image: Image, wired: Wired, drivers: Sequence[tuple[str, OffCycle]]) -> None:
         self._image, self._clock, self._columns = image, image.clock, image.columns
-        self._remotes = [Remote(image, name, driver) for name, driver in drivers]
-        self._remote_of = {slot: remote for remote in self._remotes for slot in remote.place}
+        self._links = [WorkerLink(image, name, driver) for name, driver in drivers]
+        self._remote_of = {slot: link for link in self._links for slot in link.place}
         posted, ordered = Posted(self, image), Ordered(self, image)
         for slot in self._remote_of:
             if image.items[slot].direction is Direction.INPUT:
@@ -105,26 +106,26 @@ class OffCycleDrivers(Capability):
             else:
                 image.deliveries[slot] = ordered if image.deliveries[slot].at_once else posted
         self._beginning = False
-        """Whether the worker has just initialised these objects."""
+        """True if the worker has just initialised these objects."""
         self._updated = False
-        """Whether what the outputs are to be was not posted yet."""
+        """True if what the outputs are to be was not posted yet."""
         self._faults = wired.injection
-        workers = any(remote.driver.worker is not None for remote in self._remotes)
+        workers = any(link.driver.worker is not None for link in self._links)
         self._ns: Callable[[], int] = monotonic_ns if workers else self._machine_ns
         self._now_ns = self._ns()
         """The time in ns of the last sample, which is `clock.now`."""
-        for remote in self._remotes:
-            if remote.driver.worker is None:
-                remote.driver.server.ns = self._machine_ns
+        for link in self._links:
+            if link.driver.worker is None:
+                link.driver.server.ns = self._machine_ns
             if self._faults is not None:
-                remote.driver.fault_time = self._fault_time
+                link.driver.fault_time = self._fault_time
 
     def _machine_ns(self) -> int:
         return round(self._clock.now * 1e9)
 
     def _fault_time(self) -> int:
         assert self._faults is not None
-        return NEVER if self._faults.clock is None else self._machine_ns()
+        return NO_TIME if self._faults.clock is None else self._machine_ns()
 
     def attach(self, machine: ConnectedMachine) -> None:
         """Before the wait for the next tick there is time for what these drivers exchange: it delays no output."""
@@ -136,21 +137,21 @@ class OffCycleDrivers(Capability):
 
     def begin(self) -> None:
         """From now on no call of these drivers waits."""
-        for remote in self._remotes:
+        for link in self._links:
             self._image.segments.on_call()
-            remote.driver.begin()
+            link.driver.begin()
         self._now_ns = self._ns()
         self._exchange()
 
     def end(self) -> None:
         """The machine stops: each call is made, and waits."""
-        for remote in self._remotes:
-            remote.driver.end()
+        for link in self._links:
+            link.driver.end()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a device any longer."""
-        for remote in self._remotes:
-            remote.driver.refuse(instead)
+        """Let no call reach a device any more."""
+        for link in self._links:
+            link.driver.refuse(instead)
 
     # A whole period ------------------------------------------------------------------------------------
 
@@ -158,82 +159,82 @@ class OffCycleDrivers(Capability):
         """Judge whether what has arrived is too old."""
         now = self._clock.now
         self._now_ns = self._ns()
-        for remote in self._remotes:
-            if now > remote.until:
-                self._judge_ages(remote, now)
-            if remote.awaited:
-                self._look_at_orders(remote, now)
+        for link in self._links:
+            if now > link.until:
+                self._judge_ages(link, now)
+            if link.awaited:
+                self._look_at_orders(link, now)
         if self._image.found:
             self._image.sampled_good = None
 
     def _note_sent(self) -> None:
-        """What these outputs are to be is posted before the next tick."""
+        """The values of these outputs are posted before the next tick."""
         self._updated = True
 
     def _exchange(self) -> None:
-        """Post what the outputs are to be, take what has arrived."""
+        """Post the wanted outputs, and read what has arrived."""
         now, updated, self._updated = self._clock.now, self._updated, False
-        for remote in self._remotes:
-            driver = remote.driver
+        for link in self._links:
+            driver = link.driver
             if not driver.running:
                 continue
             if updated:
-                for block in remote.outputs:
-                    self._post(remote, block, now)
+                for block in link.outputs:
+                    self._post(link, block, now)
             if self._faults is not None:
                 driver.exchange.cells[Cell.NOW] = self._fault_time()
             if driver.worker is None:
                 driver.server.work()
-            if driver.exchange.arrivals.count != remote.arrived:
-                self._take(remote, now)
+            if driver.exchange.arrivals.count != link.arrived:
+                self._take(link, now)
 
-    def _post(self, remote: Remote, block: Block, now: float) -> None:
+    def _post(self, link: WorkerLink, block: Block, now: float) -> None:
         """A rate counts from what was confirmed."""
         confirmed = float(self._columns.times[block.slots].max())
         try:
-            block.give(now, min(now - confirmed, remote.driver.max_age))
+            block.give(now, min(now - confirmed, link.driver.max_age))
         except Exception:  # of a linearization of the user's
             self._image.give_each(range(block.start, block.stop), self._image.found)
-        remote.driver.write_many(block.channels, block.buffer)
+        link.driver.write_many(block.channels, block.buffer)
 
     # What arrives --------------------------------------------------------------------------------------
 
-    def _take(self, remote: Remote, now: float) -> None:
+    def _take(self, link: WorkerLink, now: float) -> None:
         """A transfer of the worker's is complete: its values, with their times."""
-        driver = remote.driver
-        remote.arrived, remote.rows = driver.exchange.arrivals.read()
-        rows = driver.read_rows = remote.rows
+        driver = link.driver
+        link.arrived, link.rows = driver.exchange.arrivals.read()
+        rows = driver.read_rows = link.rows
         if generation_of(rows) != driver.generation:
-            self._begin_generation(remote)
-        arrived = self._date(remote, rows[Row.STAMP], now)
-        for block in remote.inputs:
-            self._convert_arrivals(remote, block, rows, now)
-        for block in remote.outputs:
-            self._confirm(remote, block, rows)
-        remote.until = -np.inf
-        away = driver.exchange.cells[Cell.AWAY_SINCE] != NEVER
-        if remote.told_away and arrived and not away and not remote.silence(now):
-            remote.told_away = remote.told_again = False
-            if remote.tells_end:
-                self._image.events.add(Event(now, remote.path, "is back"), logged=True)
+            self._begin_generation(link)
+        arrived = self._date(link, rows[Row.STAMP], now)
+        for block in link.inputs:
+            self._convert_arrivals(link, block, rows, now)
+        for block in link.outputs:
+            self._confirm(link, block, rows)
+        link.until = -np.inf
+        away = driver.exchange.cells[Cell.AWAY_SINCE] != NO_TIME
+        if link.told_away and arrived and not away and not link.silence(now):
+            link.told_away = link.told_again = False
+            if link.tells_end:
+                self._image.events.add(Event(now, link.path, "is back"), logged=True)
 
-    def _date(self, remote: Remote, stamps: IntArray, now: float) -> bool:
-        """Whether a value has come that was not there before."""
-        new = np.flatnonzero(stamps != remote.stamps)
+    def _date(self, link: WorkerLink, stamps: IntArray, now: float) -> bool:
+        """True if a value has come that was not there before."""
+        new = np.flatnonzero(stamps != link.stamps)
         if not new.size:
             return False
-        remote.times[new] = remote.driver.times(new, stamps[new], now, self._now_ns)
-        remote.stamps = stamps.copy()
-        arrived = new[stamps[new] != NEVER]
-        remote.last[arrived] = now
+        link.times[new] = link.driver.times(new, stamps[new], now, self._now_ns)
+        link.stamps = stamps.copy()
+        arrived = new[stamps[new] != NO_TIME]
+        link.last[arrived] = now
         return bool(arrived.size)
 
-    def _convert_arrivals(self, remote: Remote, block: Block, rows: IntArray, now: float) -> None:
-        places = remote.driver.places(block.channels)
+    def _convert_arrivals(self, link: WorkerLink, block: Block, rows: IntArray, now: float) -> None:
+        places = link.driver.places(block.channels)
         block.buffer[:] = raws = rows[Row.RAW, places]
         before = self._columns.raws[block.slots].copy()
         if block.conditioned is not None:
-            block.conditioned.stamps = remote.times[places]
+            block.conditioned.stamps = link.times[places]
         try:
             outside = block.convert(now)
         except Exception:  # of a linearization of the user's
@@ -242,7 +243,7 @@ class OffCycleDrivers(Capability):
             if outside or block.unsettled:
                 self._image.settle_block(block, outside, now, self._image.found)
         times = self._columns.times[block.slots]
-        stamped = remote.times[places]
+        stamped = link.times[places]
         times[:] = np.where(times == now, stamped, times)  # what failed keeps the time of its last value
         never = np.isnan(stamped)
         if never.any():
@@ -251,16 +252,16 @@ class OffCycleDrivers(Capability):
         self._note(Kind.ARRIVED, block, raws, before, stamped)
 
     def _note(self, kind: Kind, block: Block, raws: IntArray, before: IntArray, times: FloatArray) -> None:
-        """What has arrived is in the journal with its time: with these a recording can be replayed."""
+        """Record arrived values with their times in the journal: a recording is replayed from these."""
         journal = self._image.transfer.journal
         if journal is not None:
             journal.add_rows(range(block.start, block.stop), kind, raws, before, times=times)
 
-    def _confirm(self, remote: Remote, block: Block, rows: IntArray) -> None:
-        """What the device has accepted, as it was given; what is older than that by its raw integer."""
+    def _confirm(self, link: WorkerLink, block: Block, rows: IntArray) -> None:
+        """The accepted values as they were written; for older ones, from their raw integers."""
         columns, slots = self._columns, block.slots
-        places = remote.driver.places(block.channels)
-        raws, times = rows[Row.RAW, places], remote.times[places]
+        places = link.driver.places(block.channels)
+        raws, times = rows[Row.RAW, places], link.times[places]
         same = raws == columns.sent_raws[slots]
         columns.values[slots] = np.where(same, columns.sent[slots], columns.values[slots])
         for number in np.flatnonzero(~same & (raws != columns.raws[slots])).tolist():
@@ -278,55 +279,55 @@ class OffCycleDrivers(Capability):
                 block.unsettled.discard(slot)
                 self._image.set_quality(slot, Quality.GOOD)
 
-    def _begin_generation(self, remote: Remote) -> None:
+    def _begin_generation(self, link: WorkerLink) -> None:
         """The outputs were initialised again, by the worker or by the one that has taken its place."""
-        self._image.transfer.note(next(iter(remote.place)), Kind.RENEWED)
-        remote.awaited.clear()
-        lost = [path for slot in remote.place if (path := self._image.stays_at_default(slot))]
-        remote.driver.accept_generation(remote.rows)
+        self._image.transfer.note(next(iter(link.place)), Kind.RENEWED)
+        link.awaited.clear()
+        lost = [path for slot in link.place if (path := self._image.path_if_default_kept(slot))]
+        link.driver.accept_generation(link.rows)
         self._beginning = True
-        for slot in remote.place:
+        for slot in link.place:
             self._image.was_initialized_again(slot)
         self._beginning = False
-        if lost or not remote.told_again:
-            left_out = remote.limits["initialised"].admit(self._clock.now)
-            remote.told_again = left_out is not None and remote.told_away
+        if lost or not link.told_again:
+            left_out = link.limits["initialised"].admit(self._clock.now)
+            link.told_again = left_out is not None and link.told_away
             if left_out is not None:
-                self._image.events.add(partial(_renewed, self._clock.now, remote.path, lost, left_out), logged=True)
+                self._image.events.add(partial(_renewed, self._clock.now, link.path, lost, left_out), logged=True)
 
     # Age -----------------------------------------------------------------------------------------------
 
-    def _judge_ages(self, remote: Remote, now: float) -> None:
-        max_age = remote.driver.max_age
-        times = self._columns.times[remote.watched]
+    def _judge_ages(self, link: WorkerLink, now: float) -> None:
+        max_age = link.driver.max_age
+        times = self._columns.times[link.watched]
         fresh = now - times <= max_age  # not, where it is NaN
-        remote.until = float(times.min(initial=np.inf)) + max_age if fresh.all() else -np.inf
+        link.until = float(times.min(initial=np.inf)) + max_age if fresh.all() else -np.inf
         failed = []
-        for slot, age in zip(remote.watched[~fresh].tolist(), (now - times[~fresh]).tolist(), strict=True):
+        for slot, age in zip(link.watched[~fresh].tolist(), (now - times[~fresh]).tolist(), strict=True):
             if age <= BAD_AGES * max_age:
                 self._set_stale(slot)
             else:
                 failed.append(slot)
         if failed:
-            self._too_old(remote, failed)
-        if not fresh.all() and not remote.told_away and (silence := remote.silence(now)):
-            remote.told_away = True
-            left_out = remote.limits["away"].admit(now)
-            remote.tells_end = left_out is not None
+            self._too_old(link, failed)
+        if not fresh.all() and not link.told_away and (silence := link.silence(now)):
+            link.told_away = True
+            left_out = link.limits["away"].admit(now)
+            link.tells_end = left_out is not None
             if left_out is not None:
-                self._image.events.add(partial(limited, now, remote.path, silence, left_out), logged=True)
+                self._image.events.add(partial(limited, now, link.path, silence, left_out), logged=True)
 
     def _set_stale(self, slot: int) -> None:
         if self._image.quality[slot] == Quality.GOOD:  # what was not good is no better for being old
             self._image.set_quality(slot, Quality.STALE)
 
-    def _too_old(self, remote: Remote, slots: Sequence[int]) -> None:
-        """What marks its sensor BAD is said once."""
+    def _too_old(self, link: WorkerLink, slots: Sequence[int]) -> None:
+        """Report once that a value is too old, which marks its sensor BAD."""
         items: Any = self._image.items
         bad = int(Quality.BAD)
         new = [slot for slot in slots if self._image.quality[slot] != bad or not getattr(items[slot], "_marks", False)]
-        limit = f" (limit {duration(BAD_AGES * remote.driver.max_age)})"
-        found = remote.driver.causes([remote.place[slot] for slot in new])
+        limit = f" (limit {duration(BAD_AGES * link.driver.max_age)})"
+        found = link.driver.causes([link.place[slot] for slot in new])
         words = {cause: f"{cause}{limit}" for cause in dict.fromkeys(found)}
         causes = dict(zip(new, map(words.__getitem__, found), strict=True))
         outputs = {slot: causes.pop(slot) for slot in new if items[slot].direction is Direction.OUTPUT}
@@ -334,49 +335,49 @@ class OffCycleDrivers(Capability):
         for slot, cause in outputs.items():
             self._image.fail_output(slot, cause, self._image.found)
 
-    def _look_at_orders(self, remote: Remote, now: float) -> None:
-        """Which writes of asynchronous actuators were carried out."""
-        driver = remote.driver
-        rows: Any = remote.rows
-        for slot, (number, since) in tuple(remote.awaited.items()):
-            place, late = remote.place[slot], now - since
+    def _look_at_orders(self, link: WorkerLink, now: float) -> None:
+        """Check which writes of asynchronous actuators were carried out."""
+        driver = link.driver
+        rows: Any = link.rows
+        for slot, (number, since) in tuple(link.awaited.items()):
+            place, late = link.place[slot], now - since
             if driver.carried_out(number, place, rows):
-                del remote.awaited[slot]
-                self._date(remote, rows[Row.STAMP], now)
-                if rows[Row.STAMP, place] == NEVER:
+                del link.awaited[slot]
+                self._date(link, rows[Row.STAMP], now)
+                if rows[Row.STAMP, place] == NO_TIME:
                     self._image.transfer.note(slot, Kind.CONFIRMED, ErrorKind.OTHER)
                     self._image.fail_output(slot, driver.cause(place), self._image.found)
                 else:
                     self._image.confirmed(slot)
-                    self._image.times[slot] = time = float(remote.times[place])
+                    self._image.times[slot] = time = float(link.times[place])
                     self._image.transfer.note(slot, Kind.CONFIRMED, time=time)
             elif late > BAD_AGES * driver.max_age:
-                self._too_old(remote, [slot])
+                self._too_old(link, [slot])
                 if self._image.quality[slot] == Quality.BAD:
-                    del remote.awaited[slot]
+                    del link.awaited[slot]
             elif late > driver.max_age:
                 self._set_stale(slot)
 
     # Some objects --------------------------------------------------------------------------------------
 
     def read_at(self, slot: int) -> float:
-        remote = self._remote_of[slot]
-        if not remote.driver.running:
+        link = self._remote_of[slot]
+        if not link.driver.running:
             return self._clock.read()
-        self._date(remote, remote.driver.read_rows[Row.STAMP], self._clock.now)
-        return float(remote.times[remote.place[slot]])
+        self._date(link, link.driver.read_rows[Row.STAMP], self._clock.now)
+        return float(link.times[link.place[slot]])
 
     def was_read(self, slot: int, failures: list[Failure]) -> None:
-        remote = self._remote_of[slot]
-        if not remote.driver.running:
+        link = self._remote_of[slot]
+        if not link.driver.running:
             return
-        place, image, now = remote.place[slot], self._image, self._clock.now
-        self._date(remote, remote.driver.read_rows[Row.STAMP], now)
-        image.times[slot] = time = float(remote.times[place])
+        place, image, now = link.place[slot], self._image, self._clock.now
+        self._date(link, link.driver.read_rows[Row.STAMP], now)
+        image.times[slot] = time = float(link.times[place])
         image.transfer.note(slot, Kind.ARRIVED, time=time)
-        if now - time > BAD_AGES * remote.driver.max_age:
-            image.fail_input(slot, remote.driver.cause(place), failures)
-        elif now - time > remote.driver.max_age:
+        if now - time > BAD_AGES * link.driver.max_age:
+            image.fail_input(slot, link.driver.cause(place), failures)
+        elif now - time > link.driver.max_age:
             self._set_stale(slot)
 
     def confirms_later(self, slot: int) -> bool:
@@ -384,13 +385,13 @@ class OffCycleDrivers(Capability):
         return self._remote_of[slot].driver.running and not self._beginning
 
     def order(self, slot: int) -> None:
-        """Order what was sent of an asynchronous actuator."""
-        remote = self._remote_of[slot]
-        first = remote.awaited.get(slot, (0, self._clock.now))[1]
-        remote.awaited[slot] = remote.driver.order(remote.place[slot]), first
+        """Order the sent value of an asynchronous actuator."""
+        link = self._remote_of[slot]
+        first = link.awaited.get(slot, (0, self._clock.now))[1]
+        link.awaited[slot] = link.driver.order(link.place[slot]), first
 
     def is_ordered(self, slot: int) -> bool:
-        """What was ordered already is not ordered again before it is carried out."""
+        """True if a write was already ordered. It is not ordered again before it is carried out."""
         return slot in self._remote_of[slot].awaited and self._image.sent[slot] == self._image.pending[slot]
 
 
@@ -406,8 +407,8 @@ class Posted(WithPeriod):
             super().accepted(slot)
 
     def goes_on(self, slot: int) -> None:
-        """It may be initialised again and again while it takes nothing else: of one that retries what is pending is not
-        confirmed."""
+        """True if the object may be initialised repeatedly while it accepts nothing else. The pending value of an
+        actuator with "retry" is not confirmed then."""
         if self._items[slot]._max_age is not None and not self._image.is_at_default(slot):
             self._image.set_quality(slot, Quality.STALE)
 
@@ -430,7 +431,7 @@ class Ordered(AtOnce):
 
 
 def off_cycle_drivers(image: Image, wired: Wired) -> list[OffCycleDrivers]:
-    """Those of a machine, as one capability; none where it has no driver off the cycle."""
+    """Return the drivers off the cycle of a machine, as one capability; none if there are no such drivers."""
     drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
     return [OffCycleDrivers(image, wired, drivers)] if drivers else []
 

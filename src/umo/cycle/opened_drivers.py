@@ -17,7 +17,7 @@ from umo.wiring.wired import Wired
 
 
 class OpenedDrivers:
-    """Those of one connection. `wait` waits so many s before another reset."""
+    """The drivers of one connection. `wait` waits a time in s before another reset."""
 
     def __init__(self, machine: ConnectedMachine, wired: Wired, wait: Callable[[float], object]) -> None:
         self._machine, self._image, self._wired, self._wait = machine, machine.image, wired, wait
@@ -54,16 +54,16 @@ class OpenedDrivers:
             image.clock,
             machine.events,
             image.initialize_again,
-            image.stays_at_default,
+            image.path_if_default_kept,
             slots,
             self._wired.watchdogs,
         )
 
     @contextmanager
     def _patient(self) -> Iterator[None]:
-        """Longer timeouts of the hardware: a device that serves one connection at a time may need long to let go of
-        the last one, and nothing runs yet that would have to wait. Not for `open`, where a driver may hand its timeout
-        to the circuit for the whole run."""
+        """Longer timeouts of the hardware: a device that serves one connection at a time may need long to release the
+        last one, and nothing runs yet that would have to wait. Not for `open`, where a driver may hand its timeout to
+        the circuit for the whole run."""
         drivers = [self._wired.drivers[name] for name in self._wired.hardware]
         timeouts = [driver.timeout for driver in drivers]
         for driver in drivers:
@@ -75,7 +75,7 @@ class OpenedDrivers:
                 driver.timeout = timeout
 
     def reset(self) -> tuple[list[Failure], list[Failure]]:
-        """Failures: the actuators not reached, and those reached by a later attempt only.
+        """Return the failures: the actuators not reached, and those reached by a later attempt only.
 
         A request that failed may still be carried out later and undo a reset. Then everything is reset a second time,
         and again as long as that reaches anything new: a device may begin to answer in the middle of an attempt.
@@ -96,7 +96,7 @@ class OpenedDrivers:
         return left, [each._replace(cause=f"reset at a later attempt: {each.cause}") for each in late]
 
     def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
-        """The paths of these actuators but for those that failed."""
+        """The paths of these actuators without those that failed."""
         return {self._image.items[slot].path for slot in slots} - {failure.path for failure in failures}
 
     def _reset_once(self, slots: list[int]) -> list[Failure]:
@@ -115,7 +115,7 @@ class OpenedDrivers:
         return [self._image.transfer.failure(slot, cause) for slot in sorted(slots)]
 
     def reports(self) -> dict[str, Mapping[str, Any]]:
-        """The report of each driver. One that fails says why in its place: it is no failure of the run."""
+        """The report of each driver. If a report fails, the reason takes its place; the run has not failed."""
         found: dict[str, Mapping[str, Any]] = {}
         for name in self._opened:
             try:
@@ -125,13 +125,13 @@ class OpenedDrivers:
         return found
 
     def close(self) -> list[Failure]:
-        """Finalise every object, then close every driver, each in reverse order; what failed of it."""
+        """Finalise every object, then close every driver, each in reverse order. Returns the failures."""
         found = map(self._image.segments.finalize, reversed(self._initialized))
         failed = [failure._replace(cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
         return failed + self._of_each(reversed(self._opened), self._image.segments.close, "not closed")
 
     def _of_each(self, names: Iterable[str], call: Callable[[str], None], what: str) -> list[Failure]:
-        """One call for each driver. An error, whatever it is, does not keep it from the others."""
+        """Make one call per driver. An error of one, of any class, does not prevent the calls of the others."""
         failures = []
         for name in names:
             try:

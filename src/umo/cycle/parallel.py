@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, cast
 
 from umo.cycle.not_awaited import expects_errors
 from umo.cycle.sequence_mistakes import check_condition
-from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, one_period, own_task, with_notes
+from umo.cycle.sequences import Routine, Task, adopting, cancel_all, one_period, own_task, with_notes
 from umo.cycle.wait_graph import ParallelParts
 from umo.errors import Cancelled
 from umo.objects import link
@@ -22,7 +22,7 @@ class First(NamedTuple):
 
 
 @adopting
-async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
+async def together(*sequences: Routine | link.Task) -> tuple[Any, ...]:
     """Run sequences in parallel and return their results. The first error cancels the others and is raised. A started
     sequence, what `cycle.start` returned, may be among them, and is cancelled as the others are."""
     own = await own_task("together()")
@@ -41,7 +41,7 @@ async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
 
 
 @adopting
-async def first(*sequences: Sequence | link.Task) -> First:
+async def first(*sequences: Routine | link.Task) -> First:
     """Run sequences in parallel until the first ends; the others are cancelled. Returns which one ended, and its
     result: `number, result = await first(fill(), wait("5 s"))`.
 
@@ -50,7 +50,7 @@ async def first(*sequences: Sequence | link.Task) -> First:
     without a sequence.
     """
     if not sequences:
-        raise TypeError("first() needs a sequence: of none, none can end")
+        raise TypeError("first() needs at least one sequence")
     own = await own_task("first()")
     tasks, tick = [_task(each, own) for each in sequences], None
     own.waits_for = ParallelParts(tasks, all)
@@ -69,7 +69,7 @@ async def first(*sequences: Sequence | link.Task) -> First:
 
 @expects_errors
 @adopting
-async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) -> bool:
+async def unless(condition: Callable[[], bool], sequence: Routine | link.Task) -> bool:
     """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
     itself.
 
@@ -95,17 +95,17 @@ async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) 
 
 
 def _never(stuck: Iterable[bool]) -> bool:
-    """The condition may come true whatever becomes of the sequence."""
+    """The condition may come true whatever happens to the sequence."""
     return False
 
 
-def _task(sequence: Sequence | link.Task, own: Task) -> Task:
-    return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Sequence, sequence), parent=own)
+def _task(sequence: Routine | link.Task, own: Task) -> Task:
+    return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Routine, sequence), parent=own)
 
 
 @adopting
 async def _ended(task: Task) -> Any:
-    """A started sequence, as one that awaits it."""
+    """A sequence that awaits a started one."""
     return await task
 
 

@@ -26,7 +26,7 @@ class GroupView(MachineView):
 
     @property
     def clock(self) -> Clock:  # type: ignore[override]
-        """In a sequence, whoever's it is, the clock by which that takes its steps."""
+        """Return the clock by which a sequence of any part takes its steps."""
         task = self.current_task
         return self._clock if task is None else task.clock or self.whole.clock
 
@@ -39,13 +39,13 @@ def give_period(machine: ConnectedMachine, part: Compound, period: float) -> Non
 
 
 class PartPeriods(Capability):
-    """Those of one machine. The period of the whole moves its own blocks only."""
+    """The periods of the parts of one machine. The period of the whole machine transfers its own blocks only."""
 
     def attach(self, machine: ConnectedMachine) -> None:
         self._image, self._claims, self._sequences = machine.image, machine.claims, machine.sequences
         self._groups, self._laws, self._period = machine.groups, machine.acting_laws, machine.phases
         self.sampled = False
-        """Whether a period was sampled and not updated yet."""
+        """True if a period was sampled and not updated yet."""
         self._period.read, self._period.carry_out = self._read, self._carry_out
         self._period.send = partial(self._image.update, self._groups.whole.outputs)
         image = self._image
@@ -61,14 +61,14 @@ class PartPeriods(Capability):
         return self._views[self._groups.of(part).number]
 
     def _read(self) -> bool:
-        """Where nobody calls `update`, those of parts are read all the same."""
+        """The sensors of parts are read even if nothing calls `update`."""
         blocks = self._image.inputs if self.sampled else self._groups.whole.inputs
         self.sampled = True
         return self._image.sample(blocks)
 
     @property
     def any_due(self) -> bool:
-        """Whether anything of GROUPS and OWED is to be done in this period."""
+        """True if anything of GROUPS and OWED is to be done in this period."""
         return bool(self._urgent or self._period.settling) or self._groups.any_due
 
     def _carry_out(self) -> bool:
@@ -117,7 +117,8 @@ class PartPeriods(Capability):
             part.took(monotonic_ns() - began)
 
     def _send_urgent(self) -> bool:
-        """What does not wait for its part's period: defaults, and what an application had before it was suspended."""
+        """Send what does not wait for its part's period: defaults, and the values of an application from before its
+        suspension."""
         image, urgent = self._image, self._urgent
         if not urgent:
             return True

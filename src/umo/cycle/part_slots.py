@@ -23,14 +23,15 @@ class PartSlots(NamedTuple):
 
 
 class SlotsOfParts:
-    """Those of all parts of one machine, each found when it is asked for. `place`: of each actuator in stop order."""
+    """The slots of all parts of one machine, each found when first read. `place`: the place of each actuator in stop
+    order."""
 
     def __init__(self, image: Image, place: Mapping[int, int]) -> None:
         self._image, self._place = image, place
         self._known: dict[int, PartSlots] = {}
 
     def of(self, part: Node) -> PartSlots:
-        """Those of one part, an object or a compound."""
+        """Return the slots of one part, an object or a compound."""
         found = self._known.get(id(part))
         if found is None:
             found = self._known[id(part)] = self._found(part)

@@ -22,18 +22,21 @@ typedef struct {
 } Look;
 
 enum { TICK, SAMPLE, GUARD, COMMANDS, SEQUENCES, LAWS, SETTLE, SEND, SHOW, PHASES };
-enum { READ_TIMER, TICKED, SAMPLE_NOW, EVALUATE, ADVANCE, ACT, GO_ON, SETTLE_NOW, UPDATE, FINISH, CALLS };
+enum { READ_TIMER, TICKED, SAMPLE_NOW, EVALUATE, ADVANCE, ACT, GO_ON, SETTLE_NOW, UPDATE, FINISH, NOT_READ, SAMPLE_REST,
+       UPDATE_REST, CALLS };
 enum { NOW, DT, TICKS, NUMBER, MISSED, MISSED_IN_ALL, OPEN, BEGAN, COMMANDING, BEFORE_LAWS, LAWS_OF_GROUP, NAMES };
 static const char *const names[NAMES] = {"now",           "dt",   "ticks", "number",     "missed",
                                          "missed_in_all", "open", "began", "commanding", "before_laws", "laws"};
 
 enum { IN_PYTHON = -1 }; /* in the place of the number of looks: a phase that C does not have */
+enum { ENDED = 2 }; /* the result of a step with which its phase, or the wait for a tick, has ended */
 
 typedef struct {
     Block *block;
     umo_transfer *move;
     void *context;
     PyObject *watch; /* None, or watch(ns): is told of each transfer, once its phase is done */
+    PyObject *call, *channels, *buffer; /* `call`: None, or call(channels, buffer) in the place of `move` */
     int64_t took;
 } Moved;
 
@@ -49,6 +52,7 @@ typedef struct {
     Law **acting, **conditions;
     umo_transfer *tick;
     void *tick_context;
+    PyObject *read_tick, *tick_channel; /* `read_tick`: None, or read_tick(tick_channel) in the place of `tick` */
     PyObject *watch; /* None, or watch(ns): is told of each wait for a tick */
     int64_t least, most; /* ticks that may be missed */
     double length;       /* of a period in s */
@@ -128,14 +132,17 @@ static Moved *take_moved(PyObject *given, int (*is_sound)(PyObject *), Py_ssize_
     *count = PyTuple_Size(given);
     Moved *all = PyMem_Calloc((size_t)*count + 1, sizeof(Moved));
     for (Py_ssize_t i = 0; all != NULL && i < *count; i++) {
-        PyObject *block, *watch;
+        PyObject *block, *watch, *call, *channels, *buffer;
         unsigned long long move, context;
-        if (!PyArg_ParseTuple(PyTuple_GetItem(given, i), "OKKO", &block, &move, &context, &watch) || !is_sound(block)) {
+        if (!PyArg_ParseTuple(PyTuple_GetItem(given, i), "OKKOOOO", &block, &move, &context, &watch, &call, &channels,
+                              &buffer) ||
+            !is_sound(block)) {
             PyMem_Free(all);
             refused("a block");
             return NULL;
         }
-        all[i] = (Moved){(Block *)block, (umo_transfer *)(uintptr_t)move, (void *)(uintptr_t)context, watch, 0};
+        all[i] = (Moved){(Block *)block, (umo_transfer *)(uintptr_t)move, (void *)(uintptr_t)context, watch, call,
+                         channels,       buffer,                          0};
     }
     return all;
 }
@@ -160,9 +167,9 @@ static int take(Period *self, PyObject *args)
     PyObject *looks, *calls, *inputs, *outputs, *conditions, *acting, *written;
     unsigned long long tick, context, raw, value, time, quality;
     long long least, most;
-    if (!PyArg_ParseTuple(args, "OOOO(KKLLKKKKO)dO!O!O!O!O!O!O!O", &self->clock, &self->period, &self->turn, &self->group,
-                          &tick, &context, &least, &most, &raw, &value, &time, &quality, &self->watch, &self->length, &PyTuple_Type, &looks,
-                          &PyTuple_Type, &calls, &PyTuple_Type, &inputs, &PyTuple_Type, &outputs, &PyTuple_Type,
+    if (!PyArg_ParseTuple(args, "OOOO(KKLLKKKKOOO)dO!O!O!O!O!O!O!O", &self->clock, &self->period, &self->turn,
+                          &self->group, &tick, &context, &least, &most, &raw, &value, &time, &quality, &self->watch,
+                          &self->read_tick, &self->tick_channel, &self->length, &PyTuple_Type, &looks, &PyTuple_Type, &calls, &PyTuple_Type, &inputs, &PyTuple_Type, &outputs, &PyTuple_Type,
                           &conditions, &PyTuple_Type, &self->laws, &PyTuple_Type, &acting, &written))
         return -1;
     if (PyTuple_Size(looks) != PHASES || PyTuple_Size(calls) != CALLS || PyTuple_Size(self->laws) != PyTuple_Size(acting))
@@ -268,6 +275,21 @@ static int by_python(Period *self, int call, PyObject *argument)
     return done == NULL ? -1 : 1;
 }
 
+/* What was raised, for Python to judge; None: nothing was. */
+static PyObject *raised(void)
+{
+    PyObject *type, *error, *trace;
+    PyErr_Fetch(&type, &error, &trace);
+    if (type == NULL)
+        return Py_NewRef(Py_None);
+    PyErr_NormalizeException(&type, &error, &trace);
+    if (trace != NULL)
+        (void)PyException_SetTraceback(error, trace);
+    Py_XDECREF(type);
+    Py_XDECREF(trace);
+    return error;
+}
+
 static int whole(PyObject *owner, PyObject *name, int64_t *number)
 {
     PyObject *found = PyObject_GetAttr(owner, name);
@@ -364,17 +386,47 @@ static int32_t wait_for_tick(Period *self, int64_t *missed)
     return status == UMO_MOVED && tell_watch(self->watch, time_for(self->watch) - began) < 0 ? UMO_INTERRUPTED : status;
 }
 
+/* What Python has read of the timer: the clock goes on, or a stop has ended the wait. */
+static int was_read(Period *self, PyObject *found)
+{
+    double missed = found == NULL ? -1.0 : PyFloat_AsDouble(found);
+    Py_XDECREF(found);
+    if (missed == -1.0 && PyErr_Occurred())
+        return -1;
+    return missed < 0.0 ? ENDED : times_of_clock(self);
+}
+
+/* The driver reads the timer, in Python. ENDED: what it has raised was judged, and `done` is the result of that. */
+static int read_tick(Period *self, int64_t *missed, int *done)
+{
+    PyObject *found = PyObject_CallFunctionObjArgs(self->read_tick, self->tick_channel, NULL);
+    PyObject *number = found == NULL ? NULL : PyNumber_Index(found);
+    *missed = number == NULL ? -1 : PyLong_AsLongLong(number);
+    Py_XDECREF(found);
+    Py_XDECREF(number);
+    if (!PyErr_Occurred())
+        return 1;
+    PyObject *error = raised();
+    self->by_python = 1;
+    *done = was_read(self, PyObject_CallFunctionObjArgs(self->calls[NOT_READ], error, NULL));
+    Py_DECREF(error);
+    return ENDED;
+}
+
 static int tick(Period *self)
 {
-    int usual = all_usual(self, TICK);
+    int usual = all_usual(self, TICK), result = 1;
     if (usual <= 0)
         return usual;
     int64_t missed = 0;
-    int32_t status = wait_for_tick(self, &missed);
-    if (status == UMO_INTERRUPTED)
-        return -1;
-    if (status != UMO_MOVED)
-        return 0;
+    if (self->read_tick != Py_None) {
+        if (read_tick(self, &missed, &result) == ENDED)
+            return result;
+    } else {
+        int32_t status = wait_for_tick(self, &missed);
+        if (status != UMO_MOVED)
+            return status == UMO_INTERRUPTED ? -1 : 0;
+    }
     if (missed >= self->least && missed <= self->most && *self->quality == 0)
         return advance(self, missed);
     PyObject *found = PyLong_FromLongLong(missed); /* the tick has come: it is to be judged */
@@ -383,22 +435,21 @@ static int tick(Period *self)
     return done < 0 ? done : times_of_clock(self);
 }
 
-/* By Python. 0: a stop has ended the wait. */
 static int tick_by_python(Period *self)
 {
     self->by_python = 1;
-    PyObject *found = PyObject_CallNoArgs(self->calls[READ_TIMER]);
-    double missed = found == NULL ? -1.0 : PyFloat_AsDouble(found);
-    Py_XDECREF(found);
-    if (missed == -1.0 && PyErr_Occurred())
-        return -1;
-    return missed < 0.0 ? 0 : times_of_clock(self);
+    return was_read(self, PyObject_CallNoArgs(self->calls[READ_TIMER]));
 }
 
 /* SAMPLE and GUARD ------------------------------------------------------------------------------------ */
 
 static int move(Moved *moved)
 {
+    if (moved->call != Py_None) {
+        PyObject *none = PyObject_CallFunctionObjArgs(moved->call, moved->channels, moved->buffer, NULL);
+        Py_XDECREF(none);
+        return none == NULL ? -1 : 1;
+    }
     Py_ssize_t count;
     int64_t *raws = moved_of(moved->block, &count), began = time_for(moved->watch);
     int done = moved->move(moved->context, raws, (int32_t)count) == UMO_MOVED;
@@ -415,6 +466,18 @@ static int were_moved(const Moved *all, Py_ssize_t count)
     return done;
 }
 
+/* The transfers before this one are done: Python goes on with it, or with what it has raised. */
+static int go_on_at(Period *self, int call, const Moved *all, Py_ssize_t place)
+{
+    PyObject *error = raised(), *done = NULL;
+    self->by_python = 1;
+    if (tell_python(self) == 0 && were_moved(all, place) > 0)
+        done = PyObject_CallFunction(self->calls[call], "nO", place, error);
+    Py_DECREF(error);
+    Py_XDECREF(done);
+    return done == NULL ? -1 : ENDED;
+}
+
 static int sample(Period *self)
 {
     int usual = all_usual(self, SAMPLE);
@@ -423,10 +486,12 @@ static int sample(Period *self)
         int64_t *raws = moved_of(self->inputs[i].block, &count);
         for (Py_ssize_t n = 0; n < count; n++)
             raws[n] = UMO_UNREAD;
-        usual = move(&self->inputs[i]);
+        if (move(&self->inputs[i]) <= 0)
+            return go_on_at(self, SAMPLE_REST, self->inputs, i);
     }
     for (Py_ssize_t i = 0; usual > 0 && i < self->input_count; i++)
-        usual = inputs_convert(self->inputs[i].block, self->now);
+        if (inputs_convert(self->inputs[i].block, self->now) <= 0)
+            return go_on_at(self, SAMPLE_REST, self->inputs, self->input_count);
     return usual > 0 ? were_moved(self->inputs, self->input_count) : usual;
 }
 
@@ -522,14 +587,15 @@ static int control(Period *self)
 
 static int send_blocks(Period *self)
 {
-    memcpy(self->written_before, self->written.buf, (size_t)self->written.len);
     for (Py_ssize_t i = 0; i < self->output_count; i++) {
         Block *block = self->outputs[i].block;
+        memcpy(self->written_before, self->written.buf, (size_t)self->written.len);
         outputs_give(block, self->now, self->dt);
-        if (!move(&self->outputs[i])) { /* Python gives all of them once more */
+        int done = move(&self->outputs[i]);
+        if (done == 0) /* Python gives it once more */
             memcpy(self->written.buf, self->written_before, (size_t)self->written.len);
-            return 0;
-        }
+        if (done <= 0)
+            return go_on_at(self, UPDATE_REST, self->outputs, i);
         outputs_commit(block, self->now);
     }
     return were_moved(self->outputs, self->output_count);
@@ -542,6 +608,8 @@ static int update(Period *self)
         usual = send_blocks(self);
     if (usual <= 0)
         return usual < 0 ? usual : by_python(self, UPDATE, NULL);
+    if (usual == ENDED)
+        return 1;
     usual = all_usual(self, SHOW);
     if (usual <= 0)
         return usual < 0 ? usual : by_python(self, FINISH, NULL);
@@ -557,6 +625,8 @@ static int one_period(Period *self, int is_first)
     int done = tick(self);
     if (done == 0 && is_first)
         done = tick_by_python(self);
+    if (done == ENDED)
+        return 0;
     return done <= 0 || (done = sample_and_guard(self)) <= 0 || (done = control(self)) <= 0 ? done : update(self);
 }
 

@@ -57,12 +57,12 @@ PHASES = (
     PeriodPhase(SAMPLE, "GUARD", "interlocks (a condition that raises holds), expiries, defaults that asynchronous "
         "actuators owe", LISTED, "cycle/guards, inhibition"),
     PeriodPhase(CONTROL, "COMMANDS", "what clients ask for, then the laws that look after sequences", CONTAINED,
-        "clients, operation/supervisors"),
+        "operation/commands, operation/supervisors"),
     PeriodPhase(CONTROL, "SEQUENCES", "a step of each of the whole", CONTAINED, "cycle/sequences"),
     PeriodPhase(CONTROL, "LAWS", "those of the whole, a parent's before those of its parts", CONTAINED,
         "cycle/acting_laws"),
     PeriodPhase(CONTROL, "SETTLE", "on demand: what nobody is in charge of goes to its default", "raised",
-        "clients/suspension"),
+        "operation/commands/suspension"),
     PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED,
         "cycle/image, deliveries"),
     PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD of all together, then "
@@ -70,7 +70,7 @@ PHASES = (
         "cycle/rate_groups, part_periods"),
     PeriodPhase(UPDATE, "OWED", "what does not wait for its group's period", LISTED, "cycle/part_periods"),
     PeriodPhase(UPDATE, "SHOW", "alarms, then events and logs, then frames, observers", "raised, after all outputs",
-        "alarms, cycle/events, showing"),
+        "operation/alarms, cycle/events, showing"),
 )  # fmt: skip
 """The phases in their order."""
 
@@ -104,15 +104,15 @@ class Period:
         self.before_laws: list[Callable[[], object]] = []
         """What is called before the laws of each group; it may replace them."""
         self.showing: list[Callable[[], object]] = []
-        """What is called in SHOW, before events are told."""
+        """Functions that are called in SHOW, before events are made."""
         self.settling: list[Callable[[], object]] = []
-        """What is called in the next SETTLE, once."""
+        """Functions that are called once, in the next SETTLE."""
         self.open = False
-        """Whether a period has begun and was not finished yet."""
+        """True if a period has begun and was not finished yet."""
         self.began = 0
         """Time in ns of its tick (`time.monotonic_ns`)."""
         self.late = outputs == AT_NEXT_TICK
-        """Whether outputs wait for the next tick."""
+        """True if outputs wait for the next tick."""
         self.read: Callable[[], bool] = image.sample
         """SAMPLE."""
         self.send: Callable[[], bool] = image.update
@@ -151,15 +151,15 @@ class Period:
         self.began = monotonic_ns()
 
     def finish(self) -> None:
-        """Before the wait for the next tick: SHOW a period that was not shown, since it failed or nobody called
-        `update`."""
+        """SHOW a period that was not shown before the wait for the next tick, because it failed or `update` was not
+        called."""
         if self.open:
             self._finish()
 
     # sample() ------------------------------------------------------------------------------------------
 
     def _guarded(self, sample: Callable[[], bool]) -> Callable[[], bool]:
-        """RECEIVE and GUARD around a SAMPLE, as far as the machine has them."""
+        """Return RECEIVE and GUARD around a SAMPLE, if the machine has them."""
         sample = preceded(self.receiving, sample)
         return partial(then_guard, sample, self.guards.evaluate) if self.guards.any else sample
 
@@ -200,7 +200,7 @@ class Period:
     # update() ------------------------------------------------------------------------------------------
 
     def update(self) -> bool:
-        """SEND to SHOW; whether every output was accepted."""
+        """Carry out SEND to SHOW. Return True if every output was accepted."""
         try:
             accepted = self._send()
         except BaseException:
@@ -212,9 +212,18 @@ class Period:
             self.open = False  # as `_finish` does, of which a call is 3 % of the period of a small machine
         return accepted
 
+    def update_by(self, send: Callable[[], bool]) -> bool:
+        """Carry out the same if a part of the outputs was sent already: this sends the rest."""
+        usual = self._send
+        self._send = send if self.carry_out is None else partial(both, send, self.carry_out)
+        try:
+            return self.update()
+        finally:
+            self._send = usual
+
     def _finish(self) -> None:
-        """SHOW: the outputs of the period are sent, and what has happened in it is told. A period in which sending
-        fails is finished when the machine has been reset, or before the next one."""
+        """SHOW: the outputs of the period were sent; make the events of the period. A period in which sending fails is
+        finished when the machine has been reset, or before the next one."""
         self.open = False
         for call in self.showing:
             call()
@@ -230,7 +239,7 @@ class LateOutputs:
     def __init__(self, send: Callable[[], bool], expire: Callable[[], object]) -> None:
         self._send, self._expire = send, expire
         self._waiting = False
-        """Whether there is any."""
+        """True if there is any."""
 
     def note(self) -> bool:
         """A period has computed its outputs. What waits already, with no `sample` since, is sent now."""
@@ -286,7 +295,7 @@ def or_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool
 
 
 def both(first: Callable[[], bool], second: Callable[[], bool]) -> bool:
-    """Two phases; whether both are good."""
+    """Return a function that carries out two phases and returns True if both are good."""
     try:
         good = first()
     except DriverError as unsent:
@@ -295,7 +304,7 @@ def both(first: Callable[[], bool], second: Callable[[], bool]) -> bool:
 
 
 def go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:
-    """One phase of a period has failed: take the next one all the same, and raise what failed of both."""
+    """Carry out the next phase of a period after one has failed, and raise the failures of both."""
     try:
         then()
     except DriverError as error:

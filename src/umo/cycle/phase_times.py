@@ -1,7 +1,7 @@
 """Durations of the phases of a period: timer, tries of each driver that is away, sample of each driver, control code,
 update of each driver.
 
-Measuring costs about 0.3 us per transfer, so it is on only while frames are published (`umo.frames`).
+Measuring costs about 0.3 us per transfer, so it is on only while frames are published (`umo.process.frames`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Any
 from umo.cycle.callees import BlockTransfer
 from umo.cycle.columns import Block
 from umo.cycle.image import Image
-from umo.cycle.journal import NEVER, Journal, Kind
+from umo.cycle.journal import NO_TRANSFER, Journal, Kind
 from umo.cycle.rate_groups import PartGroup
 from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
-"""Number in the place of a duration that is not known."""
+"""Stands for an unknown duration."""
 CONTROL = "control"
 """Name of the phase of the control code; that of a part with a rate of its own has its path behind."""
 TRY = "try"
@@ -76,7 +76,7 @@ class PhaseTimes:
         self.ns[self._tries[name]] += ns
 
     def finish(self, execution: int) -> None:
-        """The period is over: what is left of its execution time (ns) was spent in control code and in umo."""
+        """End the period: the rest of its execution time (ns) was spent in control code and in umo."""
         ns = self.ns
         ns[self._control] = execution - sum(ns) + ns[0]
 
@@ -101,9 +101,9 @@ class PhaseTimes:
         def begins(journal: Journal) -> None:
             moved.add(number)
             if reads:
-                if journal.sampled == NEVER:
+                if journal.sampled == NO_TRANSFER:
                     journal.sampled = journal.count
-            elif journal.updated == NEVER:
+            elif journal.updated == NO_TRANSFER:
                 journal.updated = journal.count
 
         def was_moved(took: int) -> None:

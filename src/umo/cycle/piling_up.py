@@ -1,4 +1,4 @@
-"""Sequences that pile up: one is started again and again while the former ones still run. It is told once."""
+"""Sequences that pile up: one is started again and again while the former ones still run. There is one event for it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from umo.cycle.sequences import Task
 from umo.text import place_among
 
 FEW = 16
-"""Number of periods that is told, in which sequences were started that now run: of one function, for one object."""
+"""There is an event when this number of sequences of one function run for one object, each started in another
+period."""
 MANY = 1000
 """The same of one function, whatever it was called with."""
 
 
 class PilingUp:
-    """Of one machine. Looking takes as long as there are sequences of a part: so it is done when these have grown by a
-    quarter."""
+    """Detects sequences that accumulate on one machine. A check takes time in proportion to the sequences of a part, so
+    it is made when their number has grown by a quarter."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[int, CodeType], int] = {}
@@ -29,7 +30,7 @@ class PilingUp:
         self._told: set[CodeType] = set()
 
     def look(self, task: Task, beside: Collection[Task]) -> str:
-        """What is to be told of a sequence that was just started; "" for nothing. `beside`: all of its part."""
+        """Return the text of the event for a sequence that was just started; "" for none. `beside`: all of its part."""
         if (code := code_of(task.sequence)) is None or code in self._told:
             return ""
         key = id(task.part), code
@@ -51,7 +52,7 @@ class PilingUp:
 
 
 def _stack() -> list[tuple[Any, int]]:
-    """The frames of whoever starts it, the outermost first."""
+    """The frames of the code that starts it, the outermost first."""
     return list(walk_stack(sys._getframe(2)))[::-1]
 
 
@@ -60,6 +61,7 @@ def _periods(tasks: list[Task]) -> int:
 
 
 def _given(task: Task) -> list[Any]:
-    """What tells one call of a function from another one: objects, whole numbers, texts; not a value that was read."""
+    """The arguments that distinguish one call of a function from another: objects, integers, texts; not values that
+    were read."""
     given = (each for each in given_to(task.sequence).values() if not isinstance(each, float))
     return [each if isinstance(each, int | str | Enum) else id(each) for each in given]

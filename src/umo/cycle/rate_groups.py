@@ -15,7 +15,7 @@ from types import MethodType
 from umo.cycle.clock import Clock
 from umo.cycle.image import Image
 from umo.objects import Node
-from umo.wiring.rates import WHOLE, Rate
+from umo.wiring.rates import MACHINE_RATE, Rate
 
 
 class PartClock(Clock):
@@ -67,17 +67,17 @@ class PartClock(Clock):
 
 
 class RateGroup:
-    """One group: its clock, its blocks and the laws that act in it."""
+    """One group of parts with the same rate: its clock, its blocks and the laws that act in it."""
 
     def __init__(self, number: int, path: str, clock: Clock, image: Image) -> None:
         self.number = number
-        """Its place in `Wired.rates`; `WHOLE`: the machine's own rate."""
+        """Its place in `Wired.rates`; `MACHINE_RATE`: the machine's own rate."""
         self.path = path
         self.clock = clock
         self.inputs = [block for block in image.inputs if block.part == number]
         self.outputs = [block for block in image.outputs if block.part == number]
         self.laws: list[MethodType] = []
-        """Those that act: not those of equipment in fault (`umo.cycle.acting_laws`)."""
+        """The laws that act, without those of equipment in fault (`umo.cycle.acting_laws`)."""
 
 
 class PartGroup(RateGroup):
@@ -91,11 +91,11 @@ class PartGroup(RateGroup):
         self.due = 0
         """Number of the period in which it is due next."""
         self.took: Callable[[int], object] = lambda ns: None
-        """Function that is told the duration in ns of its control."""
+        """Function that is called with the duration in ns of its control."""
 
     def schedule(self, number: int) -> int:
-        """It was carried out in this period: it is due again at the next of its own. The number of its own that have
-        begun since."""
+        """Note that it was carried out in this period, and compute when it is due next. Return the number of its own
+        periods that have begun since."""
         ticks = max((number - self.due) // self.every + 1, 0)
         self.due += ticks * self.every
         return ticks
@@ -110,14 +110,14 @@ class RateGroups:
 
     def __init__(self, image: Image) -> None:
         self._rates = rates = image.rates
-        self.whole = RateGroup(WHOLE, "", image.clock, image)
+        self.whole = RateGroup(MACHINE_RATE, "", image.clock, image)
         own = [(number, rate) for number, rate in enumerate(rates) if rate.every > 1]
         self._parts = {number: PartGroup(number, rate, image, group) for group, (number, rate) in enumerate(own)}
         self.parts = list(self._parts.values())
-        """Those of parts, the fastest first."""
+        """The groups of parts, the fastest first."""
         self.all = [self.whole, *self.parts]
         self._queue: list[tuple[int, int]] = []
-        """When each part is due next, and its number: a heap."""
+        """The period in which each part is due next, and its number: a heap."""
         self.restart()
 
     def of(self, node: Node) -> RateGroup:
@@ -125,7 +125,7 @@ class RateGroups:
         return self.whole if not self.parts else self._parts.get(self._rates.number(node), self.whole)
 
     def restart(self) -> None:
-        """Every part is due at its next phase."""
+        """Make every part due at its next phase."""
         for part in self.parts:
             part.restart(self.whole.clock.number)
         self._queue = [(part.due, part.number) for part in self.parts]
@@ -133,7 +133,7 @@ class RateGroups:
 
     @property
     def any_due(self) -> bool:
-        """Whether a part is due in this period."""
+        """True if a part is due in this period."""
         return self._queue[0][0] <= self.whole.clock.number
 
     def take_due(self) -> list[PartGroup]:

@@ -1,7 +1,7 @@
-"""The sensors of the image: what becomes of a reading.
+"""The sensors of the image: what happens to a reading.
 
-It is refused, or judged by its range and by whether the sensor is referenced, and conditioned. One that has failed is
-told, or the last value is held, or the sensor is marked BAD.
+It is refused, or judged by its range and by whether the sensor is referenced, and conditioned. A failed reading is
+reported, or the last value is held, or the sensor is marked BAD.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Elsewhere(Protocol):
 
 
 class ImageInputs(Slots):
-    """The slots of a machine's objects, with what becomes of the sensors among them."""
+    """The slots of a machine's objects, with what happens to the sensors among them."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
@@ -47,7 +47,7 @@ class ImageInputs(Slots):
         self.elsewhere: dict[int, Elsewhere] = {}
         """By sensor, what is read at times of its own."""
         self.found: list[Failure] = []
-        """Failures that were found since the last sample, which tells them."""
+        """Failures since the last sample; the next sample reports them."""
         self.failed: set[int] = set()
         """The sensors that failed and have not been initialised since."""
         self._marked: list[tuple[int, str]] = []
@@ -58,7 +58,7 @@ class ImageInputs(Slots):
         self.invalid_raws = {slot: raws for slot in sensors if (raws := self._invalid(slot))}
         found = ((slot, conditioner_of(wire)) for slot, wire in enumerate(self.wires))
         self.conditioners = {slot: each for slot, each in found if each is not None}
-        """Of the sensors that are conditioned."""
+        """The conditioners, by the slots of their sensors."""
         for block in self.blocks:
             if block.stop <= self.sampled.stop:
                 self._prepare(block)
@@ -89,7 +89,7 @@ class ImageInputs(Slots):
         raw = self.nearest(slot, reading)
         zero_offset = value - to_value(raw, resolution, 0.0)
         if not abs(zero_offset) < MAX_OFFSET_RAW * abs(resolution):
-            raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
+            raise RangeError(f"{item.path}: {value:g} {item.units} is not a position that it can have")
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         distance = zero_offset - float(self.scales.zero_offset[slot])
         self.scales.zero_offset[slot] = zero_offset
@@ -112,7 +112,7 @@ class ImageInputs(Slots):
             self.set_quality(slot, Quality.STALE)
 
     def _is_inside(self, slot: int, value: float) -> bool:
-        """Whether a sensor's value is GOOD."""
+        """True if a sensor's value is GOOD."""
         return self._low[slot] <= value <= self._high[slot]
 
     def _judge(self, slot: int, value: float) -> Quality:
@@ -149,19 +149,19 @@ class ImageInputs(Slots):
         return self.clock.read() if elsewhere is None else elsewhere.read_at(slot)
 
     def velocity(self, slot: int) -> float:
-        """Of a sensor, units per s; BadInput while it is BAD."""
+        """Return the velocity of a sensor, units per s. BadInput while it is BAD."""
         if self.quality[slot] == Quality.BAD:
             raise BadInput(self.items[slot].path, Quality.BAD)
         return self.conditioners[slot].velocity
 
     def _is_refused(self, slot: int, raw: int) -> bool:
-        """Whether a raw integer is no reading."""
+        """True if a raw integer is not a reading."""
         if (levels := self.items[slot]._raws) is not None:
             return raw not in levels
         return raw in self.invalid_raws.get(slot, ()) or raw == UNREAD
 
     def _refused(self, slot: int) -> str:
-        """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""
+        """Return why a raw value in `raws` is not a reading; empty if it is one."""
         raw = self.raws[slot]
         if raw == UNREAD:
             return "the driver returned fewer values than channels"
@@ -170,7 +170,7 @@ class ImageInputs(Slots):
         return f"the circuit reports an invalid reading (raw {raw})" if raw in self.invalid_raws.get(slot, ()) else ""
 
     def accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
-        """One sensor was read."""
+        """Store the reading of one sensor."""
         conditioner = self.conditioners.get(slot) if self.conditioners else None
         is_reading = conditioner is not None and not self._is_refused(slot, raw)
         try:
@@ -209,7 +209,7 @@ class ImageInputs(Slots):
             failures.append(self.transfer.failure(slot, cause))
 
     def fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
-        """The same of many, such as all that a driver reads."""
+        """Mark many readings as failed, such as all of a driver."""
         items: Any = self.items
         plain, marked = [], []
         for slot, cause in causes.items():
@@ -235,7 +235,7 @@ class ImageInputs(Slots):
             self._marked += [(slot, causes[slot]) for slot in due]
 
     def _log_marked(self) -> None:
-        """Log together what was marked BAD together: a thousand lines would take longer than a period."""
+        """Log readings that were marked BAD together in one line: a thousand lines would take longer than a period."""
         if self._marked:
             self.events.log(partial(_marked_text, self.transfer, self._marked))
             self._marked = []

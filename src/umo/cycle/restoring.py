@@ -15,9 +15,9 @@ from typing import Any
 from umo.errors import RangeError, UmoError
 from umo.objects import Compound, MachineNumber, numbers_of
 from umo.objects.numbers import number_in
-from umo.presentation.value_text import shown_unit
+from umo.objects.presentation.value_text import shown_unit
 from umo.text import did_you_mean
-from umo.user_code import told_as
+from umo.user_code import raise_as
 from umo.wiring.wired import Parameter, apply_parameters
 
 MAX_EXACT = 1 << 53
@@ -104,7 +104,7 @@ def _attempt(
     """Set them; or nothing, and why."""
     taken: list[Callable[[], object]] = []
     try:
-        with told_as(UmoError, "`setup` failed"):
+        with raise_as(UmoError, "`setup` failed"):
             apply_parameters(root, [*parameters, *fields], taken.append)
             numbers_of(root)  # the range of one may depend on another
     except UmoError as error:
@@ -117,7 +117,7 @@ def _attempt(
 
 
 def _outside(fields: Sequence[Parameter]) -> dict[str, str]:
-    """Why a value is not within the range of the declaration, by path."""
+    """Return why values are not within the range of the declaration, by path."""
     found = {}
     for number, value in fields:
         try:
@@ -128,7 +128,7 @@ def _outside(fields: Sequence[Parameter]) -> dict[str, str]:
 
 
 def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
-    """RangeError where it has none, or was kept in another unit."""
+    """Return the value. RangeError without one, or if it was kept in another unit."""
     if entry["value"] is None:
         raise RangeError("it had no value that can be kept")
     if entry["unit"] != number.declared.unit and not isinstance(number.kind, EnumMeta):

@@ -63,8 +63,8 @@ def run(
 
 
 def result_of(returned: Any, connection: connect[Any]) -> Any:
-    """The result of a run that is over: what its application has returned, else what it has told of it so far. An error
-    of the function that it has told is the result, in words."""
+    """Return the result of an ended run: what its application has returned, otherwise its last result so far. If that
+    function has failed, its error is the result, as text."""
     machine = getattr(connection, "machine", None)
     if returned is not None or machine is None:
         return returned

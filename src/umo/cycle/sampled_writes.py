@@ -1,8 +1,7 @@
-"""Who writes the actuators, looked at without the extension in C: in some periods (decision 105).
+"""Detects which code writes the actuators, without the extension in C: in some periods (decision 105).
 
-In these periods every write passes the command stage, which tells of it; in all others nothing is asked for, and
-nothing costs anything. What goes wrong in each period is found, what happens once may not be.
-"""
+In these periods every write passes the command stage, which reports it; in all others nothing is checked, at no cost. A
+mistake in every period is found, one that occurs once may be missed."""
 
 from __future__ import annotations
 
@@ -18,14 +17,14 @@ FIRST, LOOKED_AT, OF = 10, 3, 1000
 
 
 class SampledWrites:
-    """What the extension knows of every write, known of those in some periods."""
+    """The facts that the extension collects for every write, collected in some periods only."""
 
     def __init__(self, image: Image, commands: CommandStage, turn: Turn, changed: Changed) -> None:
         """`changed`: called before another one than before writes another value."""
         self._image, self._commands, self._turn, self._changed = image, commands, turn, changed
         self._written: Any = image.columns.written.data
         self._owners: dict[int, Any] = {}
-        """Who has written each actuator last, since the writes are looked at."""
+        """The last writer of each actuator since writes are observed."""
         self._looks = False
 
     def begin_period(self) -> None:
@@ -44,7 +43,7 @@ class SampledWrites:
             (self._commands.watch if looks else self._commands.end_watch)(self._note)
 
     def _note(self, slot: int, value: float, source: str, taken: bool) -> None:
-        """One is about to be written."""
+        """Note a write before it is made."""
         if not taken or source != Source.PROGRAM.value:
             return
         turn, before = self._turn, self._image.pending[slot]

@@ -1,5 +1,5 @@
-"""What is called of drivers outside of a period: they are opened and closed, their objects initialised, reset and
-finalised. Each call is preceded by a sign of life, as it may wait."""
+"""The calls of drivers outside of a period: they are opened and closed, their objects initialised, reset and finalised.
+A sign of life precedes each call, as it may wait."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_SETTLE = 1.0
 """Maximum of the same for a device with a long timeout."""
 UNCONTROLLED_TIMEOUT = 3.0
 """Timeout in s of a driver's call while nothing is controlled: when connecting, and for the guardian's resets. A device
-that serves one connection at a time may need long to let go of the one before."""
+that serves one connection at a time may need long to release the one before."""
 WAIT_SLICE = 0.05
 """Time in s between two signs of life while waiting."""
 LATE_TIME = 0.5
@@ -32,7 +32,7 @@ _JOURNAL_KINDS = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
 
 class DriverSegments:
-    """The paper's segments but for read and write, and the calls of whole drivers."""
+    """The paper's segments except read and write, and the calls of whole drivers."""
 
     def __init__(self, transfer: Transfer, wired: Wired) -> None:
         self._transfer = transfer
@@ -94,8 +94,8 @@ class DriverSegments:
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
         """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not
-        answer in time are left to the end, so that it holds none of the others back; if not `patient`, they are left
-        out: whoever comes again opens one connection more, not one for each. `begin` is called with each slot."""
+        answer in time are reset last, so that they do not delay the others. If not `patient`, they are left out:
+        another attempt then opens one more connection, not one for each. `begin` is called with each slot."""
         wires, defaults = self._transfer.wires, self._transfer.defaults
         if not patient:
             self._transfer.late.clear()
@@ -114,7 +114,7 @@ class DriverSegments:
         return self._transfer.now() - self._transfer.late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
 
     def _segment(self, slot: int, segment: str, *default: int | None) -> Failure | None:
-        """One of the paper's segments; what failed."""
+        """Carry out one of the paper's segments for an object, and return its failure."""
         self.on_call()
         transfer = self._transfer
         wire = transfer.wires[slot]
@@ -134,7 +134,7 @@ class DriverSegments:
 
 
 def settling(wired: Wired) -> float:
-    """The time in s that a device may take to carry out what was still under way when it began to answer again."""
+    """The time in s that a device may take to carry out what was still in progress when it began to answer again."""
     return max([SETTLE, *(min(wired.drivers[name].timeout, MAX_SETTLE) for name in wired.hardware)])
 
 

@@ -1,4 +1,4 @@
-"""Mistakes with sequences, put into words: what is no condition of a wait, what is no sequence, what cannot be awaited.
+"""The texts for mistakes with sequences: an argument that is not a condition, not a sequence, or cannot be awaited.
 Each text says what to write instead."""
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 
 
 def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
-    """What is told of a sequence that a function has called and that nobody awaits. `in_sequence`: whether that
+    """The text for a sequence that a function has called and that is never awaited. `in_sequence`: whether that
     function is a sequence itself."""
     instead = "write `await` before it" if in_sequence else "write `cycle.start(...)` around it"
     if function in MAKING:
         instead = f"nothing runs yet in `{function}`: await it in the application"
     elif function == "<lambda>":
         instead = "a `lambda` does not wait: await it in a sequence"
-    return f"nobody awaits `{call}`, so nothing of it is done; {instead}"
+    return f"nobody awaits `{call}`, so it does not run; {instead}"
 
 
 def no_machine(application: Any) -> str:
-    """What is told of an application that cannot be given the machine, its first argument; "": it can, or that is not
+    """The text for an application that cannot take the machine as its first argument; "": it can, or this is not
     known."""
     try:
         given = list(inspect.signature(application).parameters.values())
@@ -46,7 +46,7 @@ def no_machine(application: Any) -> str:
 
 
 def meant_await(error: BaseException) -> str:
-    """What is wrong with an `await`, of which Python tells less; "": something else is wrong."""
+    """Return what is wrong with an `await`, more precisely than Python; "" if another cause is likely."""
     text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
     if text == "no running event loop":  # asyncio.sleep, for one
         return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
@@ -60,7 +60,7 @@ def meant_await(error: BaseException) -> str:
 
 
 def instead_of_sequence(given: object) -> str:
-    """What was given in the place of a sequence, and what to write."""
+    """Return what was passed in place of a sequence, and what to write instead."""
     if inspect.iscoroutinefunction(given):
         name = getattr(given, "__name__", "it")
         return f"{name} is an `async def` function and was not called: write `{name}()`"
@@ -98,7 +98,7 @@ def _compared(function: str, item: Atomic, source: str) -> str:
 
 
 def _instead(function: str, given: object, source: str) -> str:
-    """What was given, and what to write."""
+    """Return what was passed, and what to write instead."""
     name = source or "..."
     if isinstance(given, CoroutineType):
         return f"`{source or given.__name__}` is a sequence: write `await {source or given.__name__}`"
@@ -116,7 +116,7 @@ def _instead(function: str, given: object, source: str) -> str:
 
 
 def _first_argument(function: str, frame: FrameType | None) -> str:
-    """The source of the first argument of the call that this frame awaits; "" where it cannot be read."""
+    """Return the source of the first argument of the call that this frame awaits; "" if it cannot be read."""
     if frame is None or is_own(frame.f_code.co_filename):
         return ""
     start, end, _, _ = next(islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), (None,) * 4)

@@ -29,27 +29,27 @@ from umo.objects import Node
 from umo.text import add_note, in_brackets, shown_path
 from umo.user_code import refuse_exit
 
-Sequence = Coroutine[Any, Any, Any]
+Routine = Coroutine[Any, Any, Any]
 
 
 class Containing(Protocol):
-    """What becomes of sequences that have failed (`umo.cycle.equipment.Containment`)."""
+    """Handles sequences that have failed (`umo.cycle.equipment.Containment`)."""
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
-        """One has failed; whether the machine goes on."""
+        """Handle the failure of a sequence. Return True if the machine continues."""
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """Whether nothing in this part of the machine goes on."""
+        """True if nothing in this part of the machine continues."""
 
     def gather(self) -> None:
-        """What fails from now on is settled together."""
+        """Collect failures from now on, to settle them together."""
 
     def settle(self) -> None:
-        """The outputs of what has failed go to their defaults, and what is under way there is ended."""
+        """Bring the outputs of failed equipment to their defaults, and end its work."""
 
 
 class _Uncontained:
-    """No failure is contained."""
+    """Contains no failure."""
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
         return False
@@ -58,17 +58,17 @@ class _Uncontained:
         return False
 
     def gather(self) -> None:
-        """Nothing fails."""
+        """Do nothing."""
 
     def settle(self) -> None:
-        """Nothing has failed."""
+        """Do nothing."""
 
 
 Adopting = TypeVar("Adopting", bound=Callable[..., Any])
 
 
 class _Request:
-    """What a sequence may yield to whoever advances it; anything else, even None, is an error."""
+    """A request that a sequence may yield to the cycle. Any other value, including None, is an error."""
 
     def __init__(self, what: str) -> None:
         self._what = what
@@ -79,7 +79,7 @@ class _Request:
 
 _PERIOD = _Request("a wait for the next period")
 _WHO = _Request("a question for the task")
-"""It is answered at once, with the `Task` that is advanced."""
+"""A request that is answered at once, with the `Task` that is advanced."""
 _ADOPTING: set[CodeType] = set()
 """The code of the functions that have a started sequence as a part of theirs: it is cancelled with them."""
 
@@ -106,7 +106,7 @@ async def own_task(what: str) -> Task:
 
 @coroutine
 def one_period() -> Generator[object, Clock, Clock]:
-    """`next_period` for umo's own sequences: quicker, and nobody tells if it is not awaited."""
+    """`next_period` for umo's own sequences: quicker, and a forgotten `await` is not reported."""
     return (yield _PERIOD)
 
 
@@ -174,7 +174,7 @@ def _described(condition: Callable[[], bool]) -> str:
 
 
 class AsyncBlock:
-    """What is entered by `async with`."""
+    """An object for `async with`."""
 
     if not TYPE_CHECKING:
 
@@ -182,7 +182,7 @@ class AsyncBlock:
             raise TypeError(f"a {type(self).__name__} is entered by `async with`, in a sequence")
 
         def __exit__(self, *error):
-            """It was not entered."""
+            """Do nothing: the block was not entered."""
 
 
 class timeout(AsyncBlock):
@@ -241,7 +241,7 @@ class Task(Waiter):
 
     def __init__(
         self,
-        sequence: Sequence,
+        sequence: Routine,
         part: Any = None,
         contain: Callable[[Task, BaseException], bool] | None = None,
         end_within: Callable[[Callable[[], Any]], Any] | None = None,
@@ -255,7 +255,7 @@ class Task(Waiter):
         self.sequence = sequence
         self.part: Any = part if parent is None else parent.part
         self.number = 0
-        """Of a started one: its place in the order started."""
+        """The place of a started sequence in the order started."""
         self.started_in = 0
         """The number of the period in which it was started."""
         self._contain, self._end_within = contain, end_within
@@ -265,12 +265,12 @@ class Task(Waiter):
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """The error that ended it, for whoever awaits it: he takes it. An error that its own frames refer to is never
+        """The error that ended it; the sequence that awaits it takes it. An error that its own frames refer to is never
         freed while the collector is off."""
         self._failure: Callable[[], str] | None = None
-        """What gives the text of this error."""
+        """Returns the text of this error."""
         self.of_application = True
-        """Whether it belongs to the application, and not to an action of a client."""
+        """True if it belongs to the application, and not to an action of a client."""
         self.clock: Clock | None = None
         """The clock of the part by which it takes its steps; None: that of the machine."""
         self.limits: list[timeout] = []
@@ -317,12 +317,13 @@ class Task(Waiter):
 
     @property
     def machine(self) -> object:
-        """What identifies the machine that advances it; None: none does."""
+        """Return what identifies the machine that advances it, or None."""
         return self._current
 
     @expects_errors
     def advance(self, tick: Clock | None) -> bool:
-        """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
+        """Advance by one step. Return True after the last one. The first step needs no tick. An error of the sequence
+        is raised here."""
         if self.done:
             return True
         if not self._begun:
@@ -370,7 +371,8 @@ class Task(Waiter):
 
     def cancel(self) -> None:
         """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
-        itself gets Cancelled at its next await. An error of its cleaning up is a failure of it."""
+        itself gets Cancelled at its next await. If its `finally` blocks raise an error, the
+        sequence has failed with this error."""
         try:
             if self._end_within is None:
                 self.end()
@@ -381,7 +383,7 @@ class Task(Waiter):
                 raise
 
     def end(self) -> None:
-        """Cancel it. What its cleaning up raises comes out here."""
+        """Cancel the sequence. An error that its `finally` blocks raise is raised here."""
         if self.done:
             return
         if getattr(self.sequence, "cr_running", False):
@@ -402,7 +404,7 @@ class Task(Waiter):
                 current.task = before
 
     def _awaits_after(self, end: type[BaseException]) -> bool:
-        """Raise this in the sequence; whether it awaits something all the same."""
+        """Raise this in the sequence. Returns whether it still awaits something."""
         try:
             awaited = self.sequence.throw(end())
             while awaited is _WHO:
@@ -416,11 +418,12 @@ class Task(Waiter):
 
     @property
     def is_untold(self) -> bool:
-        """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
+        """True if it has failed and its error is lost, because the sequence that awaited it was cancelled before it
+        took the error."""
         return self.error is not None and self._failure is None and not self.awaited_by
 
     def fail(self, error: BaseException, text: Callable[[], str] | None = None) -> None:
-        """It has ended with this error, which lets go of its frames. `text` gives the text of it."""
+        """End with this error, which releases its frames. `text` returns the text of the error."""
         self.error, self._failure = error, text or text_later(error)
         forget_frames(error)
 
@@ -460,7 +463,7 @@ class Task(Waiter):
 
 
 def _dropped(sequence: Any) -> bool:
-    """Close a sequence that never began; whether it is one. What was given to it does not begin either, and a started
+    """Close a sequence that never began. Return True if it is one. Its arguments do not begin either, and a started
     sequence that is a part of it is cancelled."""
     if not is_new(sequence):
         return False
@@ -471,8 +474,8 @@ def _dropped(sequence: Any) -> bool:
 
 
 def _close(sequence: Any) -> list[Task]:
-    """Close a sequence that never began, and those among its arguments: Python warns of each that nobody awaits. The
-    started sequences that are parts of them."""
+    """Close a sequence that never began, and those among its arguments: Python warns of each that is not awaited.
+    Return the started sequences that are parts of them."""
     values = inspect.getcoroutinelocals(sequence)
     arguments = [values[name] for name in sequence.cr_code.co_varnames if name in values]
     adopts = sequence.cr_code in _ADOPTING
@@ -488,12 +491,12 @@ def _close(sequence: Any) -> list[Task]:
 
 
 def cancel_all(tasks: list[Task]) -> list[BaseException]:
-    """The last started first; an error in the cleaning up of one does not spare the others."""
+    """The last started first; an error in the `finally` blocks of one does not spare the others."""
     return [error for task in reversed(tasks) if (error := _error_of(task.end)) is not None]
 
 
 def _error_of(call: Callable[[], None]) -> BaseException | None:
-    """What it raises, whatever that is: the outputs are still to be reset."""
+    """Return the error that a call raises, of any class: the outputs must still be reset."""
     try:
         call()
     except BaseException as error:
@@ -511,37 +514,37 @@ def with_notes(error: BaseException, others: list[BaseException]) -> BaseExcepti
 
 
 def _is_settled(task: Task) -> bool:
-    """Whether nothing is to come of a sequence that has ended. Its error is raised if it is untold."""
+    """True if nothing is to come of a sequence that has ended. Its error is raised if it is untold."""
     if task.error is not None and task.is_untold:
         raise task.error
     return task.error is None or not task.awaited_by
 
 
 class Sequences:
-    """All sequences that run side by side on one machine. `faults` is told of those that have failed."""
+    """All sequences that run in parallel on one machine. `faults` is notified of those that have failed."""
 
     def __init__(self, faults: Containing | None = None, current: Turn | None = None) -> None:
         self._faults = faults or _Uncontained()
         self.of_application = current is None
-        """Whether they are the application's, and not those of an action."""
+        """True if they are the application's, and not those of an action."""
         self.current = current or make_turn()
-        """Whose turn it is in the machine at this moment."""
+        """The task that takes a step in the machine at this moment."""
         self._tasks: dict[Task, None] = {}
-        """In the order started."""
+        """The tasks in the order started."""
         self._tasks_of: dict[int, dict[Task, None]] = {}
         """The same of each object, by its id."""
         self._number = 0
         self._advancing = False
         self.paused = False
-        """Whether they are not advanced: no time passes for them."""
+        """True if they are not advanced: no time passes for them."""
         self.progress = ""
-        """What was told of their progress last."""
+        """Their last progress."""
         self.end_within: Callable[[Callable[[], Any]], Any] | None = None
         """Function that calls what ends them when they are cancelled; None: it is called directly."""
 
     @property
     def running(self) -> bool:
-        """Whether there are any."""
+        """True if there are any."""
         return bool(self._tasks)
 
     @property
@@ -558,13 +561,13 @@ class Sequences:
         """Other sequences of the same machine, for which there is none yet."""
         return Sequences(self._faults, self.current)
 
-    def task(self, sequence: Sequence, part: Any = None) -> Task:
+    def task(self, sequence: Routine, part: Any = None) -> Task:
         """A sequence of this machine that somebody else advances."""
         task = Task(sequence, part, current=self.current)
         task.of_application = self.of_application
         return task
 
-    def start(self, sequence: Sequence, part: Any = None) -> Task:
+    def start(self, sequence: Routine, part: Any = None) -> Task:
         task = Task(sequence, part, self._faults.contain_sequence, self._end, current=self.current)
         self._number += 1
         task.number, task.of_application = self._number, self.of_application
@@ -573,7 +576,7 @@ class Sequences:
         return task
 
     def of(self, part: Any) -> Collection[Task]:
-        """Those of one object."""
+        """Return the sequences of one object."""
         return self._tasks_of.get(id(part), {})
 
     def _remove(self, task: Task) -> None:
@@ -585,8 +588,8 @@ class Sequences:
         return end() if self.end_within is None else self.end_within(end)
 
     def advance(self, tick: Clock, clock: Clock | None = None) -> None:
-        """One step of each that has this clock, in the order started; none where another one has just failed. The first
-        error that is not contained is raised; it cancels nothing else."""
+        """Advance each sequence with this clock by one step, in the order started, unless another one has just failed.
+        The first error that is not contained is raised; it cancels nothing else."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
@@ -614,8 +617,8 @@ class Sequences:
             faults.settle()
 
     def end_in(self, nodes: Iterable[int], fault: Callable[[], BaseException]) -> list[BaseException]:
-        """Cancel those of the objects with these ids, the last started first; whoever awaits one gets the fault. The
-        errors of their cleaning up."""
+        """Cancel those of the objects with these ids, the last started first; sequences that await one get the fault.
+        The errors of their `finally` blocks."""
         if not self._tasks:
             return []
         of_part = self._tasks_of

@@ -14,7 +14,7 @@ from umo.cycle.machine import ConnectedMachine
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import NotAwaited
 from umo.system.streams import log_without_waiting
-from umo.user_code import Raised, as_json, read_numbers, told
+from umo.user_code import Raised, as_json, told
 
 log = logging.getLogger("umo")
 MAX_OBSERVER_TEXT = 200
@@ -45,7 +45,7 @@ class Showing(Capability):
         frame.execution = (monotonic_ns() - began) * 1e-9
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         frame.progress = machine.progress
-        frame.signal_values = read_numbers(frame.signals)
+        frame.renew()
         for number, axis in enumerate(machine.directory.axes):
             self._axis_states[number] = axis.shown_state()
         show(frame, machine.observers)
@@ -61,15 +61,22 @@ def frame_of(machine: ConnectedMachine) -> Frame:
 def show(frame: Frame, observers: list[Callable[[Any], object]]) -> None:
     """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
     for observer in tuple(observers):
-        result, error = None, None
         try:  # not by `attempt`: a call for each in every period is too dear
             result = observer(frame)
+            if result is None:
+                continue
+            error = _as_sequence(result)
         except BaseException as raised:
             error = told(raised)
-        if result is not None and iscoroutine(result):
-            result.close()
-            error = Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")
         if error is not None:
             observers[:] = [each for each in observers if each is not observer]
             name = as_json(observer, MAX_OBSERVER_TEXT)
             log_without_waiting(log, f"observer {name} failed and was disabled: {error.text}")
+
+
+def _as_sequence(result: object) -> Raised | None:
+    """The mistake of an observer that is a sequence, by what its call has given."""
+    if not iscoroutine(result):
+        return None
+    result.close()
+    return Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")

@@ -1,7 +1,7 @@
 """The slots of the process image: the columns of a machine's numbers, and their blocks.
 
-Slot order: sampled inputs, updated outputs, then the asynchronous objects. What becomes of a sensor is in
-`readings.py`, of an actuator in `deliveries.py`; what moves the slots is in `image.py`.
+Slot order: sampled inputs, updated outputs, then the asynchronous objects. `readings.py` handles sensors,
+`deliveries.py` actuators; `image.py` transfers the slots.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import OffCycle
 from umo.objects import Quality
 from umo.objects.scaling import to_raw, to_value
-from umo.wiring.rates import WHOLE
+from umo.wiring.rates import MACHINE_RATE
 from umo.wiring.wired import Wire, Wired
 
 
@@ -33,7 +33,7 @@ class Slots:
         """`equipment`: the number of the compounds that are declared equipment; `axes`, `alarms`: that of these."""
         self.clock = clock
         self.events = Events()
-        """What has happened in the machine: noted in a period, told when its outputs have been sent."""
+        """The events of the machine: noted in a period, and completed when its outputs were sent."""
         parts = _part_numbers(wired)
         self.wires = sorted(wired.wires, key=_group_order(wired.wires, parts))
         self.items = [wire.item for wire in self.wires]
@@ -67,12 +67,12 @@ class Slots:
         """The block in which each slot stands; None for what is asynchronous."""
         for block in self.blocks:
             self._block_of[block.slots] = [block] * (block.stop - block.start)
-        slow = [block for block in self.blocks if block.part != WHOLE]
+        slow = [block for block in self.blocks if block.part != MACHINE_RATE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
         """The slots of parts that have rates of their own."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
-        """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
+        """True if all of `sampled` are GOOD; None if a quality has changed since the last check."""
         self.sampled = slice(0, inputs[-1].stop if inputs else 0)
         for block in outputs:
             convert_outputs(block, columns, scales)
@@ -87,7 +87,7 @@ class Slots:
         inputs = direction is Direction.INPUT
         slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
         blocks = []
-        numbers = [parts.get(id(item), WHOLE) for item in self.items]
+        numbers = [parts.get(id(item), MACHINE_RATE) for item in self.items]
         for (part, _), slots_of_one in groupby(slots, lambda slot: (numbers[slot], id(self.wires[slot].driver))):
             group = list(slots_of_one)
             start, stop = group[0], group[-1] + 1
@@ -97,7 +97,7 @@ class Slots:
         return blocks
 
     def value_of(self, slot: int, raw: int) -> float:
-        """The value that a raw integer stands for."""
+        """Return the value of a raw integer."""
         scales = self.scales
         value = to_value(raw, scales.resolution.item(slot), scales.zero_offset.item(slot))
         linearization = scales.linearizations[slot]
@@ -122,7 +122,7 @@ def _part_numbers(wired: Wired) -> Mapping[int, int]:
     if not wired.rates:
         return {}
     on_cycle = (wire.item for wire in wired.wires if not isinstance(wire.driver, OffCycle))
-    return {id(item): number for item in on_cycle if (number := wired.rates.number(item)) != WHOLE}
+    return {id(item): number for item in on_cycle if (number := wired.rates.number(item)) != MACHINE_RATE}
 
 
 def _group_order(wires: Sequence[Wire], parts: Mapping[int, int]) -> Any:
@@ -133,7 +133,7 @@ def _group_order(wires: Sequence[Wire], parts: Mapping[int, int]) -> Any:
 
     def key(wire: Wire) -> tuple[bool, bool, int, int]:
         item = wire.item
-        part = parts.get(id(item), WHOLE) if item.synchronous else WHOLE
+        part = parts.get(id(item), MACHINE_RATE) if item.synchronous else MACHINE_RATE
         return not item.synchronous, item.direction is Direction.OUTPUT, drivers[id(wire.driver)], part
 
     return key

@@ -1,4 +1,4 @@
-"""The stage of a run, and the progress of its work, as the machine tells it (`m.cycle.progress`)."""
+"""The stage of a run, and the progress of its work (`m.cycle.progress`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from umo.errors import RangeError
 
 
 class Stage(IntEnum):
-    """The stage of a run; the numbers stand in shared memory, so they keep their meaning."""
+    """The stage of a run. The numbers are stored in shared memory and keep their meaning."""
 
     STARTING = 0
     """The drivers are being opened, the objects initialised."""

@@ -1,4 +1,4 @@
-"""What stands in the place of a driver that is away, or that was found and is tried (`drivers_away.py`)."""
+"""Stand-ins for a driver that is away, or that was found and is being tried (`drivers_away.py`)."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ class NotCalled(DeviceTimeout):
 
 
 class NobodyAway:
-    """No driver is away, or that is not asked: every call is made, and waits. `DriversAway` stands here while a machine
-    runs."""
+    """Used where no driver is away, or where that is not checked: every call is made, and waits. `DriversAway` replaces
+    it while a machine runs."""
 
     tried: Callable[[str, int], object] = staticmethod(lambda name, ns: None)
-    """Function that is told the ns that a driver has taken as it was looked for or tried, by its name."""
+    """Function that is called with the name of a driver and the ns that a look or an attempt has taken."""
 
     def is_away(self, driver: Driver[Any]) -> bool:
-        """Whether calls of this driver are refused."""
+        """True if calls of this driver are refused."""
         return False
 
     def is_unknown(self, driver: Driver[Any]) -> bool:
-        """Whether calls of this driver are refused, and it is not known yet whether its device answers."""
+        """True if calls of this driver are refused, and it is not known yet whether its device answers."""
         return False
 
     def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:
         """A call has failed by this error: one of the whole driver, or one that timed out."""
 
     def end(self) -> None:
-        """Every driver is called again, whether it answers or not: the machine stops."""
+        """Call every driver again, whether it answers or not: the machine stops."""
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """No device is looked for any more: in place of that `instead` is called."""
+        """Stop looking for devices. `instead` is called in place of a look."""
 
 
 class Away:
-    """Stands in the place of a driver that is away: every call fails at once."""
+    """Replaces a driver that is away: every call fails immediately."""
 
     def __init__(self, refusal: Callable[[], NotCalled]) -> None:
         self._refusal = refusal
@@ -52,9 +52,9 @@ class Away:
 
 
 class Tried:
-    """Stands in the place of a driver that was found: the first call that succeeds is told, and the ns that each call
-    for one object takes. Those of blocks are measured with the period's transfers. `now` is the clock in s by which a
-    call has taken too long."""
+    """Replaces a driver that was found: it reports the first call that succeeds, and the ns that each call for one
+    object takes. Those of blocks are measured with the period's transfers. `now` is the clock in s by which a call has
+    taken too long."""
 
     def __init__(
         self,

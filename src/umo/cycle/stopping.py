@@ -12,14 +12,14 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from umo.cycle.frame import Frame
-from umo.cycle.insisting import Insistence, SignalledMachine
+from umo.cycle.insisting import SignalledMachine, StopSignals
 from umo.errors import Interrupted
 from umo.system.signal_handling import SIGNALS, handling, signal_name
 from umo.system.streams import say_without_waiting
 
 _flags: dict[StopFlag, None] = {}  # every connected machine's
 _before: dict[int, Any] = {}  # the handlers from before the first of those
-_insistence: list[Insistence] = []  # one, from the first signal to the end of the last machine
+_insistence: list[StopSignals] = []  # one, from the first signal to the end of the last machine
 
 
 class StopFlag:
@@ -35,19 +35,19 @@ class StopFlag:
         self.signal: int | None = None
         self._to_come = {"first signal": True}
         self.title = "a machine"
-        """What the machine is called."""
+        """The name of the machine in messages."""
         self.pid = 0
         """The process in which the machine is connected."""
         self.thread: threading.Thread = threading.main_thread()
         """The thread in which it is connected."""
         self.is_leaving = False
-        """Whether its actuators are being reset at its end."""
+        """True if its actuators are being reset at its end."""
         self.time_over = False
-        """Whether a `TimeLimit` has requested it."""
+        """True if a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = lambda: None
-        """Function that is called at each request: the machine's timer does not wait any longer."""
+        """Function that is called at each request: the machine's timer does not wait any more."""
         self.insists = True
-        """Whether further signals end what does not end by itself. A guardian does that for its control process."""
+        """True if further signals end what does not end by itself. A guardian does that for its control process."""
         self.call_limit: Callable[[], float] = lambda: 0.0
         """Time in s after which a call of one of the machine's drivers hangs."""
         self.leave_at_once: Callable[[], Sequence[str]] = lambda: ()
@@ -76,11 +76,11 @@ class StopFlag:
 
     @property
     def is_of_main_thread(self) -> bool:
-        """Whether the machine is connected in the main thread."""
+        """True if the machine is connected in the main thread."""
         return self.thread is threading.main_thread()
 
     def is_first_signal(self) -> bool:
-        """Whether no signal of the operating system's has come before: True once. In one step: one may interrupt the
+        """True if no signal of the operating system's has come before: True once. In one step: one may interrupt the
         handler of another."""
         return self._to_come.pop("first signal", False)
 
@@ -110,12 +110,12 @@ def request_stop(number: int | None = None) -> None:
 
 
 def connected() -> tuple[StopFlag, ...]:
-    """Those of the machines that are connected in this process, in whatever thread."""
+    """Return the stop flags of the machines that are connected in this process, in any thread."""
     return tuple(_flags)
 
 
 def end_forked(title: str) -> NoReturn:
-    """The end of a process that the user's code forked, where it would use a device of the machine with this title."""
+    """End a process that the user's code forked, when it would use a device of the machine with this title."""
     say_without_waiting(
         f"umo: {title}: control code forked process {os.getpid()}, which was ended when it was to drive the machine "
         "too; start programs with subprocess"
@@ -144,18 +144,18 @@ def _caught(number: int, frame: FrameType | None) -> None:
     insists = all(flag.insists for flag in found)
     machines = [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found] if insists else []
     if any(first):
-        _insistence[:] = [Insistence()]
+        _insistence[:] = [StopSignals()]
         _insistence[0].begin(frame, machines)
     elif insists:
         if not _insistence:  # it has interrupted the handler of the first one
-            _insistence.append(Insistence())
+            _insistence.append(StopSignals())
         _insistence[0].insist(number, frame, machines)
 
 
 @contextmanager
 def raising_signals() -> Iterator[None]:
-    """In the block, what would end the program on the spot raises `Interrupted` in the main thread: outputs that other
-    threads drive can still be reset. In another thread nothing is changed."""
+    """Return a context in which a signal that would end the program immediately raises `Interrupted` in the main
+    thread, so that outputs driven by other threads can still be reset. In another thread nothing is changed."""
     deadly = [number for number in SIGNALS if signal.getsignal(number) is signal.SIG_DFL] if in_main_thread() else []
     with handling(_raise, deadly):
         yield

@@ -17,7 +17,7 @@ from umo.objects.scaling import FloatArray
 
 
 class ToDefault(Enum):
-    """What moves an actuator when it is brought to its default."""
+    """The part that moves an actuator when it is brought to its default."""
 
     RESET = auto()
     """The driver's `reset`, now and without a rate."""
@@ -26,27 +26,27 @@ class ToDefault(Enum):
     SEND = auto()
     """The outputs of the period, within the rate; an asynchronous actuator is written now."""
     IS_THERE = auto()
-    """Nothing: its device has been initialised already."""
+    """Nothing is done: its device has been initialised already."""
 
 
 class Taken(link.Claims, Protocol):
     """The claims of the machine (`umo.cycle.claim_table`)."""
 
     def end_client(self, slot: int) -> None:
-        """The actuator is at its default: a client that had taken it has it no longer."""
+        """Note that the actuator is at its default: a client that had taken it no longer has it."""
 
 
 class Gate(Protocol):
     """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """Whether a value within the range may be written; Interlocked where an interlock is to stop the program."""
+        """True if a value within the range may be written; Interlocked where an interlock is to stop the program."""
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+        """Handle many writes at once, each with its answer. If it raises Interlocked, none was accepted."""
 
     def rest(self, slot: int) -> None:
-        """The actuator is being brought to its default: no write of it is in force any more."""
+        """The actuator is being brought to its default: earlier writes no longer count."""
 
 
 class ImageDefaults(ImageInputs, ImageOutputs):
@@ -56,13 +56,14 @@ class ImageDefaults(ImageInputs, ImageOutputs):
     commands: Gate
 
     def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
-        """Bring actuators to their defaults, which nothing else does: no write of them is in force any more, and their
-        defaults are pending, before the first is moved. The sensors among them are reset or initialised by their
-        driver. What failed, by slot: one failure never stops the rest."""
+        """Bring actuators to their defaults; this is the only way. Before the first one is written, all earlier writes
+        are void, and all defaults are pending. The sensors among them are reset or initialised by their driver. What
+        failed, by slot: one failure never stops the rest."""
         return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
 
     def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
-        """The same, each as soon as it was moved: where it is interrupted it is known who waits still."""
+        """Bring outputs to their defaults, yielding each actuator after its write: after an interruption it is known
+        which ones remain."""
         slots = list(slots)
         for slot in slots:
             if self.items[slot].direction is Direction.OUTPUT:
@@ -106,7 +107,7 @@ class ImageDefaults(ImageInputs, ImageOutputs):
             self.stepped[slot] = inf  # `update` sends the default, without a limit, until it is accepted
         self.deliveries[slot].refused(slot)
 
-    def stays_at_default(self, slot: int) -> str:
+    def path_if_default_kept(self, slot: int) -> str:
         """The path of an actuator that is away from its default, and stays there once its device is initialised again:
         nothing sends what it had. "" for any other object."""
         item = self.items[slot]
@@ -114,7 +115,7 @@ class ImageDefaults(ImageInputs, ImageOutputs):
         return item.path if stays else ""
 
     def initialize_again(self, slot: int) -> Failure | None:
-        """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
+        """The device was away: at its default, from where `update` continues to what is pending. What an asynchronous
         actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
         if (failure := self.segments.initialize(slot)) is None:
             self.was_initialized_again(slot)
@@ -136,7 +137,7 @@ class ImageDefaults(ImageInputs, ImageOutputs):
             self.set_referenced(slot, False)
 
     def _goes_on_from_default(self, slot: int) -> None:
-        """The device has its default, and what is pending stays so."""
+        """Note that the device has its default, and that the pending value stays."""
         self._give_default(slot)
         self.does_not_wait(slot)
         self.accepted(slot)

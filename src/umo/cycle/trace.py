@@ -6,6 +6,7 @@ import csv
 from collections.abc import Iterator, Sequence
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAX_ROWS = 100_000
-"""Number of rows of a trace at most."""
+"""Largest number of rows of a trace."""
 MAX_BYTES = 32_000_000
 """Size of a trace at most, with the copy that is made while it grows or is thinned."""
 MAX_NOTES = 4096
@@ -29,17 +30,18 @@ class Statistics:
 
     def __init__(self, capacity: int = 1_000_000) -> None:
         self._times = np.empty(capacity, np.float32)
+        self._written: Any = self._times.data  # a memoryview: quicker than numpy's items
         self.periods = 0
         self.missed = 0
         """Number of ticks that had passed when the timer was read: the periods that came too late."""
 
     def __call__(self, frame: Frame) -> None:
-        self._times[self.periods % len(self._times)] = frame.execution * 1e6
+        self._written[self.periods % len(self._written)] = frame.execution * 1e6
         self.periods += 1
         self.missed += frame.missed
 
     def percentile(self, q: float) -> float | None:
-        """Execution time in us; None before the first period."""
+        """Return a percentile of the execution time in us; None before the first period."""
         kept = self._times[: min(self.periods, len(self._times))]
         return float(np.percentile(kept, q)) if len(kept) else None
 
@@ -49,8 +51,8 @@ class Trace:
     the value was BAD, or a signal that has none.
 
     When the rows are full every second one is dropped and from then on only every second period kept, and so
-    on: the whole run stays in view. There are as many rows as asked for, fewer where the objects are so many that
-    those would take more than `MAX_BYTES` bytes.
+    on: the whole run stays in view. The number of rows is as requested, or smaller if these would take more than
+    `MAX_BYTES` bytes.
     """
 
     def __init__(self, rows: int = MAX_ROWS) -> None:
@@ -114,7 +116,7 @@ class Trace:
 
     @property
     def full(self) -> bool:
-        """Whether the next row would thin them."""
+        """True if the next row would thin them."""
         return self._used == self._capacity
 
     def clear(self) -> None:
@@ -142,7 +144,7 @@ class Trace:
         return 3 + self.items.index(shown)
 
     def save(self, path: Path) -> None:
-        """As CSV; OSError when the disk is full."""
+        """Write the trace as CSV. OSError when the disk is full."""
         with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
             file.writelines(lines(self))
 

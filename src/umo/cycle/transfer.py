@@ -1,7 +1,7 @@
 """The transfer stage: every call of a driver is made here, for the image and for the guardian.
 
 What every call needs is here once: the journal, mapping exceptions to the objects concerned, and the list of drivers
-that do not answer. Whom calls go to is in `callees.py`, what is called outside of a period in `segments.py`.
+that do not answer. `callees.py` has the receivers of calls, `segments.py` the calls outside of a period.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from umo.wiring.wired import Wire, Wired
 
 
 class _Refused(Sequence[Wire]):
-    """Wires that lead nowhere: whoever asks for one calls `instead`, which does not return."""
+    """Replaces the wires when no device may be used: access to a wire calls `instead`, which does not return."""
 
     def __init__(self, instead: Callable[..., NoReturn]) -> None:
         self._instead = instead
@@ -45,7 +45,7 @@ class Transfer:
         self.wires = wires
         self.timer = timer
         self.callees = Callees(wires)
-        """Whom calls go to."""
+        """The receivers of calls."""
         self._callees: Any = self.callees.of  # a look-up less in each call
         self._real = {id(wired.drivers[name]) for name in wired.hardware}
         self._names = {
@@ -67,14 +67,14 @@ class Transfer:
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
         self.has_ticked: Callable[[int], object] | None = None
-        """What a watch is told of a read that has not gone by `tick`: how long it took, in ns."""
+        """Called with the duration in ns of a read that was not made by `tick`."""
         self.defaults = [wire.default for wire in wires]
         """The raw integer of each actuator's default, None for a sensor: worked out once, as a reset must not depend on
         a linearization of the user's."""
         self.late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
-        """Whether a write to hardware failed, which the device may still carry out."""
+        """True if a write to hardware failed, which the device may still carry out."""
 
     # Blocks: a whole period ----------------------------------------------------------------------------
 
@@ -85,7 +85,7 @@ class Transfer:
             self.tick, self.has_ticked = self.wires[self.timer].driver.read, None
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
+        """Let no call reach a driver any more: in its place `instead` is called, which does not return."""
         self.tick, self.has_ticked = instead, None
         self.wires = self._callees = self.callees.of = _Refused(instead)
         self.callees.refuse(instead)
@@ -98,7 +98,7 @@ class Transfer:
     # Some objects --------------------------------------------------------------------------------------
 
     def read(self, slot: int) -> int:
-        """One object's raw integer from the hardware, now; any exception of its driver."""
+        """Return one object's raw integer, read from the hardware now. Any exception of its driver is raised."""
         wire = self.wires[slot]
         if slot == self.timer:
             self.raws[slot] = raw = index(self.tick(wire.channel))
@@ -113,7 +113,7 @@ class Transfer:
         return raw
 
     def write(self, slot: int, raw: int) -> None:
-        """One object's raw integer to the hardware, now; any exception of its driver."""
+        """Write one object's raw integer to the hardware now. Any exception of its driver is raised."""
         wire = self.wires[slot]
         try:
             if not self.callees.written:
@@ -203,7 +203,7 @@ class Transfer:
         return self._names[id(driver)]
 
     def failure(self, slot: int, cause: str) -> Failure:
-        """One object failed."""
+        """Return the failure of one object."""
         path, channel, driver = self._known[slot]
         return Failure(path, channel, cause, driver)
 

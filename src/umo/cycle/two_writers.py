@@ -1,4 +1,4 @@
-"""Two writers of one actuator, neither of which has handed it over, are told once (docs/decisions/0082).
+"""Two writers of one actuator, neither of which has handed it over, get one event (docs/decisions/0082).
 
 Asked only where another one than before writes an actuator: by the extension of each write (`writes.py`), without it of
 those in some periods (`sampled_writes.py`).
@@ -27,7 +27,7 @@ MACHINE = {
 }
 """The files that call laws, sequences and actions."""
 LOOKED_AT = 100
-"""Number of the actuators whose changes of writers are looked at in a period at most."""
+"""Largest number of the actuators whose changes of writers are looked at in a period."""
 
 
 class _Loop:
@@ -38,25 +38,25 @@ LOOP = _Loop()
 
 
 class WriterSeen(NamedTuple):
-    """Who writes an actuator since when."""
+    """The writer of an actuator, and since when."""
 
     turn: object
-    """What had the turn: it is what `ImageWrites` compares."""
+    """The task that had the turn, as `ImageWrites` compares it."""
     who: Task | Compound | _Loop | None
     """The sequence; the compound whose law it is; the program's own loop; None: somebody who may always write, such as
     an action that a client has called."""
     place: CodePlace | None
-    """Where it was written first."""
+    """The place where it was written first."""
     number: int
     """The number of the period."""
     at_default: bool = False
-    """Whether the first value was the default."""
+    """True if the first value was the default."""
     taken_from: WriterSeen | None = None
-    """Whose it was, if that one had not handed it over."""
+    """The writer before, if it had not released the actuator."""
 
     @property
     def has_stopped(self) -> bool:
-        """Whether it has taken the actuator from another one to bring it to its default: it drives it there."""
+        """True if it has taken the actuator from another one to bring it to its default: it drives it there."""
         return self.at_default and self.taken_from is not None
 
     @property
@@ -64,7 +64,7 @@ class WriterSeen(NamedTuple):
         return isinstance(self.who, Task)
 
     def text(self, *, in_full: bool = False) -> str:
-        """In words; `in_full`: with what tells a sequence apart from others of its name."""
+        """Return the writer as text. `in_full`: with what distinguishes a sequence from others of its name."""
         if isinstance(self.who, Task):
             shown = self.who.shown
             name = f"{shown.name}{in_brackets(shown.details)}" if in_full else shown.name
@@ -76,12 +76,12 @@ class WriterSeen(NamedTuple):
 
 
 def control_of(compound: Compound) -> str:
-    """The law of a compound, in words."""
+    """The law of a compound, as text."""
     return f"control of {compound._path or type(compound).__name__}"
 
 
 class TwoWriters:
-    """Who writes the actuators of one connected machine."""
+    """Detects which code writes the actuators of one connected machine."""
 
     def __init__(self, image: Image, turn: Turn) -> None:
         self._image, self._turn = image, turn
@@ -93,7 +93,7 @@ class TwoWriters:
         self._looked_at: set[int] = set()
         """The slots whose changes are looked at in it."""
         self._found: dict[tuple[object, object], list[int]] = {}
-        """The slots that are to be told, by both places: what is written there together is told together."""
+        """The slots for an event, by both places: slots that are written at the same places share an event."""
         columns = image.columns
         views = image.restrictions, image.pending, self._written, columns.owners.data
         self.writes: ImageWrites | None = make_writes(*views, turn, image.command, self.changed)
@@ -113,7 +113,7 @@ class TwoWriters:
                 self._writers.pop(slot, None)
 
     def _next(self, slot: int, new: WriterSeen, pending: float, value: float) -> WriterSeen:
-        """Who writes an actuator from now on. Two writers are told."""
+        """Return the new writer of an actuator. Two writers are reported."""
         former, default = self._writers.get(slot), self._image.scales.defaults[slot]
         written = self._written[slot]
         self._written[slot] = written & ~UNSEEN
@@ -127,7 +127,8 @@ class TwoWriters:
         return new._replace(at_default=bool(value == default), taken_from=taken_from)
 
     def _bits(self, slot: int) -> int:
-        """When it was written last, as the column `written` says. An asynchronous actuator is sent as it is written."""
+        """Return when it was written last, as in the column `written`. An asynchronous actuator is sent as it is
+        written."""
         if not self._image.deliveries[slot].at_once:
             return int(self._written[slot])
         clock, time = self._image.clock, self._image.times[slot]
@@ -145,7 +146,7 @@ class TwoWriters:
             place = place or _place_of(law)
         return WriterSeen(law if task is None else task, who, place, self._image.clock.number)
 
-    # Telling -------------------------------------------------------------------------------------------
+    # ChangeEvents -------------------------------------------------------------------------------------------
 
     def _tell(self, slot: int, former: WriterSeen, new: WriterSeen) -> None:
         self._written[slot] |= TOLD
@@ -169,11 +170,11 @@ class TwoWriters:
 def _advice(former: WriterSeen, new: WriterSeen) -> str:
     if former.is_sequence and new.is_sequence:
         return "Let one await the other, or both share a Lock"
-    return "Let one of them write it, and the other one set an attribute that says what is to be written"
+    return "Let only one of them write it; the other one can set an attribute with the value to write"
 
 
 def _are_two(former: WriterSeen, new: WriterSeen, holds: bool, written: int) -> bool:
-    """Whether both write it: in one period, or in turns."""
+    """True if both write it: in one period, or in turns."""
     if holds and written & NOW:
         return True
     is_back = former.taken_from is not None and former.taken_from.who is new.who
@@ -181,7 +182,7 @@ def _are_two(former: WriterSeen, new: WriterSeen, holds: bool, written: int) -> 
 
 
 def _holds(former: WriterSeen, new: WriterSeen, written: int) -> bool:
-    """Whether the one before has not handed over what it drives."""
+    """True if the earlier writer has not released what it drives."""
     who = former.who
     if who is None or new.who is None:
         return False
@@ -193,14 +194,14 @@ def _holds(former: WriterSeen, new: WriterSeen, written: int) -> bool:
 
 
 def _is_agreed(former: Task, new: Task) -> bool:
-    """Whether one sequence waits for the other one, or that one has a lock that both use."""
+    """True if one sequence waits for the other one, or that one has a lock that both use."""
     locks = [lock for each in new.lineage for lock in each.holds]
     return wait_graph.awaits(former, new) or any(each in lock._users for lock in locks for each in former.lineage)
 
 
 def _where() -> tuple[CodePlace | None, bool]:
-    """The line of the user's code that writes, and whether the machine has called that code; None: only umo's own code
-    writes."""
+    """Return the line of the user's code that writes, and True if the machine has called that code; None if only umo's
+    own code writes."""
     frame: FrameType | None = sys._getframe(1)
     place = None
     while frame is not None and (file := frame.f_code.co_filename) not in MACHINE:
@@ -211,6 +212,6 @@ def _where() -> tuple[CodePlace | None, bool]:
 
 
 def _place_of(law: MethodType) -> CodePlace | None:
-    """Where a law begins."""
+    """Return the first line of a law."""
     code = getattr(getattr(type(law.__self__), "control", None), "__code__", None)
     return None if code is None else CodePlace(code.co_filename, code.co_firstlineno, code.co_name)

@@ -1,4 +1,4 @@
-"""What is under way in a machine, by whomever: a fault of equipment ends what is in it, a stop all of it."""
+"""The active sequences, motions and actions of a machine: a fault of equipment ends those in it, a stop ends all."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from umo.objects import Compound, walk
 from umo.user_code import Raised, attempt, told
 
 EndIn = Callable[[Equipment, Callable[[], BaseException]], list[BaseException]]
-"""A function that ends what somebody has under way in equipment, for this fault; the errors of the cleaning up."""
+"""A function that ends what somebody has in progress in equipment, for this fault; the errors of the `finally`
+blocks."""
 
 
-class UnderWay:
-    """What is under way in one machine."""
+class ActiveWork:
+    """The active sequences, motions and actions of one machine."""
 
     def __init__(self, equipment: Containment, sequences: Sequences) -> None:
         self._equipment, self._sequences = equipment, sequences
         self.noting: list[Callable[[Sequence[Equipment]], None]] = []
-        """What is told first which equipment has come into fault, while nothing of it has ended yet."""
+        """Functions that are called first with the equipment that has entered a fault, before anything in it is
+        ended."""
         self.others: list[EndIn] = []
-        """What ends that which others have under way in equipment, such as clients."""
+        """Functions that end the activities of others, such as clients, in equipment."""
         self.before_cancel: list[Callable[[], object]] = []
-        """What cancels all that others have under way, before the sequences of the application."""
+        """Functions that cancel all activities of others, before the sequences of the application."""
         self._moving: dict[int, list[Compound]] = {}
-        """What moves in each equipment by itself, by the id of the compound: told of its fault."""
+        """Objects in each equipment that move by themselves, by the id of the compound: notified of its fault."""
         for each in equipment.all:
             nodes = (node for node in (each.compound, *walk(each.compound)) if isinstance(node, Compound))
             moving = [node for node in nodes if type(node)._enter_fault is not Compound._enter_fault]
@@ -34,7 +36,7 @@ class UnderWay:
 
     @property
     def is_cut_short(self) -> bool:
-        """Whether a fault has ended sequences, which may have been about to await others."""
+        """True if a fault has ended sequences, which may have been about to await others."""
         return any(each.in_fault for each in self._equipment.all)
 
     def note(self, faults: Sequence[Equipment]) -> None:
@@ -43,7 +45,8 @@ class UnderWay:
             note(faults)
 
     def end(self, equipment: Equipment, fault: Callable[[], BaseException], now: float) -> list[Event]:
-        """End it all; events of what has failed in its cleaning up. `now`: s on the cycle's clock."""
+        """End all work in failed equipment. Return events on failures in its `finally` blocks. `now`: s on the cycle's
+        clock."""
         raised: list[Raised] = []
         if moving := self._moving.get(id(equipment.compound)):
             raised = [error for node in moving if (error := attempt(node._enter_fault)[1]) is not None]
@@ -55,8 +58,8 @@ class UnderWay:
         return [Event(now, equipment.path, f"{CLEANING_UP}{each.text}") for each in [*raised, *map(told, errors)]]
 
     def cancel(self) -> None:
-        """The machine stops: cancel it all, the sequences of the application last. The first error of the cleaning up
-        is raised."""
+        """The machine stops: cancel it all, the sequences of the application last. The first error of the `finally`
+        blocks is raised."""
         try:
             for cancel in self.before_cancel:
                 cancel()

@@ -1,10 +1,9 @@
-"""Who waits for whom among the sequences of a machine: a wait that cannot end is found when it begins.
+"""Records which sequences of a machine wait for which others, to find a wait that cannot end when it begins.
 
-A sequence waits for a lock, for a started sequence, or for those that it runs in parallel. Whoever begins to wait asks
-for the sequences that cannot go on before it has ended. If the one that it waits for is among them, it would wait for
-ever, and gets TaskFailed instead. A sequence that waits for a time or a condition can go on; so can one with a time
-limit, and one of which `first` or `unless` may let go, unless that cancels the one that begins to wait.
-"""
+A sequence waits for a lock, for a started sequence, or for those that it runs in parallel. Before a sequence waits, the
+sequences that cannot continue before it has ended are found. If the one that it waits for is among them, the wait would
+never end, and TaskFailed is raised instead. A sequence that waits for a time or a condition can continue. So can one
+with a time limit, and one that `first` or `unless` may cancel, unless this cancels the sequence that begins to wait."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from umo.text import in_brackets, some
 
 
 class Claimed(Protocol):
-    """What one sequence has at a time: a lock."""
+    """An object that one sequence has at a time: a lock."""
 
     @property
     def _owner(self) -> Waiter | None:
@@ -25,11 +24,11 @@ class Claimed(Protocol):
 
     @property
     def _queue(self) -> Iterable[Waiter]:
-        """Those that wait for it."""
+        """The sequences that wait for it."""
 
     @property
     def _users(self) -> Container[Waiter]:
-        """Those that have had it."""
+        """The sequences that have had it."""
 
 
 class ParallelParts(NamedTuple):
@@ -37,11 +36,11 @@ class ParallelParts(NamedTuple):
 
     tasks: Sequence[Waiter]
     hold_up: Callable[[Iterable[bool]], bool]
-    """Whether they keep it from going on, by which of them cannot go on: `any` of all, `all` of alternatives."""
+    """Decides if they prevent it from continuing: `any` if it waits for all of them, `all` if they are alternatives."""
 
 
 class Waiter(ABC):
-    """A sequence, as far as it waits for others and others for it."""
+    """A sequence, as the graph of waits sees it."""
 
     def __init__(self, parent: Waiter | None) -> None:
         self.parent = parent
@@ -49,27 +48,28 @@ class Waiter(ABC):
         self.awaited_by: list[Any] = []
         """The sequences that await it."""
         self.waits_for: Claimed | Waiter | ParallelParts | None = None
-        """What it waits for; None: a time or a condition, or it does not wait."""
+        """The object that it waits for; None for a time or a condition, or if it does not wait."""
         self.holds: list[Claimed] = []
-        """What it has locked."""
+        """The locks that it has."""
         self.paused = False
-        """Whether it takes no steps: no time passes for it."""
+        """True if it takes no steps: no time passes for it."""
         self.limits: Sized = ()
         """The time limits of the blocks that it is in."""
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
 
     @property
     @abstractmethod
     def details(self) -> str:
-        """What tells it apart from others of this name."""
+        """What distinguishes it from others of the same name."""
 
     @property
     def shown(self) -> Waiter:
-        """The sequence that messages name for it: one of umo's own functions stands for the one that runs it."""
+        """Return the sequence that messages name for it: one of umo's own functions is replaced by the one that runs
+        it."""
         return self
 
     @property
@@ -83,8 +83,8 @@ class Waiter(ABC):
 
 
 def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
-    """Why a sequence that begins to wait for another one would wait for ever, in a sentence; None: it would not.
-    `wait`: the beginning of the sentence, such as "{waiting} awaits {target}"."""
+    """Return why a wait of one sequence for another would never end, as a sentence, or None. `wait`: the beginning of
+    the sentence, such as "{waiting} awaits {target}"."""
     stuck = _stuck_behind(waiting)
     if target not in stuck:
         return None
@@ -95,19 +95,19 @@ def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
 
 
 def awaits(waiting: Waiter, target: Waiter) -> bool:
-    """Whether a sequence goes on only when another one has ended, as it awaits it or runs it in parallel."""
+    """True if a sequence continues only when another one has ended, as it awaits it or runs it in parallel."""
     return waiting in _reached([target], _bound_to)
 
 
 def _names(waiters: Iterable[Waiter]) -> dict[Waiter, str]:
-    """What they are called in one message: those of one name with their details."""
+    """Return the names of sequences in one message. Sequences with the same name get their details."""
     asked = {each: None for waiter in waiters for each in (waiter, waiter.shown)}
     shared = Counter(each.name for each in {each.shown for each in asked})
     return {each: each.name + (in_brackets(each.details) if shared[each.name] > 1 else "") for each in asked}
 
 
 def _stuck_behind(waiting: Waiter) -> set[Waiter]:
-    """Those that cannot go on before this one has ended."""
+    """The sequences that cannot continue before this one has ended."""
     bound = _reached([waiting], _bound_to)
     stuck = _reached(bound, _behind)
     while free := {each for each in stuck - bound if not _is_stuck(each, stuck)}:
@@ -116,14 +116,14 @@ def _stuck_behind(waiting: Waiter) -> set[Waiter]:
 
 
 def _bound_to(each: Waiter) -> Iterator[Waiter]:
-    """Those that go on when it has ended, or cancel it."""
+    """The sequences that continue when it has ended, or that cancel it."""
     if each.parent is not None:
         yield each.parent
     yield from each.awaited_by
 
 
 def _behind(each: Waiter) -> Iterator[Waiter]:
-    """Those that wait for it, or for what it has."""
+    """The sequences that wait for it, or for something that it has."""
     yield from _bound_to(each)
     for claimed in each.holds:
         yield from claimed._queue
@@ -139,7 +139,7 @@ def _reached(first: Iterable[Waiter], following: Callable[[Waiter], Iterable[Wai
 
 
 def _is_stuck(each: Waiter, stuck: set[Waiter]) -> bool:
-    """Whether it cannot go on while these cannot, and is cancelled by no other that can."""
+    """True if it cannot continue while these cannot, and is cancelled by no other that can."""
     if each.limits or any(other not in stuck for other in _bound_to(each)):
         return False
     awaited = each.waits_for

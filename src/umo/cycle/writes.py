@@ -18,16 +18,16 @@ Changed = Callable[[Sequence[int], Sequence[float], Sequence[float]], None]
 
 
 class Turn(Protocol):
-    """Who takes a step at this moment."""
+    """The code that takes a step at this moment."""
 
     task: Any
-    """The started sequence, or the one that it runs in parallel with others; None: none does."""
+    """The started sequence, or the one that it runs in parallel with others, or None if none does."""
     law: Any
-    """The law that acts; None: none does."""
+    """The law that acts, or None if none does."""
 
 
 class PlainTurn:
-    """The same without the extension."""
+    """The turn without the extension."""
 
     __slots__ = ("law", "task")
 
@@ -37,16 +37,16 @@ class PlainTurn:
 
 
 class ImageWrites(Protocol):
-    """The way of what is written into the image."""
+    """Writes into the image."""
 
     def write(self, slot: int, value: float) -> bool:
-        """Whether a value within the range was taken."""
+        """True if a value within the range was taken."""
 
     def write_many(self, slots: slice | IntArray, values: FloatArray) -> bool:
-        """The same of many, unless one of them is restricted: then nothing is done, and the result is False."""
+        """Write many values, unless one of them is restricted: then nothing is done, and the result is False."""
 
     def note(self, slot: int, before: float, value: float) -> None:
-        """A value was taken in another way; `before`: what was pending."""
+        """Note a value that was accepted in another way; `before`: the pending value until then."""
 
 
 def make_turn() -> Turn:

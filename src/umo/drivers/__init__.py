@@ -1,5 +1,8 @@
-"""Drivers: one module per interface circuit, behind one contract. What a driver needs of umo is here; the checks of its
-options are in `umo.drivers.option_checks`."""
+"""The drivers of interface circuits, and their contract with umo. A driver knows channels and raw integers, and no
+objects.
+
+The names that a driver needs are here; the checks of its options are in `umo.drivers.option_checks`.
+"""
 
 from umo.drivers.contract import UNREAD, Channel, Direction, Driver, IntArray
 from umo.drivers.optional import (

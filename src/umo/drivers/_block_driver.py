@@ -29,7 +29,7 @@ class Plans(Generic[K, P]):
         """The plan that was asked for last."""
 
     def clear(self) -> None:
-        """All plans are made afresh."""
+        """Discard all plans: they are made again."""
         self._known.clear()
         self._channels = self.last = None
 
@@ -74,8 +74,8 @@ def in_turn(
 ) -> None:
     """Carry out the steps of a block, one after the other; errors are raised at the end.
 
-    A step that fails does not stop the others: ChannelsFailed then has the texts of its channels. Where `is_last` says
-    so of an error, as of a lost connection, all later steps fail by it too. The error itself is raised if all steps
+    A step that fails does not stop the others: ChannelsFailed then has the texts of its channels. If `is_last` is true
+    for an error, such as a lost connection, all later steps fail with it too. The error itself is raised if all steps
     fail by it, and at once if it is a timeout or that of a single step.
     """
     if len(steps) == 1:

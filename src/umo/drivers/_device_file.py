@@ -62,8 +62,8 @@ def numbered(folder: Path, stem: str) -> list[Path]:
 
 
 def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str:
-    """The device that is wanted by its number or by one of its names: `there` has the names of each number. DriverError
-    names those that there are."""
+    """Return the device that is named by its number or by one of its names: `there` has the names of each number.
+    DriverError lists the existing ones."""
     found = [number for number, names in there.items() if wanted in (number, *names)]
     if len(found) == 1:
         return found[0]

@@ -1,6 +1,6 @@
 """The absence of a device, as a state machine without a clock and without a driver.
 
-It is told what has happened at which time, and says what is to be done. The cycle has one for each driver that is away
+It gets events with their times, and says what to do. The cycle has one for each driver that is away
 (`umo.cycle.drivers_away`), the server of a driver off the cycle one of its own. (docs/decisions/0098)
 """
 
@@ -10,99 +10,100 @@ from enum import Enum, auto
 from math import inf
 from typing import NamedTuple
 
+from umo.duration import TIME_TOLERANCE
+
 FIRST_INTERVAL = 0.05
 """Time in s until a device is looked for again, after the first look or try that was in vain; it doubles each time."""
 LONG_ABSENCE = 0.5
-"""Time in s of an absence after which it is told, and its device initialised again: it may have been switched off. A
-lost answer must not bring an output to its default, nor a device that is busy now and then fill the events."""
-ROUNDING = 1e-9
-"""Time in s by which a period may come early: the machine's time is a sum of periods."""
+"""An absence of at least this time, in s, is recorded as an event, and the device is initialised again, because it may
+have been switched off. A lost answer must not bring an output to its default, nor a device that is busy now and then
+fill the events."""
 
 
 class AbsenceState(Enum):
-    """What is known of a device."""
+    """The state of a device."""
 
     THERE = auto()
-    """It answers, as far as is known."""
+    """The device answers, as far as is known."""
     DOUBTED = auto()
     """A call has failed at once: calls are made as ever until it has been looked for."""
     AWAY = auto()
-    """No call is made."""
+    """The device is away: no call is made."""
     TRIED = auto()
-    """It was found: the next call decides."""
+    """The device was found: the next call decides."""
 
 
 class AbsenceStep(Enum):
-    """What is to be done."""
+    """The next step."""
 
     CALL = auto()
     """Calls are made."""
     REFUSE = auto()
     """Calls are refused."""
     INITIALIZE = auto()
-    """It is initialised again, and the outcome told (`initialized`), before anything is sent to it."""
+    """Initialise it again before anything else is sent to it, and report the outcome (`initialized`)."""
     TRY = auto()
-    """Calls are made, and the outcome of the first one is told (`failed`, or the absence is over)."""
+    """Make calls, and report the outcome of the first one (`failed`, or the absence is over)."""
 
 
-class Manner(NamedTuple):
-    """What differs between those who look for a device."""
+class SearchPolicy(NamedTuple):
+    """The differences between the callers that look for a device."""
 
     max_interval: float
     """The longest time in s from one look or try to the next."""
     calls_on: bool
-    """Whether calls are made as ever after one that has failed at once."""
+    """True if calls are made as ever after one that has failed at once."""
 
 
-ON_CYCLE = Manner(5.0, True)
+ON_CYCLE = SearchPolicy(5.0, True)
 """A try may cost a period the timeout of a call; a call that fails at once costs nothing."""
-OFF_CYCLE = Manner(1.0, False)
-"""Nobody waits for a try; nothing is written to a device of which nothing has arrived."""
+OFF_CYCLE = SearchPolicy(1.0, False)
+"""Nothing waits for an attempt. Nothing is written to a device before one of its values has arrived."""
 
 
 class Absence:
     """The absence of one device. All times are in s, by whatever clock."""
 
-    def __init__(self, manner: Manner, answers: bool) -> None:
+    def __init__(self, manner: SearchPolicy, answers: bool) -> None:
         """`answers`: whether a look that finds the device has its own answer; else it says that it may be tried."""
         self._manner, self._answers = manner, answers
         self.state = AbsenceState.THERE
         self.began = self.due = inf
         """Time at which it has begun; time from which the device is looked for."""
         self.known = False
-        """Whether it is known that the device is away: a write has failed, or it was not found."""
+        """True if it is known that the device is away: a write has failed, or it was not found."""
         self.was_initialized = False
-        """Whether the device was initialised in this absence."""
+        """True if the device was initialised in this absence."""
         self.refuses = False
-        """Whether the device is there and refuses: it has answered the last look, and calls have failed at once."""
+        """True if the device is there and refuses: it has answered the last look, and calls have failed at once."""
         self._since = inf
         """Time since which the device is not known to answer."""
         self._undecided = inf
         """Time since which looks for it have not decided; inf: the last one has."""
         self._interval = FIRST_INTERVAL
         self._accepted = False
-        """Whether the device has accepted some of an initialisation: it is there."""
+        """True if the device has accepted some of an initialisation: it is there."""
 
     @property
     def is_away(self) -> bool:
-        """Whether calls are refused."""
+        """True if calls are refused."""
         return self.state is AbsenceState.AWAY
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether a device that was found is there, also if nothing was called since."""
+        """True if a device that was found is there, also if nothing was called since."""
         return self.state is AbsenceState.TRIED and self._answers
 
     def has_lasted(self, now: float) -> bool:
-        """Whether it is long enough to be told."""
-        return now - self.began >= LONG_ABSENCE - ROUNDING
+        """True if it is long enough for an event."""
+        return now - self.began >= LONG_ABSENCE - TIME_TOLERANCE
 
     def is_due(self, now: float) -> bool:
-        """Whether the device is to be looked for."""
-        return self.state is AbsenceState.DOUBTED or (self.is_away and now >= self.due - ROUNDING)
+        """True if the device is to be looked for."""
+        return self.state is AbsenceState.DOUBTED or (self.is_away and now >= self.due - TIME_TOLERANCE)
 
     def assume(self, now: float) -> None:
-        """Nothing is known of the device: it is initialised before anything is sent."""
+        """Assume nothing of the device: it is initialised before anything is sent."""
         self.state, self.began, self.due, self._since = AbsenceState.AWAY, now, now, -inf
 
     def failed(self, now: float, timed_out: bool, write: bool = False, began: float | None = None) -> AbsenceStep:
@@ -128,14 +129,14 @@ class Absence:
         long absence if that is longer."""
         if found is None:
             self._undecided = min(self._undecided, now)
-            if now - self._undecided <= max(timeout, LONG_ABSENCE) + ROUNDING:
+            if now - self._undecided <= max(timeout, LONG_ABSENCE) + TIME_TOLERANCE:
                 self.state, self.due = AbsenceState.AWAY, now
                 return AbsenceStep.REFUSE
         self._undecided = inf
         if not found:
             self.refuses = False
             return self._wait(now)
-        if now - self._since >= LONG_ABSENCE - ROUNDING and not self.refuses:
+        if now - self._since >= LONG_ABSENCE - TIME_TOLERANCE and not self.refuses:
             return AbsenceStep.INITIALIZE
         return self._try()
 
@@ -146,7 +147,7 @@ class Absence:
             self._accepted, self._interval = True, FIRST_INTERVAL
 
     def initialized(self, now: float, complete: bool) -> AbsenceStep:
-        """It was initialised again, or not completely."""
+        """Note that it was initialised again, completely or not."""
         if not complete:
             return self._wait(now)
         self.was_initialized = True

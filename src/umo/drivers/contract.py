@@ -47,6 +47,9 @@ class Direction(Flag):
     BOTH = 3
 
 
+_INPUT = Direction.INPUT
+
+
 @dataclass(frozen=True)
 class Channel:
     """One channel of an interface circuit: its text, direction, width in bits and sign.
@@ -61,7 +64,7 @@ class Channel:
 
     @property  # a field would make every channel larger, and slower a period of many
     def event(self) -> bool:
-        """Whether a write is an event, such as a pulse or a command, and not a level: sent twice, it may happen twice.
+        """True if a write is an event, such as a pulse or a command, and not a level: sent twice, it may happen twice.
         Default: it is not."""
         return False
 
@@ -90,13 +93,13 @@ class Channel:
 
     def check(self, raw: int) -> None:
         """DriverError if this cannot be written: the channel is an input, or the raw integer does not fit its bits."""
-        if Direction.OUTPUT not in self.direction:
+        if self.direction is _INPUT:
             raise DriverError(f"{self.text} is an input")
         self.fit(raw)
 
     def fit(self, raw: int) -> None:
         """DriverError if the raw integer does not fit its bits."""
-        lowest, highest = self.limits
+        lowest, highest = _limits(self.bits, self.signed)
         if not lowest <= raw <= highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {lowest} to {highest}")
 
@@ -116,7 +119,7 @@ class Channel:
 
 @cache
 def _limits(bits: int, signed: bool) -> tuple[int, int]:
-    """The least and the greatest integer of so many bits, within those of an int64."""
+    """The smallest and the largest integer with this number of bits, within those of an int64."""
     if signed:
         return max(-(1 << (bits - 1)), _LEAST), min((1 << (bits - 1)) - 1, _GREATEST)
     return 0, min((1 << bits) - 1, _GREATEST)
@@ -142,22 +145,23 @@ class Driver(ABC, Generic[C]):
     """
 
     only_off_cycle: ClassVar[bool] = False
-    """Whether its calls may take longer than a period as a matter of course: it is refused on the cycle."""
+    """True if its calls may take longer than a period as a matter of course: it is refused on the cycle."""
     timeout: float = MAX_DEFAULT_TIMEOUT
     """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods, at most 1 s. It is longer while
     objects are initialised and reset."""
     period: float = 0.0
     """Sampling period of the machine in s; 0: no timer. Set from the wiring before `open`."""
     forms: Sequence[str] = ()
-    """The forms of its channels, such as "line:N". For `umo drivers`, if the driver cannot be made without options."""
+    """The forms of its channels, such as "line:N". For `umo device drivers`, if the driver cannot be made without
+    options."""
     realtime: bool = False
     """True if the driver has a timer channel that runs in real time. Default: False."""
     simulates_time: bool = False
     """True if time passes in it by reading its timer channel only, as in a plant: it must be the machine's timer."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """DeclarationError for an `async def` in the place of one of these functions, and for one of `optional.py`
-        whose class is not named."""
+        """DeclarationError if one of these functions is an `async def`, or if a function of `optional.py` is defined
+        without its class."""
         super().__init_subclass__(**keywords)
         check_overrides(cls)
         check_named(cls)

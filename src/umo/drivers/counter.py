@@ -49,11 +49,11 @@ class Counter(Driver[CounterChannel]):
     Options:
         device: "counter0", its name (the file `name`), or a path.
         bits: width of the counter, 1 to 63, or 64 if signed.
-        signed: count and preset are two's complement of this width: a 16-bit counter at 65535 stands at -1.
-        function: how signals are counted, such as "quadrature x4"; default: as it is.
+        signed: count and preset are two's complement of this width: a 16-bit counter at 65535 is -1.
+        function: how signals are counted, such as "quadrature x4"; default: not changed.
 
     Initialising a count enables it, unless the wiring has its `enable` channel. Resetting a sensor does not change a
-    count. A count goes on when the driver is closed. Each channel is one system call. Source:
+    count. A count continues when the driver is closed. Each channel is one system call. Source:
     Documentation/ABI/testing/sysfs-bus-counter of the Linux kernel.
     """
 
@@ -127,7 +127,7 @@ class Counter(Driver[CounterChannel]):
     # The device ----------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """The device is there; one that had gone is initialised again."""
+        """Note that the device is there; one that had gone is initialised again."""
         if not self._is_open:
             raise DriverError("it is not open")
         if self._folder is None:

@@ -13,8 +13,9 @@ from umo.drivers._device_file import opening
 from umo.drivers._library import library
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
-from umo.drivers.registers.map import RegisterChannel
+from umo.drivers.registers.map import RegisterChannel, RegisterOptions
 from umo.errors import DriverError, WiringError
+from umo.system.packages import how_to_install
 
 SYSFS = Path("/sys/bus/i2c/devices")
 _I2C_TIMEOUT = 0x0702  # linux/i2c-dev.h: in units of 10 ms
@@ -32,7 +33,7 @@ class I2c(RegisterDriver):
         bus, address: number or path of the bus (1, "/dev/i2c-1") and the chip's address of 7 bits, 0x08 to 0x77.
         registers: the chip's registers by name (docs/driver-i2c.md).
         page_register: the register of 8 bits that selects the page, for registers with `page`.
-        auto_increment: the chip counts its addresses in bytes and goes on to the next one by itself. Registers that
+        auto_increment: the chip counts its addresses in bytes and continues to the next one by itself. Registers that
             follow each other then move in one transfer of up to 32 bytes.
         address_bits: width of a register's address; 0 for a chip without registers (its only one is at address 0).
         identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
@@ -53,7 +54,7 @@ class I2c(RegisterDriver):
         *,
         bus: int | str,
         address: int,
-        registers: dict[str, dict[str, Any]] | None = None,
+        registers: dict[str, RegisterOptions] | None = None,
         page_register: int | None = None,
         auto_increment: bool = False,
         address_bits: Literal[0, 8, 16] = 8,
@@ -89,7 +90,7 @@ class I2c(RegisterDriver):
 
     def _connect(self) -> None:
         if self._smbus is None:
-            raise DriverError('the i2c driver needs smbus2: pip install "umo[i2c]"')
+            raise DriverError(f"the i2c driver needs smbus2: {how_to_install('i2c')}")
         self._check_free()
         functions = self._smbus.I2cFunc
         bus = self._bus = self._smbus.SMBus()

@@ -21,7 +21,7 @@ def within(name: str, value: Any, least: int, most: int, why: str = "") -> int:
 
 
 def one_of(name: str, value: T, known: Sequence[object]) -> T:
-    """One of the known values."""
+    """Check that the value is one of the known ones, and return it."""
     if isinstance(value, bool) or value not in known:
         raise WiringError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
     return value

@@ -1,4 +1,4 @@
-"""What a driver may have beside the functions of the contract: one class each, which it names as a base.
+"""Optional abilities of a driver beyond the functions of the contract: one class for each, which it names as a base.
 
     class Modbus(Driver[ModbusChannel], Looks, HasWatchdog, Inspects): ...
 
@@ -18,25 +18,25 @@ from umo.user_code import definition
 
 
 class Looks(ABC):
-    """It finds out without waiting whether its device answers again. Any other driver is tried, and each try may cost
+    """Detects without waiting whether its device answers again. For any other driver a call is tried, which may cost
     its timeout."""
 
     @property
     def answers_for_device(self) -> bool:
-        """Whether a look that says True is the device's own answer, and not that the device may be tried."""
+        """True if a look that says True is the device's own answer, and not that the device may be tried."""
         return True
 
     @abstractmethod
     def look(self) -> bool | None:
-        """Whether the device answers again. None: not known yet, asked again in the next period; for longer than
-        `timeout`, or 0.5 s if that is longer, it counts as False. False, or an OSError: not now.
+        """Return whether the device answers again. None: not known yet, called again in the next period; after
+        `timeout`, or 0.5 s if that is longer, this counts as False. False, or an OSError: not now.
 
         Called while the driver is away: a call has timed out, or one of the whole driver has failed. Other calls may
         come in between."""
 
 
 def look_for(driver: object) -> bool | None:
-    """What the driver's look says, as one of the three that it may be; True, "try it", if it has none."""
+    """The result of the driver's look as True, False or None; True, "try a transfer", if it has none."""
     if not isinstance(driver, Looks):
         return True
     found = driver.look()
@@ -44,12 +44,13 @@ def look_for(driver: object) -> bool | None:
 
 
 def answers_for_device(driver: object) -> bool:
-    """Whether a look that says True is the device's own answer."""
+    """True if a look that says True is the device's own answer."""
     return isinstance(driver, Looks) and driver.answers_for_device
 
 
 class KnowsAges(ABC):
-    """Its circuit is told values instead of being asked for them. It counts for a driver off the cycle."""
+    """Its circuit receives values from elsewhere instead of being asked for them. It counts for a driver off the
+    cycle."""
 
     @abstractmethod
     def ages(self, channels: Sequence[Any]) -> Sequence[float] | None:
@@ -58,7 +59,7 @@ class KnowsAges(ABC):
 
 
 def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
-    """The ages in s of what was read last; None: as old as the transfer."""
+    """Return the ages in s of the last reading; None if as old as the transfer."""
     return driver.ages(channels) if isinstance(driver, KnowsAges) else None
 
 
@@ -72,7 +73,7 @@ class HasShortForm(ABC):
 
 
 def short_form_of(driver: type, text: str) -> Mapping[str, Any] | None:
-    """The options that the text stands for; None: a driver of this class has no such form."""
+    """Return the options that the text means; None if the driver's class has no such form."""
     return driver.table(text) if issubclass(driver, HasShortForm) else None
 
 
@@ -95,7 +96,7 @@ class KnowsScale(ABC):
 
 
 def scale_of(driver: object, channel: Any) -> PhysicalScale | None:
-    """The scale that the circuit gives for a channel; None: unknown."""
+    """Return the scale that the circuit reports for a channel; None if unknown."""
     return driver.physical_scale(channel) if isinstance(driver, KnowsScale) else None
 
 
@@ -124,12 +125,12 @@ def arm_watchdog(driver: object, seconds: float) -> None:
 
 
 class Reports(ABC):
-    """It has results of its circuit or plant."""
+    """Reports results of its circuit or plant."""
 
     @abstractmethod
     def report(self) -> Mapping[str, Any]:
-        """The results so far, as plain data by name. Called at the end of a run before `close`, and by `umo plant
-        --report` ten times a second."""
+        """The results so far, as plain data by name. Called at the end of a run before `close`, and by `umo device
+        plant --report` ten times a second."""
 
 
 def report_of(driver: object) -> dict[str, Any]:
@@ -138,16 +139,17 @@ def report_of(driver: object) -> dict[str, Any]:
 
 
 class Inspects(ABC):
-    """It shows what the circuit holds to whoever brings it up: `umo get` asks. It helps to find a wrong option, such as
+    """Shows the content of the circuit for commissioning, in `umo device get`. It helps to find a wrong option, such as
     the order of bytes."""
 
     @abstractmethod
     def inspect(self, channel: Any) -> str:
-        """What the circuit holds for an input channel, read now, in one line. Empty: nothing is shown."""
+        """Return the content of the circuit for an input channel, read now, in one line. Empty if there is nothing to
+        show."""
 
 
 def inspection_of(driver: object, channel: Any) -> str:
-    """What the circuit holds for an input channel, read now; empty if the driver does not tell."""
+    """The content of the circuit for an input channel, read now; empty if the driver cannot show it."""
     return driver.inspect(channel) if isinstance(driver, Inspects) else ""
 
 
@@ -172,7 +174,7 @@ class TransferInC(NamedTuple):
     context: int
     """The address that it is called with."""
     keep: Any
-    """What keeps both alive."""
+    """The object that keeps both alive."""
 
 
 class MovesInC(ABC):

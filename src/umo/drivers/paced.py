@@ -13,8 +13,8 @@ class PacedTimer(TimerFd):
 
     `read` reads the timer channel of the driver, so that one period passes in the plant, and waits for the wall clock
     like `TimerFd`: what the plant has to compute does not delay the period. If the wall clock has missed periods, they
-    pass in the plant too. It returns the periods missed by the wall clock. The wiring puts it in the place of the
-    driver on the timer's wire; it does not open or close the driver.
+    pass in the plant too. It returns the periods missed by the wall clock. The wiring replaces the driver on the
+    timer's wire by it; it does not open or close the driver.
     """
 
     def __init__(self, timer: Driver[Any]) -> None:

@@ -56,8 +56,8 @@ def find(name: str) -> type[Driver]:
 
 
 def table_of(name: str) -> Mapping[str, Any]:
-    """What a driver stands for that only lines of `[wire]` name, as a table `[drivers.NAME]`: a type, or `TYPE:TEXT`
-    where a registered type knows such a form. `:` stands for `module:Class` in all others."""
+    """The table `[drivers.NAME]` of a driver that only lines of `[wire]` name: by a type, or by `TYPE:TEXT` if the
+    registered type has such a short form. `:` stands for `module:Class` in all others."""
     kind, _, text = name.partition(":")
     if text and kind in known():
         with suppress(WiringError):  # it is told as for any other

@@ -17,7 +17,7 @@ from umo.drivers.transfers_in_c import NOT_BUILT, native
 
 
 class Written(NamedTuple):
-    """One write: to which channel, what."""
+    """One write: the channel and the value."""
 
     channel: str
     raw: int
@@ -33,7 +33,7 @@ class Simulated(Driver, MovesInC):
     def __init__(self, *, history: int = 10_000) -> None:
         self._raws: dict[str, int] = {}
         self._cells: dict[str, c_int64] = {}
-        """In the place of `_raws` once transfers are made in C: a cell for each channel."""
+        """Replaces `_raws` when transfers are made in C: a cell for each channel."""
         self._history: deque[tuple[str, int]] = deque(maxlen=history)
 
     @property

@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Literal
 
 from umo.drivers._device_file import opening
 from umo.drivers._library import library
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.registers.driver import RegisterDriver
-from umo.drivers.registers.map import RegisterChannel
+from umo.drivers.registers.map import RegisterChannel, RegisterOptions
 from umo.errors import DriverError, WiringError
+from umo.system.packages import how_to_install
 
 _MAX_DUMMY_BYTES = 16
 _TURNED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
@@ -33,14 +34,14 @@ class Spi(RegisterDriver):
         lsb_first: the chip has the lowest bit of each byte first. umo turns the bytes round: most controllers cannot.
         registers: the chip's registers by name (docs/driver-spi.md).
         page_register: the register of 8 bits that selects the page, for registers with `page`.
-        auto_increment: the chip counts its addresses in bytes and goes on to the next one by itself. Registers that
+        auto_increment: the chip counts its addresses in bytes and continues to the next one by itself. Registers that
             follow each other then move in one transfer of up to 256 bytes.
         address_bits: width of the command with the address; 0 for a chip that only answers (its register is at 0).
         address_shift: bits by which the address is shifted to the left in the command.
         read_mask, write_mask, burst_mask: bits set in the command of a read, of a write, and of either one of more
             than one byte.
-        dummy_bytes: bytes between the command of a read and its answer. Negative: the answer begins so many bytes
-            before the command ends.
+        dummy_bytes: bytes between the command of a read and its answer. Negative: the answer begins this number of
+            bytes before the command ends.
         identity: registers with the values that they must have when the bus is opened, such as { who_am_i = 0x33 }.
         setup: registers or fields with the values that are written then, in this order: the chip's configuration. Also
             when the bus is opened again after a failure, so no outputs of the machine are among them.
@@ -63,7 +64,7 @@ class Spi(RegisterDriver):
         max_speed_hz: int = 1_000_000,
         bits_per_word: Literal[8, 16, 32] = 8,
         lsb_first: bool = False,
-        registers: dict[str, dict[str, Any]] | None = None,
+        registers: dict[str, RegisterOptions] | None = None,
         page_register: int | None = None,
         auto_increment: bool = False,
         address_bits: Literal[0, 8, 16, 24] = 8,
@@ -112,7 +113,7 @@ class Spi(RegisterDriver):
 
     def _connect(self) -> None:
         if self._spidev is None:
-            raise DriverError('the spi driver needs spidev: pip install "umo[spi]" (it needs a C compiler)')
+            raise DriverError(f"the spi driver needs spidev: {how_to_install('spi')} (it needs a C compiler)")
         self._bus = self._spidev.SpiDev()
         with opening(self.path):
             self._bus.open_path(self.path)
@@ -138,9 +139,11 @@ class Spi(RegisterDriver):
         return (address << self._shift | self._masks[mask] | burst).to_bytes(self._command, "big")
 
     def _exchange(self, sent: bytes) -> bytes:
-        """One transfer; of whole words."""
+        """Transfer whole words once."""
         if len(sent) % self._word:
-            raise DriverError(f"a transfer of {len(sent)} bytes is not one of whole words of {8 * self._word} bits")
+            raise DriverError(
+                f"a transfer of {len(sent)} bytes does not consist of whole words of {8 * self._word} bits"
+            )
         if self._lsb_first:
             sent = sent.translate(_TURNED)
         answer = _swapped(bytes(self._bus.xfer2(list(_swapped(sent, self._word)))), self._word)

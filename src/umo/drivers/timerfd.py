@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
-import struct
 import sys
-import time
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.optional import EndsWait, MovesInC, TransferInC, WaitEnded
 from umo.drivers.transfers_in_c import NOT_BUILT, native
+from umo.duration import duration
 from umo.errors import DriverError
-from umo.presentation.durations import duration
+from umo.system import calls
 
-CLOCK_MONOTONIC = 1
-TFD_TIMER_ABSTIME = 1
-ITIMERSPEC = struct.Struct("@4l")
-"""Packing of the interval and the first expiry, each in s and ns."""
 MAX_AWAKE_SHARE = 15 / 16
 """Share of its processor that a thread which waits busily uses at most. The kernel holds up a real-time thread
 that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
@@ -34,17 +27,16 @@ LEFT_OUT_PERIODS = 8
 """Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
 MAX_DOUBLINGS = 12
 """Doublings of these periods at most."""
-FADING = 8
+DECAY_DIVISOR = 8
 """Divisor of what the expected time of the work loses in each period after a long one."""
-TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
 class WhileWaiting:
     """Work that is done while a tick is waited for, if it is likely to end before the tick."""
 
-    def __init__(self, work: Callable[[], object], clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, work: Callable[[], object], clock: Callable[[], int] | None = None) -> None:
         self._work = work
-        self._clock = clock
+        self._clock = clock or calls.now_ns
         self._took = 0
         """Expected duration in ns: its longest one of late."""
         self._overran = 0
@@ -58,12 +50,12 @@ class WhileWaiting:
             self._left_out -= 1
             return now
         if due - now <= self._took:
-            self._took -= self._took // FADING
+            self._took -= self._took // DECAY_DIVISOR
             return now
         self._work()
         after = self._clock()
         if after <= due:
-            self._took, self._overran = max(after - now, self._took - self._took // FADING), 0
+            self._took, self._overran = max(after - now, self._took - self._took // DECAY_DIVISOR), 0
         else:
             self._left_out = LEFT_OUT_PERIODS << self._overran
             self._overran = min(self._overran + 1, MAX_DOUBLINGS)
@@ -71,11 +63,12 @@ class WhileWaiting:
 
 
 Grid: Any = object if native is None else native.Grid
-"""Where the numbers of a `Ticker` are: of the extension, whose `TICK` waits as `Ticker.wait` does."""
+"""The memory for the numbers of a `Ticker`: of the extension, whose `TICK` waits as `Ticker.wait` does."""
 
 
 class Ticker(Grid):  # type: ignore[misc]
-    """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` are injected by tests.
+    """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` are injected by tests;
+    else they are those of `calls` at its construction, as it calls them in every period.
 
     `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call;
     the clock says which ticks have passed. `nap(s)` is time.sleep, `used()` the processor time of this thread.
@@ -84,19 +77,20 @@ class Ticker(Grid):  # type: ignore[misc]
     def __init__(
         self,
         period: float,
-        clock: Callable[[], int] = time.monotonic_ns,
+        clock: Callable[[], int] | None = None,
         sleep: Callable[[], object] | None = None,
-        nap: Callable[[float], object] = time.sleep,
-        used: Callable[[], int] = time.thread_time_ns,
+        nap: Callable[[float], object] | None = None,
+        used: Callable[[], int] | None = None,
     ) -> None:
+        read_timer = calls.read
         self.period = period
-        self._clock = clock
-        self._sleep = sleep or (lambda: os.read(self._fd, 8))
-        self._nap = nap
-        self._used = used
+        self._clock = clock or calls.now_ns
+        self._sleep = sleep or (lambda: read_timer(self._fd, 8))
+        self._nap = nap or calls.sleep
+        self._used = used or calls.processor_ns
         self._fd = -1
         self._nanoseconds = round(period * 1e9)
-        self._next = clock() + self._nanoseconds
+        self._next = self._clock() + self._nanoseconds
         self._look_after = min(LOOK_INTERVAL[0] * self._nanoseconds, LOOK_INTERVAL[1])
         self._bearable = min(MAX_OWED_SLEEP[0] * self._nanoseconds, MAX_OWED_SLEEP[1])
         self._looked = self._used_then = 0
@@ -108,33 +102,33 @@ class Ticker(Grid):  # type: ignore[misc]
         """Sleep in ns that it has had since then for this reason."""
         self._busy_wait = 0
         self._ended = False
-        """Whether the wait is to end, or the next one."""
+        """True if the wait is to end, or the next one."""
         self.meanwhile: WhileWaiting | None = None
         """Work that is done between the waking up and the tick."""
         self.due = 0
         """Time at which the tick was due that ended the last `wait`, in ns of CLOCK_MONOTONIC."""
         self.woke = 0
-        """Time at which the last `wait` went on, on the same clock: `woke - due` is how late it woke."""
+        """Time at which the last `wait` continued, on the same clock: `woke - due` is how late it woke."""
 
     def start(self) -> None:
         """The first tick comes one period from now."""
         if not sys.platform.startswith("linux"):
             raise DriverError("real time needs Linux (timerfd); virtual time works everywhere")
-        libc = ctypes.CDLL(None, use_errno=True)
-        self._fd = libc.timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC)
         if not self._nanoseconds:  # which timerfd takes for "never"
             raise DriverError(f"timerfd: the period is {duration(self.period)}; give the timer a period in its wiring")
         self._next = self._clock() + self._nanoseconds
-        if self._fd < 0 or self._arm(self._next) < 0:
-            self._refused()
+        try:
+            self._fd = calls.make_timer()
+        except OSError as error:
+            raise self._refused(error) from None
+        self._arm_or_raise(self._next)
 
     def wait_busily(self, seconds: float) -> None:
-        """Sleep until so many seconds before each tick, and look at the clock from then on until it comes: the thread
-        is awake, and its processor too. Costs this share of a processor. Where this and the work of the periods exceed
+        """Sleep until this time in s before each tick, then read the clock until the tick comes, so that the thread and
+        its processor are awake. Costs this share of a processor. Where this and the work of the periods exceed
         `MAX_AWAKE_SHARE`, some ticks are waited for asleep."""
         self._busy_wait = round(seconds * 1e9)
-        if self._arm(self._next - self._busy_wait) < 0:
-            self._refused()
+        self._arm_or_raise(self._next - self._busy_wait)
 
     def wait(self) -> int:
         """Return at once the ticks that have passed since the last call, as in the paper; if there were none, block
@@ -176,10 +170,10 @@ class Ticker(Grid):  # type: ignore[misc]
     def close(self) -> None:
         file, self._fd = self._fd, -1
         if file >= 0:
-            os.close(file)
+            calls.close(file)
 
     def _is_tired(self, now: int) -> bool:
-        """Whether the thread should have slept for longer than it has, by more than can be borne."""
+        """True if the thread should have slept for longer than it has, by more than can be borne."""
         then = self._looked
         if now - then >= self._look_after:
             used = self._used()
@@ -187,17 +181,22 @@ class Ticker(Grid):  # type: ignore[misc]
             self._looked, self._used_then, self._napped = now, used, 0
         return self._owed - self._napped > self._bearable
 
-    def _arm(self, first: int) -> int:
-        """Let the kernel's timer, if there is one, expire at this time of the clock, and then once per period; below 0:
-        it refused."""
-        if self._fd < 0:
-            return 0
-        spec = ITIMERSPEC.pack(*divmod(self._nanoseconds, 1_000_000_000), *divmod(first, 1_000_000_000))
-        libc = ctypes.CDLL(None, use_errno=True)
-        return int(libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, spec, None))
+    def _arm(self, first: int) -> OSError | None:
+        """Let the kernel's timer, if there is one, expire at this time of the clock, and then once per period; the
+        error where it refuses that."""
+        try:
+            if self._fd >= 0:
+                calls.set_timer(self._fd, first, self._nanoseconds)
+        except OSError as error:
+            return error
+        return None
 
-    def _refused(self) -> NoReturn:
-        raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {duration(self.period)})")
+    def _arm_or_raise(self, first: int) -> None:
+        if error := self._arm(first):
+            raise self._refused(error)
+
+    def _refused(self, error: OSError) -> DriverError:
+        return DriverError(f"timerfd: {error.strerror} (period {duration(self.period)})")
 
 
 class TimerFd(Driver, EndsWait, MovesInC):

@@ -1,4 +1,4 @@
-"""What stands in front of a driver and is taken for it: injected faults, the proxy of a driver off the cycle."""
+"""Objects that wrap a driver and are used in its place: injected faults, the proxy of a driver off the cycle."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Wrapper(Driver[Any]):
     of, and of no others but those that it names itself. What it does not do itself is that driver's own."""
 
     withheld: ClassVar[tuple[type, ...]] = (MovesInC,)
-    """Those of the classes that it is not of in any case: the driver's transfers in C would pass it by."""
+    """Classes that a wrapper never derives from: the driver's transfers in C would bypass it."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """It has functions for what a driver behind it may have, without a name for each."""
+        """Define functions for everything that a wrapped driver may have."""
 
     def __new__(cls, driver: Driver[Any], *_: Any, **keywords: Any) -> Self:
         had = (kind for kind in OPTIONAL if isinstance(driver, kind) and kind not in cls.withheld)

@@ -1,9 +1,7 @@
-"""Deques of live objects whose elements compiled laws have, too: both have the same whenever one of them is asked.
+"""Keeps the elements of deques equal in Python and in the memory of compiled laws.
 
-A deque stays the object that it is, and cannot be told where its elements are. So they are copied: into the library
-before the laws and conditions, where somebody has changed the deque; into the deque after each law, where it has
-changed them.
-"""
+A deque stays the same object, and its memory cannot be replaced. So its elements are copied: into the library before
+laws and conditions run, if the deque was changed; into the deque after each law, if the law changed them."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from operator import is_
 from typing import Any
 
 from umo.generate.lower.lowered_rings import DequeFields
-from umo.generate.struct_memory import WRONG, StructMemory, Unfitting, require
+from umo.generate.struct_memory import WRONG, StructMemory, ValueDoesNotFit, require
 
 
 class BoundDeque:
@@ -20,27 +18,27 @@ class BoundDeque:
     def __init__(self, memory: StructMemory, fields: DequeFields) -> None:
         self._memory, self._fields, self._held = memory, fields, fields.held
         self._elements: list[Any] = []
-        """Those that both have."""
+        """The elements when both were last equal."""
         self._content = b""
-        """The memory with these."""
+        """The content of the memory at that time."""
 
     def bind(self) -> None:
-        """The library has the elements of the deque. Unfitting if it cannot have them."""
+        """Copy the elements of the deque to the library. Raise ValueDoesNotFit if a field cannot hold them."""
         try:
             require(self._memory.fields["at"], self._fields.at)  # a number of numpy is none of Python
             self._memory.push()
         except WRONG:
-            raise Unfitting(f"the deque {self._memory.label} has an element of another class") from None
+            raise ValueDoesNotFit(f"the deque {self._memory.label} has an element of another class") from None
         self._note()
 
     def push(self) -> None:
-        """The same, where the deque has other elements than before."""
+        """Copy the elements to the library if the deque has changed since the last copy."""
         held, before = self._held, self._elements
         if len(held) != len(before) or not all(map(is_, held, before)):
             self.bind()
 
     def pull(self) -> None:
-        """The deque has the elements of the library."""
+        """Copy the elements from the library to the deque."""
         if self._memory.content() == self._content:
             return
         elements = self._memory.read("at")[: self._memory.read("count")]

@@ -1,4 +1,4 @@
-"""Attributes of live objects whose values are in the memory of a compiled library: read and set as before."""
+"""Binds attributes of live objects to the memory of a compiled library. Code reads and sets them as before."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from umo.generate.c_types import INT, MASK, ArrayType, CType, StateType
 from umo.generate.function_source import shown_file
-from umo.generate.struct_memory import PLAIN, WRONG, StructMemory, Unfitting, require
+from umo.generate.struct_memory import PLAIN, WRONG, StructMemory, ValueDoesNotFit, require
 
 OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
-"""What each class of ABCMeta has of its own."""
+"""Attributes that each class of ABCMeta has itself."""
 
 
 def _references() -> int:
@@ -23,14 +23,14 @@ def _references() -> int:
     return sys.getrefcount(value)
 
 
-ALONE = _references()
-"""References to a value that has one name, as this Python counts them where it is asked."""
+REFERENCES_OF_ONE_NAME = _references()
+"""The number of references that this Python counts for a value with one name."""
 
 
 class BoundList(list[Any]):
-    """A list whose elements are in the memory of a compiled library. It has them itself as they were when somebody
-    last asked it. Its length does not change: where somebody changes it, `refused` is called, and the list of the
-    object is changed."""
+    """A list whose elements are in the memory of a compiled library. The list itself holds them as they were when it
+    was last read. Its length is fixed: code that changes it causes a call of `refused`, and the change is made in the
+    list of the object."""
 
     def __init__(self, memory: StructMemory, name: str, refused: Callable[[], list[Any]]) -> None:
         super().__init__(memory.read(name))
@@ -39,18 +39,18 @@ class BoundList(list[Any]):
         """The list of the object, once its elements are no longer in the memory."""
 
     def unbind(self) -> list[Any]:
-        """The list of the object again; whoever has this one goes on with the same elements."""
+        """Return the list of the object. Code that has this list continues with the same elements."""
         if self._own is None:
             self._own = self.copy()
         return self._own
 
     def renew(self) -> BoundList:
-        """It has the elements that are in the memory now."""
+        """Read the elements from the memory again."""
         list.__setitem__(self, slice(None), self._memory.read(self._name) if self._own is None else self._own)
         return self
 
     def take(self, values: list[Any]) -> None:
-        """It has these elements from now on."""
+        """Replace the elements by these."""
         try:
             if self._own is None:
                 require(self._memory.fields[self._name], values)
@@ -82,7 +82,7 @@ class BoundList(list[Any]):
 
 
 def _reading(name: str) -> Callable[..., Any]:
-    """A method of a list that changes nothing."""
+    """Return a method of a list that does not change the list."""
     of_lists = getattr(list, name)
 
     def read(self: BoundList, *given: Any, **named: Any) -> Any:
@@ -92,12 +92,12 @@ def _reading(name: str) -> Callable[..., Any]:
 
 
 def _joining(self: BoundList, others: list[Any]) -> Any:
-    """`others + self`, which a list would find out by itself, and with old elements."""
+    """Return `others + self`. Without this method a list would join its old elements."""
     return others + self.copy() if isinstance(others, list) else NotImplemented
 
 
 def _changing(name: str) -> Callable[..., Any]:
-    """A method of a list that changes it."""
+    """Return a method of a list that changes the list."""
     of_lists = getattr(list, name)
 
     def change(self: BoundList, *given: Any, **named: Any) -> Any:
@@ -124,8 +124,8 @@ SetAny: TypeAlias = Callable[[Any, str, Any], None]
 
 
 class BoundFields:
-    """The fields of one live object. While they are bound the object has a class of its own, below its class; `refused`
-    is called, and releases them, where somebody sets what a field cannot have."""
+    """The fields of one live object. While they are bound, the object has a subclass of its own class. If code sets a
+    value that a field cannot hold, `refused` is called, which releases the fields."""
 
     def __init__(
         self,
@@ -135,21 +135,21 @@ class BoundFields:
         refused: Callable[[str], None],
         taken: frozenset[str] = frozenset(),
     ) -> None:
-        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known.
-        TypeError if an object of this class cannot be bound."""
+        """`states`: the fields that compiled code assigns; `taken`: names of other attributes whose values it takes as
+        known. TypeError if an object of this class cannot be bound."""
         self._taken, self._label = taken, memory.label
         self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
         self._own = set[str]()
         """The fields that are attributes of the object itself, not of its class."""
         self._set_at: dict[str, tuple[CodeType, dict[str, Any], int]] = {}
-        """Which code has set what translation took as known."""
+        """The code that has set each name which translation took as known."""
         self._lists: dict[str, BoundList] = {}
         self._given: dict[str, Any] = {}
-        """Lists and arrays that were set, and that the laws have not had yet."""
+        """Lists and arrays that were set since the laws last ran."""
         self.was_given: Callable[[BoundFields], None] = lambda fields: None
-        """Called where the object is given one."""
+        """Called when the object is given a list or an array."""
         self._of_class: dict[str, str] = {}
-        """The values that the others have in the class, as text."""
+        """The class attributes behind the other fields, as text."""
         self._class = kind = type(owner)
         self._bound = False
         names = {name: self._property(name, of) for name, of in memory.fields.items()}
@@ -157,18 +157,18 @@ class BoundFields:
 
     @property
     def names(self) -> frozenset[str]:
-        """Those of the fields."""
+        """The names of the fields."""
         return frozenset(self._memory.fields)
 
     def bind(self) -> None:
-        """The fields have the values of the object; from now on they are its attributes."""
+        """Copy the values of the object to the fields. From now on the attributes of the object are the fields."""
         self._memory.push()
         self._memory.forget()
         for name in self._memory.fields:
             if name not in vars(self.owner) and isinstance(getattr(self.owner, name), list | np.ndarray):
-                raise ValueError(f"{self._label}.{name} is a list or an array of its class, which others have, too")
+                raise ValueError(f"{self._label}.{name} is a list or an array of its class, which other objects share")
             if not self._is_rebound(name) and is_shared(vars(self.owner), name):
-                raise ValueError(f"{self._label}.{name} is a list or an array that others have, too")
+                raise ValueError(f"{self._label}.{name} is a list or an array to which other references exist")
         self._own = {name for name in self._memory.fields if name in vars(self.owner)}
         for name in self._memory.fields.keys() - self._own:
             type.__setattr__(self._below, name, self._inherited(name))
@@ -181,7 +181,7 @@ class BoundFields:
             setattr(self.owner, name, accepted)
 
     def release(self) -> None:
-        """The object has its attributes itself again, but for those that its class has, and that nobody has set."""
+        """Give the attributes back to the object, except those that its class has and that nobody has set."""
         if not self._bound:
             return
         values = {name: getattr(self.owner, name) for name in self._memory.fields}
@@ -195,29 +195,30 @@ class BoundFields:
         self._bound = False
 
     def _for_python(self, name: str, value: Any) -> Any:
-        """What an attribute is when Python drives again: its laws may change a list or an array in place."""
+        """Return the value that an attribute gets when Python runs the laws again: laws in Python may change a list or
+        an array in place."""
         if name in self._lists:
             return self._lists[name].unbind()
         is_read = isinstance(value, np.ndarray) and value.dtype.kind == "i" and not value.flags.writeable
         return value.copy() if is_read or (isinstance(value, np.ndarray) and name in self._states) else value
 
     def take_given(self) -> None:
-        """Lists and arrays that were set since the last period: the memory has what is in them now. One that others
-        have too gives the laws back to Python: what they change in it would not be seen."""
+        """Copy lists and arrays that were set since the last period to the memory. If one of them has other references,
+        the laws run in Python again, because changes through those references would not be seen."""
         for name in tuple(self._given):
             try:
                 self._memory.check(name, self._given[name])
                 self._memory.write(name, self._given[name])
-            except Unfitting as error:
+            except ValueDoesNotFit as error:
                 self._refused(str(error))
                 return
             if not self._is_rebound(name) and is_shared(self._given, name):
-                self._refused(f"{self._label}.{name} is set to a list or an array that others have, too")
+                self._refused(f"{self._label}.{name} is set to a list or an array to which other references exist")
                 return
             del self._given[name]
 
     def _is_rebound(self, name: str) -> bool:
-        """Whether it is an array that compiled code assigns: whoever has the one before has no part in it."""
+        """True if this is an array that compiled code assigns: references to the old array do not see the new one."""
         return name in self._states and not isinstance(vars(self.owner).get(name, self._given.get(name)), list)
 
     def _give(self, name: str, value: Any) -> None:
@@ -225,14 +226,14 @@ class BoundFields:
         self.was_given(self)
 
     def setter(self, name: str) -> str:
-        """The file and line that have set what translation took as known; "": it is not known."""
+        """Return the file and line that set a name which translation takes as known; "" if the name is not known."""
         if name not in self._set_at:
             return ""
         code, scope, line = self._set_at[name]
         return f"{shown_file(code.co_filename, scope.get('__name__', ''))}:{line}"
 
     def _inherited(self, name: str) -> property:
-        """A field that is an attribute of the class: the object gets it where it is set."""
+        """Return the field of a class attribute: the object gets its own attribute when it is set."""
         get, put = self._checked(name, self._memory.fields[name])
         self._of_class[name] = repr(get(self.owner))
 
@@ -243,7 +244,8 @@ class BoundFields:
         return property(get, own)
 
     def _property(self, name: str, of: CType) -> Any:
-        """The attribute: in C where its type is plain, as sequences read it in each period."""
+        """Return the descriptor of an attribute. It is written in C if the type is plain, because sequences read it in
+        each period."""
         get, checked = self._checked(name, of)
         return self._memory.attribute(name, checked) or property(get, checked)
 
@@ -253,7 +255,7 @@ class BoundFields:
         def checked(owner: Any, value: Any) -> None:
             try:
                 self._memory.check(name, value)
-            except Unfitting as error:
+            except ValueDoesNotFit as error:
                 self._refused(str(error))
                 setattr(owner, name, value)
             else:
@@ -262,7 +264,8 @@ class BoundFields:
         return get, checked
 
     def _setter(self) -> SetAny:
-        """What sets any attribute: one in the place of a method, as of an experiment, is not compiled."""
+        """Return the function that sets any attribute. An object that replaces a method, such as an experiment, is not
+        compiled."""
         kind: Any = self._class
         path, taken = self._label, self._taken
 
@@ -279,7 +282,8 @@ class BoundFields:
         return put
 
     def _deleter(self) -> Callable[[Any, str], None]:
-        """What deletes any attribute: compiled code goes on with its fields."""
+        """Return the function that deletes any attribute. The laws then run in Python, because compiled code would
+        still use the field."""
         path = self._label
 
         def delete(owner: Any, name: str) -> None:
@@ -302,7 +306,7 @@ class BoundFields:
         return self._of_others(name)
 
     def _of_mask(self, name: str) -> tuple[Get, Set]:
-        """Qualities that are accepted: Python has them as they were given."""
+        """Return the access to accepted qualities. Python reads them as they were set."""
         given: list[Any] = [()]
 
         def put(_: Any, value: Any) -> None:
@@ -313,7 +317,7 @@ class BoundFields:
 
     def _of_list(self, name: str) -> tuple[Get, Set]:
         def refused() -> Any:
-            self._refused(f"{self._label}.{name} has another length, or an element of another kind")
+            self._refused(f"{self._label}.{name} has another length, or an element of another class")
             return getattr(self.owner, name)
 
         self._lists[name] = found = BoundList(self._memory, name, refused)
@@ -325,8 +329,8 @@ class BoundFields:
         return (lambda _: self._given[name] if name in self._given else found.renew()), put
 
     def _of_array(self, name: str, of: ArrayType) -> tuple[Get, Set]:
-        """One that compiled code assigns is given as a copy that nobody changes: it is a new one in each period. So is
-        one of whole numbers, which have 64 bits in numpy."""
+        """Return the access to an array. Python gets a read-only copy of an array that compiled code assigns, as it is
+        replaced in each period, and of one of integers, which have 64 bits in numpy."""
         view = self._memory.array(name, of)
         is_given = name not in self._states and of.of != INT
         kind = np.int64 if of.of == INT else view.dtype
@@ -353,32 +357,33 @@ class BoundFields:
         return (lambda _: self._memory.read(name)), put
 
 
-class _Untold:
-    """A class below this one is made without a word to those above (`__init_subclass__`)."""
+class _NoSubclassHook:
+    """Suppresses `__init_subclass__` of the other bases when a subclass is made."""
 
     __slots__ = ()
 
     def __init_subclass__(cls) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
-def _is_told(kind: type) -> bool:
-    """Whether a class wants to know of those below it; what typing has does nothing."""
+def _has_subclass_hook(kind: type) -> bool:
+    """True if a class is informed of its subclasses by code other than that of typing."""
     own = (each for each in kind.__mro__[:-1] if "__init_subclass__" in vars(each))
     return any(each.__module__ != "typing" for each in own)
 
 
 def class_below(kind: type, names: dict[str, Any]) -> type:
-    """A class below another one: the same in all but these names. TypeError where there can be none."""
+    """Return a subclass that differs from the class in these names only. TypeError if none can be made."""
     inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
-    bases = (_Untold, kind) if _is_told(kind) else (kind,)
+    bases = (_NoSubclassHook, kind) if _has_subclass_hook(kind) else (kind,)
     found: type = _metaclass(kind)(kind.__name__, bases, inside)
     type.__setattr__(found, "__qualname__", kind.__qualname__)
     return found
 
 
 def _metaclass(kind: type) -> Any:
-    """That of a class below another one, whose attributes are set in that one: `type(m).limit = 5.0`."""
+    """Return the metaclass of such a subclass. Attributes set on it are set on the original class: `type(m).limit =
+    5.0`."""
 
     def put(below: type, name: str, value: Any) -> None:
         if name in OF_ABSTRACT_CLASSES:
@@ -393,13 +398,15 @@ def _metaclass(kind: type) -> Any:
 
 
 def is_shared(names: dict[str, Any], name: str) -> bool:
-    """Whether a list or an array is had by others than the names, or is a part of an array that is."""
+    """True if a list or an array has references other than these names, or is a view of an array that has."""
     value = names.pop(name, None)
     try:
         if not isinstance(value, list | np.ndarray):
             return False
         base = getattr(value, "base", None)
-        return sys.getrefcount(value) > ALONE or (base is not None and sys.getrefcount(base) > ALONE + 1)
+        return sys.getrefcount(value) > REFERENCES_OF_ONE_NAME or (
+            base is not None and sys.getrefcount(base) > REFERENCES_OF_ONE_NAME + 1
+        )
     finally:
         if value is not None:
             names[name] = value

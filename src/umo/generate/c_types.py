@@ -1,4 +1,4 @@
-"""The types of translated code: what a value of Python is in C."""
+"""The C types of translated Python values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from umo.generate.value_kinds import is_plain_enum
 
 @dataclass(frozen=True)
 class CType:
-    """A type of C. `name` is its text."""
+    """A type of C. `name` is its text in C."""
 
     name: str
 
@@ -25,13 +25,12 @@ class StateType(CType):
 
 @dataclass(frozen=True)
 class TextType(StateType):
-    """One of the texts of a machine, as its number among them: `kind` is a tuple of all, those learnt last at the
-    end."""
+    """One of the texts of a machine, as its index among them. `kind` is a tuple of all texts, the latest at the end."""
 
 
 @dataclass(frozen=True)
 class OptionalType(CType):
-    """A value, or None."""
+    """A value or None."""
 
     of: CType
 
@@ -47,81 +46,83 @@ class TupleType(CType):
 
 @dataclass(frozen=True)
 class ArrayType(CType):
-    """A list of one length, or an array of numbers of one dimension: a struct with the member `at`."""
+    """A list of fixed length, or a one-dimensional array of numbers: a struct with the member `at`."""
 
     of: CType
     length: int
     listed: bool = False
-    """Whether it is a list."""
+    """True for a list."""
     loose: bool = False
-    """Whether it may have one element in Python, which stands for all."""
+    """True if it may have one element in Python, which counts for all."""
 
 
 @dataclass(frozen=True)
 class NumpyNumber(CType):
-    """A number of numpy: divided by 0 it is infinite, and nothing is raised."""
+    """A number of numpy: division by 0 gives infinity and raises nothing."""
 
     of: CType
     sure: bool = True
-    """False: it may be one of Python, too."""
+    """False if the number may also be a Python number."""
 
 
 @dataclass(frozen=True)
 class MixedNumber(CType):
-    """A real in C, which in Python is a whole number at one time and a float at another: they differ in the sign of
-    zero, and beyond 2**53. Or a number that may be a bool, which an object refuses."""
+    """A real in C that is sometimes an int and sometimes a float in Python: the two differ in the sign of zero and
+    above 2**53. Or a number that may be a bool, which an object refuses."""
 
     of: CType
     is_bool: bool = False
-    """Whether it may be a bool."""
+    """True if it may be a bool."""
 
 
 REAL, INT, BOOL = CType("umo_real"), CType("int32_t"), CType("bool")
 MASK = CType("uint32_t")
-"""The qualities that are accepted besides GOOD and STALE, a bit each."""
+"""The accepted qualities besides GOOD and STALE, one bit each."""
 NOTHING = CType("void")
-"""None."""
+"""The type of None."""
 MIXED = MixedNumber(REAL.name, REAL)
+UNSURE = NumpyNumber, MixedNumber
+"""Types of numbers whose class in Python is not known or not fixed."""
 LONG = CType("int64_t")
-"""What counts the turns of a loop whose steps may pass the end of 32 bits."""
+"""The counter of a loop whose steps may exceed 32 bits."""
 PLURALS = {REAL: "reals", INT: "ints", BOOL: "bools"}
 OPTIONALS = {REAL: "umo_optional_real", INT: "umo_optional_int", BOOL: "umo_optional_bool"}
 
 
-class Loose(int):
-    """The length of an array that may have one element in Python."""
+class MaybeScalar(int):
+    """The length of an array that may also have one element in Python."""
 
 
 def array(of: CType, length: int) -> ArrayType:
-    """The type of an array with so many elements."""
+    """The type of an array with this number of elements."""
     stem = f"{of.name}s" if isinstance(of, TupleType) else f"machine_{PLURALS.get(of, 'states')}"
-    return ArrayType(f"{stem}_{length}", of, length, loose=isinstance(length, Loose))
+    return ArrayType(f"{stem}_{length}", of, length, loose=isinstance(length, MaybeScalar))
 
 
 def list_of(of: CType, length: int) -> ArrayType:
-    """The type of a list with so many elements."""
+    """The type of a list with this number of elements."""
     return ArrayType(f"{array(of, length).name}_list", of, length, listed=True)
 
 
 def numpy_number(of: CType, sure: bool = True) -> CType:
-    """The type of an element of an array."""
+    """Return the type of an element of an array."""
     return NumpyNumber(of.name, of, sure) if of in (REAL, INT, BOOL) else of
 
 
 def plain_number(of: CType) -> CType:
-    """The type in C of a number, whether it is one of numpy or of Python."""
-    return of.of if isinstance(of, NumpyNumber | MixedNumber) else of
+    """Return the C type of a number, without the mark that it is one of numpy or of Python."""
+    return of.of if isinstance(of, UNSURE) else of
 
 
 def state(kind: type[Enum]) -> StateType:
-    """The type of a state; TypeError for an Enum whose members are not equal only to themselves."""
+    """Return the type of a state. TypeError for an Enum whose members may be equal to other values."""
     if not is_plain_enum(kind):
-        raise TypeError(f"{kind.__name__} decides what its states are equal to, or is a Flag")
+        raise TypeError(f"{kind.__name__} defines itself which of its states are equal, or is a Flag")
     return StateType("uint8_t", kind)
 
 
 def optional(of: CType) -> OptionalType:
-    """The type of a value that may be None; TypeError for one that has none."""
+    """Return the type of a value that may be None. TypeError if it has no optional type."""
     if isinstance(of, OptionalType):
         return of
     if isinstance(of, TupleType | ArrayType):
@@ -133,7 +134,7 @@ def optional(of: CType) -> OptionalType:
 
 
 def joined(one: CType, other: CType) -> CType:
-    """The type of a value that has either; TypeError if there is none."""
+    """Return the type of a value that has one of two types. TypeError if there is none."""
     if one == other:
         return one
     if isinstance(one, TextType) or isinstance(other, TextType):
@@ -169,7 +170,8 @@ def joined(one: CType, other: CType) -> CType:
 
 
 def _joined_arrays(one: CType, other: CType) -> CType:
-    """Arrays of one length; a number, and an array of one element, are taken for each."""
+    """Return the type of arrays of the same length. A number or an array of one element counts as an array of any
+    length."""
     if any(isinstance(each, ArrayType) and each.listed for each in (one, other)):
         raise TypeError
     lengths = {each.length for each in (one, other) if isinstance(each, ArrayType)}
@@ -178,36 +180,36 @@ def _joined_arrays(one: CType, other: CType) -> CType:
     of = plain_number(joined(*(each.of if isinstance(each, ArrayType) else each for each in (one, other))))
     strict = all(isinstance(each, ArrayType) and not each.loose for each in (one, other)) and len(lengths) == 1
     length = max(lengths)
-    return array(of, length if strict or length == 1 else Loose(length))
+    return array(of, length if strict or length == 1 else MaybeScalar(length))
 
 
 def plain(of: CType) -> CType:
-    """The type without None."""
+    """Return the type without None."""
     return of.of if isinstance(of, OptionalType) else of
 
 
 def unmixed(of: CType) -> CType:
-    """The type as one of a field."""
+    """Return the type of a field for a value of this type."""
     if isinstance(of, OptionalType):
         return OptionalType(of.name, plain_number(of.of))
     return plain_number(of)
 
 
 def may_be_bool(of: CType) -> bool:
-    """Whether a value, if it is there, may be a bool."""
+    """True if a value, when not None, may be a bool."""
     of = plain(of)
     return of == BOOL or (isinstance(of, MixedNumber) and of.is_bool)
 
 
 def of_python(of: CType) -> CType:
-    """The type with a number of Python in the place of one of numpy."""
+    """Return the type with Python numbers instead of numpy numbers."""
     if isinstance(of, OptionalType):
         return OptionalType(of.name, of_python(of.of))
     return of.of if isinstance(of, NumpyNumber) else of
 
 
 def perhaps_of_numpy(of: CType) -> CType:
-    """The type with a number of numpy, or one of Python, in the place of a number."""
+    """Return the type with numbers that may be numpy's or Python's."""
     if isinstance(of, OptionalType):
         return OptionalType(of.name, perhaps_of_numpy(of.of))
     return numpy_number(plain_number(of), sure=False)

@@ -1,9 +1,7 @@
 """The conditions of a machine's interlocks, compiled with its laws.
 
-They are compared with Python's first, as laws are. Where a compiled condition has a fault, Python's is evaluated: it
-raises its own error. A condition that changes something, or that looks at other interlocks, stays in Python, and so do
-the others.
-"""
+Like laws, they are first compared with the results of Python. If a compiled condition has a fault, Python evaluates it
+and raises its own error. If a condition changes something or reads other interlocks, all conditions stay in Python."""
 
 from __future__ import annotations
 
@@ -20,45 +18,46 @@ from umo.user_code import attempt
 
 WRITES, CHANGES = "writes", "changes an attribute"
 ONLY_PYTHON = {
-    "umo_inhibited": "looks at interlocks, which are evaluated one after the other",
+    "umo_inhibited": "reads interlocks, which are evaluated in order",
     "umo_digital_write": WRITES,
     "umo_binary_write": WRITES,
     "umo_write_many": WRITES,
     ASSIGNS: CHANGES,
 }
-"""What a condition would not do in C as in Python, by its effects."""
+"""Why a condition behaves differently in C, by its effects."""
 Asked = Callable[[], Any]
 
 
 def only_in_python(translation: Translation, conditions: Sequence[Asked]) -> str:
-    """Why translated conditions stay in Python; empty: they need not."""
+    """Return the reason why translated conditions stay in Python; empty if there is none."""
     if translation.problems:
         return str(translation.problems[0]) if translation.refused_conditions else ""
     effects = set[str | int]().union(*(translation.effects[translation.entry[each].name] for each in conditions))
-    told = {number for number, each in enumerate(translation.tellers) if each.field is not None}
+    told = {number for number, each in enumerate(translation.text_makers) if each.field is not None}
     what = [what for effect, what in ONLY_PYTHON.items() if effect in effects]
     return f"one {[*what, CHANGES][0]}" if what or effects & told else ""
 
 
 class CompiledConditions:
-    """The compiled conditions of one connected machine. In the library they have the numbers from `first` on."""
+    """The compiled conditions of one connected machine. Their numbers in the library begin at `first`."""
 
     def __init__(
         self, library: LawLibrary, first: int, inhibitions: Sequence[Inhibition], clock: Clock, compared: int, why: str
     ) -> None:
-        """`compared`: periods in which they are compared. Without inhibitions there are none; `why`: the reason."""
+        """`compared`: number of periods in which they are compared. Without inhibitions there are none, and `why` is
+        the reason."""
         self._library, self._first, self._clock = library, first, clock
         self._inhibitions = inhibitions
         self._native: list[Any] = []
         self._look: Callable[[], bool] = lambda: True
         self.left = compared if inhibitions else 0
-        """Periods in which they are still to be compared."""
+        """The number of periods in which they are still compared."""
         self.left_out = why
-        """Why they stay in Python; empty: they do not, or there are none."""
+        """Why they stay in Python; empty if they are compiled or there are none."""
 
     def compare(self) -> None:
-        """Whether they give what Python gives at this moment; a difference leaves them to Python. The fields of the
-        library have their values."""
+        """Compare the results with those of Python at this moment. A difference leaves the conditions to Python. The
+        fields of the library must be up to date."""
         self.left -= 1
         for number, each in enumerate(self._inhibitions, self._first):
             found, error = attempt(each.interlock.condition)
@@ -69,19 +68,19 @@ class CompiledConditions:
                 return
 
     def use(self) -> None:
-        """The compiled conditions are evaluated from now on."""
+        """Evaluate the compiled conditions from now on."""
         for number, each in enumerate(self._inhibitions, self._first):
             each.condition = self._compiled(number, each.interlock.condition)
 
     def look_first(self, look: Callable[[], bool]) -> None:
-        """`look` tells, before the first of them, whether they are still right; if not, it has given them back to
-        Python."""
+        """Call `look` before the first condition: it returns True if the compiled conditions are still valid, otherwise
+        it has called `release`."""
         self._look = look
         if self._native:
             self._native[0].guard(look)
 
     def release(self) -> None:
-        """Python's are evaluated from now on."""
+        """Evaluate the conditions in Python from now on."""
         for each in self._inhibitions:
             each.condition = each.interlock.condition
 

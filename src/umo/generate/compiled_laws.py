@@ -1,10 +1,10 @@
 """The laws of a connected machine, compiled (`[process] compile = true`).
 
-First Python drives, and the compiled laws are compared with it, one law a period: what they write, and every attribute.
-A difference keeps Python. Then the attributes of the laws are those of the compiled library (`bound_fields.py`), and
-the machine calls the library. Sequences, clients and faces read and set them as before. Whatever the library cannot do
-gives the laws back to Python, which is said: so does whoever sets what translation took as known (`known_watch.py`).
-"""
+At first Python runs the laws, and the compiled laws are compared with it, one law per period: the values written and
+every attribute. If they differ, Python continues to run the laws. Otherwise the attributes of the laws become fields of
+the compiled library (`bound_fields.py`), and the machine calls the library. Sequences, clients and faces read and set
+the attributes as before. If the library cannot do something, or somebody sets a value that translation took as known
+(`known_watch.py`), the laws run in Python again and a notice says so."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from umo.generate.law_library import (
     CHANGED,
     HOST_CALL,
     READ,
-    TELL,
+    TEXT_CALLBACK,
     WRITE,
     WRITE_MANY,
     ColumnPointers,
@@ -47,7 +47,7 @@ from umo.generate.law_library import (
 )
 from umo.generate.lower.lowered_rings import DequeFields
 from umo.generate.lower.text_makers import error_as_written
-from umo.generate.struct_memory import WRONG, Unfitting
+from umo.generate.struct_memory import WRONG, ValueDoesNotFit
 from umo.generate.translation import Translation
 from umo.generate.translator import translate
 from umo.objects import Compound, Quality, Vector
@@ -55,7 +55,7 @@ from umo.objects.atomic import Binary
 from umo.wiring.wired import Wired
 
 COMPARED = 20
-"""Periods in which each law is compared."""
+"""Number of periods in which each law is compared."""
 BAD_INPUT, NEVER_READ, NO_HOST = 6, 7, 10
 NUMBERS: tuple[tuple[type[BaseException], int], ...] = (
     (Interlocked, 8),
@@ -72,7 +72,7 @@ OWN_TEXTS: dict[type[BaseException], str] = {
 
 
 class NotCompiled(DeclarationError):
-    """Laws stay in Python: `reasons` are all that is in the way, the message has the first."""
+    """Laws stay in Python. `reasons` has all obstacles, the message has the first."""
 
     def __init__(self, reasons: Sequence[str]) -> None:
         first, *more = reasons
@@ -96,20 +96,20 @@ class TranslatedLaws:
     laws: list[MethodType]
     translation: Translation
     conditions: int
-    """How many conditions of interlocks are translated: all or none."""
+    """The number of translated conditions of interlocks: all or 0."""
     left_out: str
-    """Why none is; empty where all are."""
+    """Why they are not translated; empty if they are."""
     source: str
 
 
 def prepare(root: Compound, wired: Wired) -> PreparedLaws:
-    """Compile the laws of a machine, before it is connected. DeclarationError with what is in the way."""
+    """Compile the laws of a machine before it is connected. DeclarationError with all obstacles."""
     source = source_of(root, wired)
     return PreparedLaws(wired, source, library_of(source))
 
 
 def source_of(root: Compound, wired: Wired) -> str:
-    """The laws of a machine that is not connected, in C. NotCompiled with what is in the way."""
+    """Return the laws of a machine that is not connected, in C. NotCompiled with all obstacles."""
     if wired.controllers:
         raise NotCompiled(["parts of it run on controllers"])
     with laid_out(root, wired) as model:
@@ -117,7 +117,7 @@ def source_of(root: Compound, wired: Wired) -> str:
 
 
 def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
-    """The laws of a machine that is connected, or laid out as if it were. NotCompiled with what is in the way."""
+    """Return the laws of a machine that is connected, or laid out as if it were. NotCompiled with all obstacles."""
     laws = [law.control for law in model.laws]
     if not laws:
         raise NotCompiled(["it has no laws"])
@@ -137,17 +137,17 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
 
 
 def _not_on_columns(translation: Translation) -> Iterator[str]:
-    """What is translated, and cannot work on Python's memory."""
+    """The translated parts that cannot work on Python's memory."""
     for struct in translation.structs:
         if isinstance(struct.owner, DequeFields):
             continue
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
-            yield f"{struct.path} is no object whose attributes can be elsewhere"
+            yield f"{struct.path} is not an object whose attributes can be stored elsewhere"
         for name, of in struct.fields.items():
             if any(map(_has_array, _inside(of))):
                 yield (
                     f"{struct.path or type(struct.owner).__name__}.{name} has a list or an array within another value "
-                    "or in the place of None: what others change in it would not be seen"
+                    "or in the place of None: changes through other references would not be seen"
                 )
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
@@ -155,7 +155,7 @@ def _not_on_columns(translation: Translation) -> Iterator[str]:
 
 
 def _inside(of: CType) -> list[CType]:
-    """The types of what is in a value of this one."""
+    """The types of the parts of a value of this type."""
     if isinstance(of, TupleType):
         return [each for _, each in of.members]
     return [of.of] if isinstance(of, OptionalType | ArrayType) else []
@@ -168,14 +168,14 @@ def _has_array(of: CType) -> bool:
 class CompiledLaws(Capability):
     """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python".
 
-    They are translated again, as they are now: what the wiring sets or a restart restores has called `setup` again,
-    which may have made other laws. The library is the same, unless the code is another."""
+    The laws are translated again in their current state: the wiring or a restart may have called `setup` again, which
+    may have made other laws. The library is compiled again only if the code differs."""
 
     def __init__(self, prepared: PreparedLaws) -> None:
         self._prepared = prepared
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """DeclarationError with what is in the way."""
+        """Attach the laws to the machine. DeclarationError with all obstacles."""
         prepared = self._prepared
         self._machine, self._image = machine, machine.image
         found = translated_laws(machine.root, model_of(machine, prepared.wired))
@@ -207,14 +207,14 @@ class CompiledLaws(Capability):
         self._native: list[Any] = []
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
-        """Comparisons of each law that are still to be made: one a period, in their order."""
+        """The remaining comparisons of each law. One is made per period, law after law."""
         inhibitions = machine.claims.inhibitions[: found.conditions]
         first, why = len(self._python), found.left_out
         self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)
         self._period = -1
         self._shadow: Any = None
         self._called: Callable[[], bool] | None = None
-        """What is called before the laws."""
+        """The function that is called before the laws."""
         self._asked = False
         self._error: tuple[int, BaseException] | None = None
         self.state = "compared"
@@ -229,31 +229,32 @@ class CompiledLaws(Capability):
 
     @property
     def has_deques(self) -> bool:
-        """Whether Python copies elements of deques before and after the laws."""
+        """True if Python copies elements of deques before and after the laws."""
         return bool(self._deques)
 
     def _use_watch(self) -> None:
         self._look_first(self._look if self._deques else self._watch.look)
 
     def _look_first(self, look: Callable[[], bool]) -> None:
-        """It is called before conditions and laws."""
+        """Call `look` before conditions and laws."""
         if self.state != "python":
             self._call_before_laws(look)
             self._conditions.look_first(look)
 
     def _call_before_laws(self, look: Callable[[], bool] | None) -> None:
-        """In the place of the one before."""
+        """Replace the function that is called before the laws."""
         phases, before = self._machine.phases, self._called
         others = [each for each in phases.before_laws if each is not before]
         phases.before_laws, self._called = [*([look] if look is not None else []), *others], look
 
     def _was_given(self, fields: BoundFields) -> None:
-        """An object was given a list or an array: it is looked at before the laws."""
+        """Note that an object was given a list or an array, so that it is checked before the laws."""
         self._waiting.append(fields)
         self._look_first(self._look)
 
     def _look(self) -> bool:
-        """Whether what translation took as known still is so; if not, Python drives from now on."""
+        """Return True if all values that translation took as known are unchanged. If not, Python runs the laws from now
+        on."""
         while self._waiting:
             self._waiting.pop().take_given()
             self._use_watch()
@@ -261,15 +262,15 @@ class CompiledLaws(Capability):
         return self.state != "python" and self._watch.look()
 
     def _push_deques(self) -> None:
-        """The library has the elements of deques that somebody has changed."""
+        """Copy the elements of deques that somebody has changed to the library."""
         try:
             for each in self._deques if self.state == "compiled" else ():
                 each.push()
-        except Unfitting as error:
+        except ValueDoesNotFit as error:
             self.give_up(str(error))
 
     def _pull_deques(self) -> None:
-        """Python has the elements of deques that laws have changed."""
+        """Copy the elements of deques that laws have changed to Python."""
         for each in self._deques:
             each.pull()
 
@@ -295,7 +296,7 @@ class CompiledLaws(Capability):
         return act
 
     def _tried(self, number: int) -> int | None:
-        """The fault of a compiled law, which works on copies; None: it asked for what only Python does."""
+        """Call a compiled law on copies and return its fault; None if it needed Python."""
         if not self._push():
             return None
         self._shadow, self._asked = self._image.columns.pending.copy(), False
@@ -307,7 +308,7 @@ class CompiledLaws(Capability):
         return None if self._asked else fault
 
     def _push(self) -> bool:
-        """The library has the attributes of Python; False: it cannot, and Python drives."""
+        """Copy the attributes of Python to the library. If one does not fit, return False, and Python runs the laws."""
         for memory in self._memories:
             try:
                 memory.push()
@@ -317,7 +318,7 @@ class CompiledLaws(Capability):
         return True
 
     def _judge(self, number: int, fault: int | None, error: BaseException | None) -> None:
-        """Whether the compiled law did what Python has done since."""
+        """Compare the effect of the compiled law with what Python has done since."""
         if self.state != "compared" or fault is None:
             return
         kind = None if fault == 0 else self._kind(fault)
@@ -359,11 +360,11 @@ class CompiledLaws(Capability):
         self._conditions.use()
         self._watch.on_renewal = self._use_watch
         self._use_watch()
-        self._tell("the laws are compiled: they were the same as in Python so far")
+        self._tell("the laws are compiled: so far they had the same results as in Python")
         if self._translation.notes:
-            self._tell(f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
+            self._tell(f"code that only makes texts is left out of them: {'; '.join(self._translation.notes)}")
         if mixed := [f"{each.label}.{name}" for each in self._memories for name in each.mixed]:
-            self._tell(f"a number that in Python changes its class is read as one class: {', '.join(mixed)}")
+            self._tell(f"numbers whose class varies in Python are read as one class: {', '.join(mixed)}")
         if self._conditions.left_out:
             self._tell(f"the conditions of interlocks run in Python: {self._conditions.left_out}")
         self._machine.acting_laws.replace([self._compiled(number, law) for number, law in enumerate(self._python)])
@@ -387,7 +388,7 @@ class CompiledLaws(Capability):
         return MethodType(act, law.__self__)
 
     def _changed(self, names: list[KnownName]) -> None:
-        """Somebody has set what translation took as known."""
+        """Let Python run the laws: somebody has set values that translation took as known."""
         first = names[0]
         by = next((each.setter(first.name) for each in self._fields if each.owner is first.owner), "")
         more = f", and {len(names) - 1} more" if len(names) > 1 else ""
@@ -395,7 +396,7 @@ class CompiledLaws(Capability):
         self.give_up(f"{first.label} was set{f' ({by})' if by else ''}{read}{more}")
 
     def give_up(self, reason: str) -> None:
-        """The laws run in Python from now on."""
+        """Let Python run the laws from now on."""
         if self.state == "python":
             return
         self._release()
@@ -407,7 +408,7 @@ class CompiledLaws(Capability):
         self._machine.events.add(Event(self._machine.clock.now, "", text), logged=logged)
 
     def _release(self) -> None:
-        """The objects have their attributes themselves again."""
+        """Give the attributes back to the objects."""
         self.state = "python"
         self._call_before_laws(None)
         self._conditions.release()
@@ -424,7 +425,7 @@ class CompiledLaws(Capability):
         return found or RuntimeError
 
     def _failed(self, fault: int) -> None:
-        """Raise what Python would have raised, where it would have."""
+        """Raise the error that Python would have raised, at the place where it would have."""
         stored, self._error = self._error, None
         if stored is not None and stored[0] == fault:
             _raise(stored[1], *self._place(fault))
@@ -438,7 +439,8 @@ class CompiledLaws(Capability):
         _raise(error_as_written(kind, OWN_TEXTS.get(kind, text)), *self._place(fault))
 
     def _place(self, fault: int) -> tuple[str, int]:
-        """The file and the line that raise a fault, or call what raises it; none where Python makes a text."""
+        """Return the file and the line that raise a fault, or that call what raises it; none if Python makes its
+        text."""
         file, line = self._library.fault_place
         of_runtime = (self._translation.files[file], line) if line else ("", 0)
         return next(((each.file, each.line) for each in self._translation.faults if each.number == fault), of_runtime)
@@ -466,11 +468,11 @@ class CompiledLaws(Capability):
             READ(lambda slot, out: here._velocity(slot, out)),
             READ(lambda slot, out: here._read_now(slot, out)),
             HOST_CALL(lambda *given: here._host_call(*given)),
-            TELL(lambda number, given: here._tell_text(number, given)),
+            TEXT_CALLBACK(lambda number, given: here._tell_text(number, given)),
         )
 
     def _done(self, work: Callable[[], Any]) -> int:
-        """The fault of work that Python does."""
+        """Do work that needs Python, and return its fault."""
         if self.state == "compared":
             self._asked = True
             return NO_HOST
@@ -510,7 +512,7 @@ class CompiledLaws(Capability):
         return self._done(work)
 
     def _foresee(self, given: list[tuple[int, float]], taken: Any) -> int:
-        """What Python will do with these values, in the copy of what is pending; nothing is done."""
+        """Apply to the copy of what is pending what Python will do with these values. Nothing else is changed."""
         taken[0] = True
         try:
             values = [(slot, self._limited(slot, value, taken)) for slot, value in given]
@@ -547,17 +549,17 @@ class CompiledLaws(Capability):
         return 0
 
     def _tell_text(self, number: int, given: Any) -> int:
-        """An error or a text is made, of these variables. While Python drives it makes its own."""
+        """Make an error or a text of these variables. While Python runs the laws, it makes its own."""
         if self.state != "compiled":
             return 0
-        teller = self._translation.tellers[number]
+        text_maker = self._translation.text_makers[number]
 
         def work() -> None:
-            made = teller.make(*(self._library.variable(given[n], of) for n, of in enumerate(teller.given)))
-            if teller.field is not None:
-                setattr(*teller.field, made)
-            elif teller.fault:
-                self._error = teller.fault, made
+            made = text_maker.make(*(self._library.variable(given[n], of) for n, of in enumerate(text_maker.given)))
+            if text_maker.field is not None:
+                setattr(*text_maker.field, made)
+            elif text_maker.fault:
+                self._error = text_maker.fault, made
 
         return self._done(work)
 
@@ -573,7 +575,7 @@ def _told(error: Any) -> str:
 
 
 def _raise(error: BaseException, file: str, line: int) -> None:
-    """Raise an error that comes from this line of a file; without one it comes from where it does."""
+    """Raise an error as if from this line of a file; without a file, from where it was raised."""
     if not file:
         raise error
     exec(compile("\n" * max(0, line - 1) + "raise error", file, "exec"), {"error": error})

@@ -28,22 +28,22 @@ TARGETS: Mapping[str, ControllerTarget] = {
     "avr": ControllerTarget("avr", "float", table_bytes=32_767),
     "arduino": ControllerTarget("arduino", "float"),
 }
-"""The targets by name, with the numbers that they have of their own."""
+"""The targets by name, with their number types."""
 TARGET_HEADER = {
     "double": "/* umo_target.h: numbers are doubles. */\n",
     "float": "/* umo_target.h: numbers are floats of 32 bits. */\n#define UMO_FLOAT\n",
 }
-"""The file umo_target.h, of machines whose parts all have one rate."""
+"""The file umo_target.h for machines whose parts all have the same rate."""
 
 
 def target_header(target: ControllerTarget, groups: int) -> str:
-    """The file umo_target.h. `groups`: how many parts have rates of their own."""
+    """Return the file umo_target.h. `groups`: number of parts with rates of their own."""
     own = f"#define UMO_GROUPS {groups} /* parts that have a rate of their own */\n" if groups else ""
     return TARGET_HEADER[target.real] + own
 
 
 class NotTranslated(DeclarationError):
-    """A machine has no controller: `reasons` are all that is in the way."""
+    """A machine cannot be generated as a controller. `reasons` has all obstacles."""
 
     def __init__(self, machine: str, reasons: list[str]) -> None:
         super().__init__("\n".join([f"{machine} cannot be generated:", *reasons]))
@@ -51,7 +51,7 @@ class NotTranslated(DeclarationError):
 
 
 def check(model: ControllerModel, translation: Translation, tables: Iterable[NotGenerated] = ()) -> None:
-    """NotTranslated with everything that is in the way. `tables`: that are too large."""
+    """Raise NotTranslated with all obstacles. `tables`: the tables that are too large."""
     problems: list[NotGenerated | Untranslatable] = [
         *model.problems,
         *tables,
@@ -63,13 +63,13 @@ def check(model: ControllerModel, translation: Translation, tables: Iterable[Not
 
 
 def faults_of(translation: Translation) -> list[CodeFault]:
-    """Every fault by its number: those of the runtime, then those of translated code."""
+    """All faults by number: those of the runtime, then those of translated code."""
     own = [CodeFault(number, kind, text, "", 0, name) for number, (name, kind, text) in enumerate(RUNTIME_FAULTS, 1)]
     return [*own, *translation.faults]
 
 
 def files_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> dict[str, str]:
-    """The files by name, as text. NotTranslated where something is in the way."""
+    """Return the text of each file by name. NotTranslated with all obstacles."""
     check(model, translation, large_tables(model, target))
     files = {file.name: file.read_text("utf-8") for file in sorted(RUNTIME.iterdir()) if file.suffix in (".h", ".c")}
     if target.name != "host":
@@ -86,8 +86,8 @@ def files_of(model: ControllerModel, translation: Translation, target: Controlle
 
 
 def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
-    """Write the files. What a user fills in, io_board.c and the build file, stays as it is where it is there already;
-    the names of these are returned. A sketch has the name of its folder. OSError where a file cannot be written."""
+    """Write the files. Existing files that a user fills in, io_board.c and the build file, are not overwritten; their
+    names are returned. A sketch is named after its folder. OSError if a file cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
     files = {f"{folder.resolve().name}.ino" if name == "sketch.ino" else name: text for name, text in files.items()}
     kept = [name for name in files if _is_users(name) and (folder / name).exists()]
@@ -111,8 +111,8 @@ def _faults_header(translation: Translation) -> str:
 def _readme(text: str, model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
     notes = [*model.notes, *translation.notes]
     if target.real == "float" and (inexact := inexact_as_floats(model.objects)):
-        notes.append(f"floats of 32 bits do not tell all raw integers apart of: {', '.join(inexact)}")
-    taken = [f"taken as known: {each}" for each in translation.known.names.values() if each.is_worth_telling]
+        notes.append(f"32-bit floats cannot distinguish all raw integers of: {', '.join(inexact)}")
+    taken = [f"taken as known: {each}" for each in translation.known.names.values() if each.is_worth_noting]
     told = "".join(f"- {note}\n" for note in (*notes, *taken)) or "- Nothing.\n"
     numbers = {"double": "doubles: equal to the bit with Python", "float": "floats: within one raw step of Python"}
     return text.replace("@NAME@", model.name).replace("@NUMBERS@", numbers[target.real]).replace("@NOTES@", told)

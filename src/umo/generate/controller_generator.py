@@ -1,4 +1,4 @@
-"""From a machine and a wiring to the files of a controller."""
+"""Generates the files of a controller from a machine and a wiring."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from umo.text import did_you_mean
 
 
 def target_of(name: str, real: Literal["double", "float"] | None = None) -> ControllerTarget:
-    """The target of this name, with other numbers where `real` says so. DeclarationError for one that there is not."""
+    """Return the target of this name, with the number type `real` if given. DeclarationError if there is no such
+    target."""
     if name not in TARGETS:
-        raise DeclarationError(f"no target {name!r}{did_you_mean(name, TARGETS)}; there are: {', '.join(TARGETS)}")
+        raise DeclarationError(f"no target {name!r}{did_you_mean(name, TARGETS)}; choose from: {', '.join(TARGETS)}")
     if real == "double" and TARGETS[name].real == "float":
-        raise DeclarationError(f"the target {name} has no doubles: its compiler makes floats of them")
+        raise DeclarationError(f"the target {name} has no doubles: its compiler treats them as floats")
     return TARGETS[name] if real is None else replace(TARGETS[name], real=real)
 
 
 def generated(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, target: ControllerTarget
 ) -> dict[str, str]:
-    """The files by name. NotTranslated lists everything that is in the way. No device is opened."""
+    """Return the text of each file by name. NotTranslated lists all obstacles. No device is opened."""
     with laid_out(root, wiring) as model:
         translation = translate(root, model.conditions, model.steps, target)
         translation.problems += settings_of(translation.known, root)

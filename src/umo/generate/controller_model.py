@@ -1,8 +1,7 @@
-"""What a generated controller is made of: the objects, interlocks and laws of a machine, with their numbers.
+"""The model of a generated controller: the objects, interlocks and laws of a machine, with their numbers.
 
 It is read from a machine that is laid out as if it were connected (`laid_out`): the same slots, the same order of laws,
-the same raw integers of defaults. No device is opened.
-"""
+the same raw integers of defaults. No device is opened."""
 
 from __future__ import annotations
 
@@ -34,13 +33,13 @@ from umo.wiring.wired import AT_ONCE, Wire, Wired
 LEAST_RAW, GREATEST_RAW = -(2**31), 2**31 - 1
 """The raw integers of a controller have 32 bits."""
 MOST = 2**15 - 1
-"""What a number of objects reaches at most: it has 16 bits on a controller."""
+"""The highest number of an object: it has 16 bits on a controller."""
 EXACT_RAW = 2**24
-"""Whole numbers up to this one are exact as floats of 32 bits."""
+"""Integers up to this one are exact as 32-bit floats."""
 
 
 class NotGenerated(NamedTuple):
-    """Something of the declaration that a generated controller does not have."""
+    """A part of the declaration that a generated controller does not support."""
 
     path: str
     reason: str
@@ -52,16 +51,16 @@ class NotGenerated(NamedTuple):
 
 @dataclass(frozen=True)
 class ControllerObject:
-    """One object: its place in the image, and its numbers. A time or rate that is None: there is none."""
+    """One object: its place in the image and its numbers. A time or rate is None if it is not set."""
 
     slot: int
     path: str
     kind: str
     """The class, such as DigitalSensor."""
     units: str
-    """Units of a digital object; of a binary one its states."""
+    """The units of a digital object, or the states of a binary one."""
     channel: str
-    """The wire, as the wiring has it."""
+    """The wire as written in the wiring."""
     output: bool
     binary: bool
     synchronous: bool
@@ -90,9 +89,9 @@ class ControllerObject:
     invalid_raws: tuple[int, ...] = ()
     linearization: Linearization | None = None
     equipment: int = -1
-    """The innermost equipment around it; -1: none."""
+    """The innermost equipment around it; -1 if none."""
     group: int = -1
-    """The group in which it is moved; -1: that of the whole machine."""
+    """The group in which it is transferred; -1 for that of the whole machine."""
 
     @property
     def conditioned(self) -> bool:
@@ -102,7 +101,7 @@ class ControllerObject:
 
 @dataclass(frozen=True)
 class ControllerInterlock:
-    """One interlock; `outputs` are places among the outputs, in stop order."""
+    """One interlock. `outputs` are places among the outputs, in stop order."""
 
     condition: Callable[[], bool]
     reason: str
@@ -117,9 +116,9 @@ class ControllerEquipment:
 
     path: str
     outer: int
-    """The equipment around it; -1: none."""
+    """The equipment around it; -1 if none."""
     entered: list[MethodType]
-    """What is called when its fault begins, in pre-order."""
+    """The methods called when its fault begins, in pre-order."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ class ControllerGroup:
 
     path: str
     every: int
-    """The number of the machine's periods in one of its own."""
+    """The number of machine periods in one period of the part."""
     phase: int
     """The number of the first period in which it acts; 0: `every`."""
     period: float
@@ -136,8 +135,8 @@ class ControllerGroup:
 
 @dataclass(frozen=True)
 class ControllerLaw:
-    """A law, the innermost equipment around it, -1: none, and the group in which it acts, -1: that of the whole
-    machine."""
+    """A law, the innermost equipment around it (-1 for none), and the group in which it acts (-1 for that of the whole
+    machine)."""
 
     control: MethodType
     equipment: int
@@ -146,7 +145,7 @@ class ControllerLaw:
 
 @dataclass
 class ControllerModel:
-    """A machine, as a controller has it."""
+    """A machine as a controller needs it."""
 
     name: str
     period: float
@@ -155,39 +154,40 @@ class ControllerModel:
     inputs: int
     """The number of the sampled inputs."""
     outputs: list[int]
-    """The slots of the actuators, by their places in what is sent."""
+    """The slots of the actuators, in the order of the transfer."""
     stop_order: list[int]
-    """TruePlaces of the actuators in the order in which they go to their defaults."""
+    """The places of the actuators in the order in which they go to their defaults."""
     timer: int
     interlocks: list[ControllerInterlock]
     equipment: list[ControllerEquipment]
-    """The outer before the inner."""
+    """Outer equipment before inner."""
     laws: list[ControllerLaw]
-    """The `control` of each class that has its own, in the order in which those of a group act."""
+    """The `control` methods, each of the class that defines it, in the order in which those of a group act."""
     groups: list[ControllerGroup] = field(default_factory=list)
     """The parts with rates of their own, the fastest first."""
     axes: list[Axis] = field(default_factory=list)
-    """Those that brake when nobody is in charge."""
+    """The axes that brake when nobody is in charge."""
     problems: list[NotGenerated] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
     def conditions(self) -> list[Callable[[], bool]]:
-        """What is asked: the conditions of the interlocks, then whether axes move."""
+        """The functions that return a condition: those of the interlocks, then whether axes move."""
         return [*(each.condition for each in self.interlocks), *(axis._moves for axis in self.axes)]
 
     @property
     def steps(self) -> list[Callable[..., Any]]:
-        """What acts: the laws, then what is called at faults of equipment, then the braking of axes."""
+        """The functions that act: the laws, then the methods called at faults of equipment, then the braking of
+        axes."""
         entered = [one for each in self.equipment for one in each.entered]
         return [*(each.control for each in self.laws), *entered, *(axis._brake for axis in self.axes)]
 
 
 @contextmanager
 def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | None = None) -> Iterator[ControllerModel]:
-    """The model of a machine with this wiring. Inside, the objects of the machine have their slots, calibrations and
-    parameters as if they were connected; no device is opened, and nothing is read or written. Errors as of `connect`.
-    """
+    """Return a context that yields the model of a machine with this wiring. Inside the context, the objects have their
+    slots, calibrations and parameters as if they were connected; no device is opened, and nothing is read or written.
+    Errors as of `connect`."""
     if root.cycle.connected:
         raise DeclarationError(f"{type(root).__name__} is already connected")
     wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
@@ -237,20 +237,21 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
 
 
 def _group(machine: ConnectedMachine, node: Any) -> int:
-    """The place of the group in which a node lies; -1: that of the whole machine."""
+    """Return the number of the group that contains a node; -1 for that of the whole machine."""
     group = machine.groups.of(node)
     return group.clock.group if isinstance(group, PartGroup) else -1
 
 
 class _Containing:
-    """The equipment of a machine. What contains its failures in manual mode only is none: a controller has no modes."""
+    """The equipment of a machine, without equipment that contains failures in manual mode only: a controller has no
+    modes."""
 
     def __init__(self, root: Compound) -> None:
         self._all = [each for each in equipment_in(root) if each._settings.equipment != IN_MANUAL]
         self._numbers = {id(each): number for number, each in enumerate(self._all)}
 
     def innermost(self, node: Any) -> int:
-        """The number of the innermost equipment around an object; -1: none."""
+        """Return the number of the innermost equipment around an object; -1 if there is none."""
         while isinstance(node, Node):
             if (found := self._numbers.get(id(node))) is not None:
                 return found
@@ -336,7 +337,7 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
 
 
 def too_many(model: ControllerModel) -> Iterator[NotGenerated]:
-    """What there is more of than its number holds."""
+    """The kinds of parts that exceed the range of their numbers."""
     counts = [
         ("", "objects", len(model.objects)),
         ("", "interlocks", len(model.interlocks)),
@@ -349,7 +350,9 @@ def too_many(model: ControllerModel) -> Iterator[NotGenerated]:
             yield NotGenerated(path, f"it has {count} {what}", f"a controller has {MOST} at most")
     for each in model.groups:
         if each.every > GREATEST_RAW:
-            yield NotGenerated(each.path, f"it acts every {each.every} periods", f"every {GREATEST_RAW} at most")
+            yield NotGenerated(
+                each.path, f"it acts every {each.every} periods", f"at most every {GREATEST_RAW} periods"
+            )
 
 
 def _problems_of(one: ControllerObject) -> Iterator[NotGenerated]:
@@ -358,28 +361,28 @@ def _problems_of(one: ControllerObject) -> Iterator[NotGenerated]:
         nearest = "a coarser resolution, or a smaller range"
         yield NotGenerated(one.path, f"its raw integers reach {raws[1]:.0f}, beyond 32 bits", nearest)
     if one.rollover_bits > 32:
-        yield NotGenerated(one.path, f"its counter has {one.rollover_bits} bits", "a counter of 32 bits at most")
+        yield NotGenerated(one.path, f"its counter has {one.rollover_bits} bits", "a counter of at most 32 bits")
     if one.linearization is not None and not has_curves(one.linearization):
         nearest = "a Polynomial, a LookupTable or a Thermocouple"
-        yield NotGenerated(one.path, f"{one.linearization} is a linearization of its own", nearest)
+        yield NotGenerated(one.path, f"{one.linearization} is a user-defined linearization", nearest)
 
 
 def _raws_of_range(one: ControllerObject) -> tuple[float, float]:
-    """The raw integers at the ends of a sensor's range; of one with a linearization 0: its table is within bounds."""
+    """Return the raw integers at the ends of a sensor's range; 0 if it has a linearization, whose table is bounded."""
     if one.linearization is not None or one.binary:
         return 0.0, 0.0
     return raw_bounds(*one.bounds, *one.scale)
 
 
 def has_curves(linearization: Linearization) -> bool:
-    """Whether it is interpolated in a table, both ways."""
+    """True if the linearization is interpolated in a table in both directions."""
     kind = type(linearization)
     own = kind.to_value is not Linearization.to_value or kind.to_input is not Linearization.to_input
     return not own and all(isinstance(each, Cubics | Segments) for each in curves_of(linearization))
 
 
 def curves_of(linearization: Linearization) -> tuple[Cubics | Segments, Cubics | Segments]:
-    """From the electrical quantity to the value, and back."""
+    """Return the curves from the electrical quantity to the value, and back."""
     return linearization._forward, linearization._inverse
 
 
@@ -392,6 +395,6 @@ def _notes(objects: list[ControllerObject]) -> Iterator[str]:
 
 
 def inexact_as_floats(objects: list[ControllerObject]) -> list[str]:
-    """The paths of objects whose raw integers a float of 32 bits does not tell apart."""
+    """The paths of objects whose raw integers cannot all be told apart as 32-bit floats."""
     ends = ((one, one.raws if one.output else _raws_of_range(one)) for one in objects)
     return [one.path for one, raws in ends if any(isfinite(raw) and abs(raw) > EXACT_RAW for raw in raws)]

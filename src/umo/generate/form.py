@@ -1,23 +1,45 @@
-"""The intermediate form of translated code: values, places, statements and functions, each of one type.
+"""The intermediate form of translated code: typed values, places, statements and functions.
 
-Python is lowered to it (`umo.generate.lower`), it is looked through and simplified (`umo.generate.check`), and C is
-printed from it (`umo.generate.emit`). A value has no effects: what changes something, or may fail, is a statement. A
-statement knows the line of Python that it comes from.
-"""
+Python is lowered to it (`umo.generate.lower`), it is analysed and simplified (`umo.generate.check`), and printed as C
+(`umo.generate.emit`). A value has no effects: whatever changes something or may fail is a statement. A statement knows
+the line of Python that it comes from."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from operator import is_
-from typing import Any
+from typing import Any, Self, get_args, get_type_hints
 
 from umo.generate.c_types import BOOL, INT, CType
 
 
 class FormNode:
-    """A part of the form. Nodes are equal where all that they are made of is."""
+    """A part of the form. Nodes are equal if all their parts are equal."""
+
+    @cached_property
+    def children(self) -> tuple[FormNode, ...]:
+        """The nodes in this node."""
+        found: list[FormNode] = []
+        kind: Any = type(self)
+        for name in _parts(kind):
+            part = getattr(self, name)
+            if isinstance(part, tuple):
+                found += part
+            elif isinstance(part, FormNode):
+                found.append(part)
+        return tuple(found)
+
+    @cached_property
+    def inner(self) -> tuple[Statement | ErrorHandler, ...]:
+        """The statements in this node, and handlers, which contain statements."""
+        return tuple(each for each in self.children if isinstance(each, Statement | ErrorHandler))
+
+    @cached_property
+    def mentioned(self) -> frozenset[Local | Temporary]:
+        """The local names and temporaries in it."""
+        return frozenset[Local | Temporary]().union(*(each.mentioned for each in self.children))
 
 
 class Value(FormNode):
@@ -26,7 +48,7 @@ class Value(FormNode):
 
 @dataclass(frozen=True)
 class Literal(Value):
-    """A number, a bool, the number of a state, or qualities that are accepted, as bits."""
+    """A number, a bool, the number of a state, or accepted qualities as bits."""
 
     value: float
     of: CType
@@ -34,18 +56,26 @@ class Literal(Value):
 
 @dataclass(frozen=True)
 class Local(Value):
-    """A local name of Python, or a parameter: it may be assigned again and again."""
+    """A local name or a parameter of Python. It may be assigned several times."""
 
     name: str
     of_generator: bool = False
-    """Whether it is one of a generator, outside of which nothing reads it."""
+    """True if it belongs to a generator, outside of which nothing reads it."""
+
+    @property
+    def mentioned(self) -> frozenset[Local | Temporary]:
+        return frozenset((self,))
 
 
 @dataclass(frozen=True)
 class Temporary(Value):
-    """A name for a value that is computed once: nothing assigns it after its first use."""
+    """A name for a value that is computed once: it is not assigned after its first use."""
 
     name: str
+
+    @property
+    def mentioned(self) -> frozenset[Local | Temporary]:
+        return frozenset((self,))
 
 
 @dataclass(frozen=True)
@@ -58,7 +88,7 @@ class Field(Value):
 
 @dataclass(frozen=True)
 class Member(Value):
-    """A member of a tuple; `has` and `value` of what may be None."""
+    """A member of a tuple; `has` or `value` of an optional value."""
 
     whole: Value
     name: str
@@ -66,15 +96,15 @@ class Member(Value):
 
 @dataclass(frozen=True)
 class Element(Value):
-    """An element of an array, whose index is within its bounds."""
+    """An element of an array. Its index is within the bounds."""
 
     whole: Value
     index: Value
 
 
 @dataclass(frozen=True)
-class Here(Value):
-    """The place at which an array is computed element by element."""
+class CurrentIndex(Value):
+    """The current index where an array is computed element by element."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +117,8 @@ class Unary(Value):
 
 @dataclass(frozen=True)
 class Operator(Value):
-    """An operator of C, whose operands have the type that it is to compute in; `&&` and `||` compute the second one
-    only if they need it."""
+    """An operator of C. Its operands have the type in which it computes; `&&` and `||` compute the second operand only
+    if needed."""
 
     sign: str
     left: Value
@@ -106,7 +136,7 @@ class Conditional(Value):
 
 @dataclass(frozen=True)
 class Runtime(Value):
-    """What a function of the runtime gives: it changes nothing and has no fault."""
+    """A call of a runtime function that changes nothing and has no fault."""
 
     name: str
     arguments: tuple[Value, ...]
@@ -114,7 +144,7 @@ class Runtime(Value):
 
 @dataclass(frozen=True)
 class Conversion(Value):
-    """A number as another type."""
+    """A number converted to another type."""
 
     of: CType
     operand: Value
@@ -129,15 +159,15 @@ class TupleOf(Value):
 
 
 @dataclass(frozen=True)
-class Absent(Value):
-    """None, where another value may be."""
+class NoneValue(Value):
+    """None, as an optional value."""
 
     of: CType
 
 
 @dataclass(frozen=True)
-class Given(Value):
-    """A value where None may be."""
+class OptionalValue(Value):
+    """A value, as an optional value."""
 
     of: CType
     value: Value
@@ -157,7 +187,7 @@ class Object(Value):
 
 @dataclass(frozen=True)
 class ObjectOf(Value):
-    """An object of a Vector: the one at this place of a table of slots."""
+    """The object of a Vector at this place in a table of slots."""
 
     table: str
     index: Value
@@ -180,26 +210,26 @@ class SlotTable(Value):
 
 @dataclass(frozen=True)
 class Address(Value):
-    """Where something is, for a function of the runtime that fills it."""
+    """The address of a place, for a function of the runtime that fills it."""
 
     place: Value
 
 
 @dataclass(frozen=True)
 class Elements(Value):
-    """Where the elements of an array begin."""
+    """The address of the first element of an array."""
 
     array: Value
 
 
 @dataclass(frozen=True)
 class Null(Value):
-    """No address."""
+    """The null pointer."""
 
 
 @dataclass(frozen=True)
 class Reals(Value):
-    """Real numbers in a row."""
+    """Real numbers in a constant array."""
 
     parts: tuple[Value, ...]
 
@@ -217,6 +247,12 @@ class Statement(FormNode):
     line: int = field(default=0, kw_only=True, compare=False)
     """The line of Python, in the file of the function."""
 
+    def at(self, line: int) -> Self:
+        """Return the statement as if from this line."""
+        new = object.__new__(type(self))
+        vars(new).update(vars(self), line=line)
+        return new
+
 
 Statements = tuple[Statement, ...]
 
@@ -229,7 +265,7 @@ class Assign(Statement):
 
 @dataclass(frozen=True)
 class Begin(Statement):
-    """A variable begins, with this value; None: with zero, or None."""
+    """The declaration of a variable with this value; None: with zero or None."""
 
     place: Value
     of: CType
@@ -237,33 +273,33 @@ class Begin(Statement):
 
 
 @dataclass(frozen=True)
-class Do(Statement):
-    """A function of the runtime that changes something, and has no fault."""
+class RuntimeCall(Statement):
+    """A call of a runtime function that changes something and has no fault."""
 
     call: Runtime
 
 
 @dataclass(frozen=True)
 class CallStatement(Statement):
-    """A function that may fail: of the runtime, or one that is translated too. The failure goes on from here."""
+    """A call that may fail, of the runtime or of a translated function. The failure continues from here."""
 
     function: str
     arguments: tuple[Value, ...]
     out: Value | None = None
-    """Where its result goes; the elements of an array as `Elements`."""
+    """The place for its result; `Elements` for the elements of an array."""
 
 
 @dataclass(frozen=True)
-class TellStatement(Statement):
-    """Python makes the text of this number, of these variables: nothing of the form reads it. It may fail."""
+class TextStatement(Statement):
+    """Python makes the text with this number, from these variables. Nothing in the form reads the text. It may fail."""
 
     number: int
     given: tuple[Value, ...]
 
 
 @dataclass(frozen=True)
-class Checked(Statement):
-    """Arithmetic of whole numbers: "add", "sub", "mul" or "shift_left"; the fault where it leaves 32 bits."""
+class CheckedArithmetic(Statement):
+    """Arithmetic of integers: "add", "sub", "mul" or "shift_left", with a fault if the result leaves 32 bits."""
 
     what: str
     place: Value
@@ -274,11 +310,11 @@ class Checked(Statement):
 
 @dataclass(frozen=True)
 class Choose(Statement):
-    """A place gets one of several values of a type, by its number in the table of them."""
+    """Assigns one of several values of a type to a place, by its number in a table."""
 
     place: Value
     table: str
-    """A name for it."""
+    """The name of the table."""
     of: CType
     values: tuple[Value, ...]
     index: Value
@@ -292,8 +328,8 @@ class If(Statement):
 
 
 @dataclass(frozen=True)
-class Forever(Statement):
-    """A loop that is left by `Leave` of this label; `NextTurn` goes to its beginning."""
+class EndlessLoop(Statement):
+    """An endless loop. `Leave` with this label ends it; `NextTurn` continues at its beginning."""
 
     label: str
     body: Statements
@@ -301,7 +337,7 @@ class Forever(Statement):
 
 @dataclass(frozen=True)
 class CountedLoop(Statement):
-    """A loop whose `turn` goes from `first` on, while it is below `end`; above, with a negative step."""
+    """A loop that counts `turn` from `first` to below `end`, or to above it if the step is negative."""
 
     label: str
     turn: Value
@@ -310,12 +346,12 @@ class CountedLoop(Statement):
     step: int
     body: Statements
     of: CType | None = None
-    """Where the loop declares its `turn`, the type of it."""
+    """The type of `turn`, if the loop declares it."""
 
 
 @dataclass(frozen=True)
 class Labelled(Statement):
-    """Statements that `Leave` of this label leaves."""
+    """Statements that `Leave` with this label leaves."""
 
     label: str
     body: Statements
@@ -328,21 +364,21 @@ class Leave(Statement):
 
 @dataclass(frozen=True)
 class NextTurn(Statement):
-    """Go on with the next turn of a loop."""
+    """Continues with the next turn of a loop."""
 
     label: str
 
 
 @dataclass(frozen=True)
 class Fail(Statement):
-    """The fault of this number, or one that was caught."""
+    """Raises the fault with this number, or one that was caught."""
 
     fault: int | Value
 
 
 @dataclass(frozen=True)
 class ErrorHandler(FormNode):
-    """What is done at a fault of one of these classes."""
+    """The statements carried out at a fault of one of these classes."""
 
     kinds: tuple[type[BaseException], ...]
     body: Statements
@@ -350,7 +386,8 @@ class ErrorHandler(FormNode):
 
 @dataclass(frozen=True)
 class Try(Statement):
-    """A failure in `body` goes to the first handler that it is for, else on; `orelse` follows where there was none."""
+    """A failure in `body` goes to the first handler of its class, or continues if there is none. `orelse` follows if
+    there was no failure."""
 
     caught: Temporary
     body: Statements
@@ -360,8 +397,8 @@ class Try(Statement):
 
 @dataclass(frozen=True)
 class Finally(Statement):
-    """`last` is done on every way out of `body`: at a failure, which is in `pending`, and at a return, which is marked
-    in `returning`; None: there is none."""
+    """`last` is carried out on every way out of `body`: after a failure, which is in `pending`, and after a return,
+    which sets `returning` (None if there is no return)."""
 
     pending: Temporary | None
     returning: Temporary | None
@@ -376,16 +413,16 @@ class Return(Statement):
 
 @dataclass(frozen=True)
 class FunctionForm(FormNode):
-    """A function. It returns its fault; its result goes to `out`."""
+    """A function. It returns its fault; its result is stored in `out`."""
 
     name: str
     title: str
-    """What it is in Python."""
+    """Its name in Python."""
     file: str
     line: int
     parameters: tuple[tuple[str, CType], ...]
     variables: tuple[tuple[str, CType], ...]
-    """Local ones and temporaries."""
+    """Local names and temporaries."""
     result: CType
     body: Statements
 
@@ -399,57 +436,67 @@ BODIES = "body", "orelse", "last"
 
 @cache
 def _parts(kind: Any) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(kind))
+    """The names of the fields of a node class that hold nodes or tuples of nodes."""
+    return tuple(name for name, hint in get_type_hints(kind).items() if _is_of_nodes(hint))
 
 
-def _inner(node: FormNode) -> Iterator[tuple[str, Any]]:
-    kind: Any = type(node)
-    return ((name, getattr(node, name)) for name in _parts(kind))
-
-
-def children(node: FormNode) -> Iterator[FormNode]:
-    """The nodes that a node is made of."""
-    kind: Any = type(node)
-    for name in _parts(kind):
-        found = getattr(node, name)
-        if isinstance(found, FormNode):
-            yield found
-        elif isinstance(found, tuple):
-            for each in found:
-                if isinstance(each, FormNode):
-                    yield each
+def _is_of_nodes(hint: Any) -> bool:
+    return (isinstance(hint, type) and issubclass(hint, FormNode)) or any(map(_is_of_nodes, get_args(hint)))
 
 
 def walk(*nodes: FormNode) -> Iterator[FormNode]:
-    """Every node in these, themselves included."""
+    """All nodes in these, including themselves."""
     waiting = [*reversed(nodes)]
     while waiting:
         node = waiting.pop()
         yield node
-        waiting += reversed([*children(node)])
+        waiting += reversed(node.children)
+
+
+def statements(*nodes: Statement | FunctionForm) -> Iterator[FormNode]:
+    """All statements and handlers in these, including themselves, without the values in them."""
+    waiting: list[FormNode] = [*reversed(nodes)]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += reversed(node.inner)
 
 
 def rebuilt(node: Any, change: Callable[[Any], Any]) -> Any:
-    """The same, in which each node became what `change` makes of it, the inner ones first."""
-    new = {}
-    for name, found in _inner(node):
-        after = found
+    """Return a copy in which each node is replaced by `change(node)`, inner nodes first."""
+    if not node.children:
+        return change(node)
+    kind: Any = type(node)
+    new: dict[str, Any] = {}
+    for name in _parts(kind):
+        found = getattr(node, name)
         if isinstance(found, FormNode):
-            after = rebuilt(found, change)
-        elif isinstance(found, tuple) and any(isinstance(each, FormNode) for each in found):
-            after = tuple(rebuilt(each, change) for each in found)
-            after = found if all(map(is_, found, after)) else after
-        if after is not found:
-            new[name] = after
-    return change(replace(node, **new) if new else node)
+            new[name] = rebuilt(found, change)
+        elif found:
+            new[name] = tuple([rebuilt(each, change) for each in found])
+    return change(_with(node, new))
+
+
+def _with(node: Any, parts: Mapping[str, Any]) -> Any:
+    """Return the node with these parts."""
+    new = {name: each for name, each in parts.items() if not _is_same(getattr(node, name), each)}
+    return replace(node, **new) if new else node
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(is_, one, other))
+    return one is other
 
 
 def with_bodies(statement: Statement, change: Callable[[Statements], Statements]) -> Statement:
-    """The same statement, whose bodies became what `change` makes of them."""
+    """Return the statement with its bodies replaced by `change(body)`."""
+    if not statement.inner:
+        return statement
     new: dict[str, Any] = {name: change(getattr(statement, name)) for name in BODIES if getattr(statement, name, ())}
     if isinstance(statement, Try):
-        new["handlers"] = tuple(replace(each, body=change(each.body)) for each in statement.handlers)
-    return replace(statement, **new) if new else statement
+        new["handlers"] = tuple(_with(each, {"body": change(each.body)}) for each in statement.handlers)
+    return _with(statement, new)  # type: ignore[no-any-return]
 
 
 def bodies(statement: Statement) -> Iterator[Statements]:
@@ -460,44 +507,44 @@ def bodies(statement: Statement) -> Iterator[Statements]:
 
 
 def placed(value: Value, index: Value) -> Value:
-    """The value of an element at this place."""
-    found: Value = rebuilt(value, lambda each: index if isinstance(each, Here) else each)
+    """Return the value of an element at this index."""
+    found: Value = rebuilt(value, lambda each: index if isinstance(each, CurrentIndex) else each)
     return found
 
 
 def root(place: Value) -> Value:
-    """The variable or field that a place is in."""
+    """Return the variable or field that contains a place."""
     while isinstance(place, Member | Element):
         place = place.whole
     return place
 
 
 def is_place(value: Value) -> bool:
-    """Whether this is a variable, a field, or a part of one."""
+    """True if this is a variable, a field, or a part of one."""
     return isinstance(root(value), Local | Temporary | Field)
 
 
 def is_named(value: Value) -> bool:
-    """Whether this is a variable, a field, or a member of one: to find it computes nothing."""
+    """True if this is a variable, a field, or a member of one, so that nothing is computed to find it."""
     while isinstance(value, Member):
         value = value.whole
     return isinstance(value, Local | Temporary | Field)
 
 
 def is_settled(value: Value) -> bool:
-    """Whether it stays the same whatever is computed before it is used."""
+    """True if the value is not changed by any computation before it is used."""
     while isinstance(value, Member):
         value = value.whole
     return isinstance(value, Literal | Temporary)
 
 
 def whole(place: Value) -> Value:
-    """The place itself, where this is the value of what may be None."""
+    """Return the optional place if this is its value, otherwise the place itself."""
     return place.whole if isinstance(place, Member) and place.name == "value" else place
 
 
 def joined(sign: str, values: Sequence[Value]) -> Value:
-    """Several conditions, of which all (`&&`) or one (`||`) hold."""
+    """Return one condition that holds if all (`&&`) or one (`||`) of these hold."""
     first, *rest = values
     for each in rest:
         first = Operator(sign, first, each)
@@ -505,7 +552,7 @@ def joined(sign: str, values: Sequence[Value]) -> Value:
 
 
 def as_value(truth: Value | bool) -> Value:
-    """A condition, also one that is known already."""
+    """Return a condition as a value, including one that is already known."""
     return Literal(truth, BOOL) if isinstance(truth, bool) else truth
 
 
@@ -514,7 +561,7 @@ def negated(value: Value) -> Value:
 
 
 def differs(value: Value) -> Value:
-    """Whether a number is not 0."""
+    """Return the condition that a number is not 0."""
     return Operator("!=", value, ZERO)
 
 
@@ -544,24 +591,26 @@ class MachineForm:
     """The translated functions of one machine."""
 
     records: Sequence[CType] = ()
-    """The types of arrays and tuples, each after what it is made of."""
+    """The types of arrays and tuples, each after the types of its parts."""
     structs: Sequence[Struct] = ()
     tables: Mapping[str, Sequence[int]] = field(default_factory=dict)
     """Slots of the objects of Vectors, by the name of their table."""
     functions: Sequence[FunctionForm] = ()
     begin: Statements = ()
-    """What gives the fields their values."""
+    """The statements that set the initial values of the fields."""
     faults: Mapping[int, str] = field(default_factory=dict)
     """The names of the faults of the functions, by number."""
     handled: Mapping[tuple[type[BaseException], ...], Sequence[str]] = field(default_factory=dict)
     """The names of the faults that a handler of these classes catches."""
+    limits: Sequence[str] = ()
+    """The names of the faults that Python does not have: `finally` does nothing for them."""
 
     @cached_property
     def files(self) -> list[str]:
-        """Of the functions, in their order."""
+        """The source files of the functions, in their order."""
         return list(dict.fromkeys(one.file for one in self.functions))
 
     @cached_property
     def own(self) -> frozenset[str]:
-        """The names of the functions; others are the runtime's."""
+        """The names of the translated functions; other names belong to the runtime."""
         return frozenset(one.name for one in self.functions)

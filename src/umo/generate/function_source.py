@@ -1,28 +1,32 @@
-"""The source of a function: its tree, its file and what its names stand for."""
+"""The source of a function: its syntax tree, its file and the meaning of its names."""
 
 from __future__ import annotations
 
 import ast
 import builtins
 import linecache
-from collections.abc import Callable
+import re
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from types import CodeType, FunctionType, MethodType
 from typing import Any, NamedTuple
 
 ABSENT = object()
-"""No such name."""
+"""The value of a name that does not exist."""
+PRIVATE = re.compile(r"\b__\w+(?<!__)\b")
+"""Names that are mangled within a class."""
 
 
 class SourcedFunction(NamedTuple):
-    """A function with its tree."""
+    """A function with its syntax tree."""
 
     function: Any
-    """A function of Python."""
+    """A function written in Python."""
     tree: ast.FunctionDef | ast.Lambda
     file: str
-    """The path from its package on."""
+    """The path relative to the package."""
     text: list[str]
     """The lines of the file."""
 
@@ -31,7 +35,7 @@ class SourcedFunction(NamedTuple):
         return str(self.function.__qualname__).replace(".<locals>", "").replace("<lambda>", "condition")
 
     def meaning(self, name: str) -> Any:
-        """What a name that is no local one stands for; ABSENT: nothing."""
+        """Return the value of a name that is not local; ABSENT if it has none."""
         code = self.function.__code__
         if name in code.co_freevars and self.function.__closure__ is not None:
             try:
@@ -41,17 +45,17 @@ class SourcedFunction(NamedTuple):
         return self.function.__globals__.get(name, getattr(builtins, name, ABSENT))
 
     def is_local(self, name: str) -> bool:
-        """Whether the function itself assigns this name; functions within it may read it, too."""
+        """True if the function itself assigns this name, which nested functions may also read."""
         return name in self.function.__code__.co_varnames or name in self.function.__code__.co_cellvars
 
     @property
     def enclosed(self) -> tuple[Any, ...]:
-        """What its names of enclosing functions stand for, ABSENT where they have no value: two functions of the same
-        source differ in it."""
+        """The values of its names from enclosing functions, ABSENT if unset. Two functions with the same source may
+        differ in them."""
         return tuple(self.meaning(name) for name in self.function.__code__.co_freevars)
 
     def segment(self, node: ast.AST) -> str:
-        """The source of a node, in one line."""
+        """Return the source of a node on one line."""
         first, last = getattr(node, "lineno", None), getattr(node, "end_lineno", None)
         if first is None or last is None:
             return " ".join(ast.unparse(node).split())
@@ -62,7 +66,7 @@ class SourcedFunction(NamedTuple):
 
 
 class BoundFunction(NamedTuple):
-    """A function and the arguments that it already has."""
+    """A function and the arguments that are bound to it."""
 
     source: SourcedFunction
     given: tuple[Any, ...]
@@ -70,11 +74,11 @@ class BoundFunction(NamedTuple):
 
 
 class NoSource(Exception):
-    """A function has no source in Python that could be translated; the text says why."""
+    """A function has no Python source that could be translated. The message says why."""
 
 
 def bound(function: Callable[..., Any]) -> BoundFunction:
-    """A function, a method or a partial of one. NoSource if it is not one of Python."""
+    """Return a function, method or partial with its bound arguments. NoSource if it is not written in Python."""
     if isinstance(function, partial):
         inner = bound(function.func)
         return inner._replace(
@@ -92,28 +96,54 @@ def sourced(function: FunctionType) -> SourcedFunction:
     code = function.__code__
     text = linecache.getlines(code.co_filename, function.__globals__)
     if not text:
-        raise NoSource("it is not written in Python, or was made at run time")
-    lines = [line.rstrip("\n") for line in text]
-    found = [each for each in _functions("\n".join(lines)) if _is(each, code)]
+        raise NoSource("it is not written in Python, or was created at run time")
+    source = _source(tuple(text))
+    found = [each for each in source.functions.get(code.co_firstlineno, ()) if _is(each, code)]
     if len(found) != 1:
         raise NoSource("its source is not found, or has changed")
-    return SourcedFunction(function, found[0], shown_file(code.co_filename, function.__module__ or ""), lines)
+    return SourcedFunction(function, found[0], shown_file(code.co_filename, function.__module__ or ""), source.lines)
+
+
+class SourceText(NamedTuple):
+    """The lines of a file and the functions that begin in each line."""
+
+    lines: list[str]
+    functions: Mapping[int, list[ast.FunctionDef | ast.Lambda]]
 
 
 @cache
-def _functions(text: str) -> list[ast.FunctionDef | ast.Lambda]:
-    return [each for each in ast.walk(parsed(text)) if isinstance(each, ast.FunctionDef | ast.Lambda)]
+def _source(text: tuple[str, ...]) -> SourceText:
+    lines = [line.rstrip("\n") for line in text]
+    functions = defaultdict(list)
+    for each in nodes_of(parsed("\n".join(lines))):
+        if isinstance(each, ast.FunctionDef | ast.Lambda):
+            functions[_first_line(each)].append(each)
+    return SourceText(lines, functions)
+
+
+def nodes_of(tree: ast.AST) -> list[ast.AST]:
+    """The nodes of a tree without the contexts of names, as from `ast.walk` but faster."""
+    found = [tree]
+    for node in found:
+        for name in node._fields:
+            part = getattr(node, name, None)
+            if isinstance(part, list):
+                found += [each for each in part if isinstance(each, ast.AST)]
+            elif isinstance(part, ast.AST) and name != "ctx":
+                found.append(part)
+    return found
 
 
 def parsed(text: str) -> ast.Module:
-    """The tree of a module, in which private names (`self.__count`) are what they are at run time."""
+    """Return the tree of a module in which private names (`self.__count`) are mangled as at run time."""
     tree = ast.parse(text)
-    PrivateNames().visit(tree)
+    if PRIVATE.search(text):
+        PrivateNames().visit(tree)
     return tree
 
 
 class PrivateNames(ast.NodeVisitor):
-    """Within a class `__name` is `_Class__name`."""
+    """Replaces `__name` within a class by `_Class__name`."""
 
     def __init__(self) -> None:
         self._kind = ""
@@ -142,11 +172,17 @@ class PrivateNames(ast.NodeVisitor):
         return f"_{self._kind}{name}" if hidden else name
 
 
+def _first_line(tree: ast.FunctionDef | ast.Lambda) -> int:
+    """Return the first line of a function, including its decorators."""
+    above = () if isinstance(tree, ast.Lambda) else tree.decorator_list
+    return min([tree.lineno, *(each.lineno for each in above)])
+
+
 def _is(tree: ast.FunctionDef | ast.Lambda, code: CodeType) -> bool:
+    """True if this tree is the source of a code object that begins in the same line."""
     if isinstance(tree, ast.FunctionDef):
-        first = min([tree.lineno, *(each.lineno for each in tree.decorator_list)])
-        return code.co_name == tree.name and code.co_firstlineno == first
-    if code.co_name != "<lambda>" or code.co_firstlineno != tree.lineno:
+        return code.co_name == tree.name
+    if code.co_name != "<lambda>":
         return False
     body = tree.body
     places = [each for each in code.co_positions() if each[0] is not None and each[2] is not None and each[3]]
@@ -155,7 +191,8 @@ def _is(tree: ast.FunctionDef | ast.Lambda, code: CodeType) -> bool:
     return bool(inside) and sum(inside) >= len(inside) - 1  # the first one is that of the whole function
 
 
+@cache
 def shown_file(file: str, module: str) -> str:
-    """A file's path from its package on: it says nothing of the computer."""
+    """Return a file's path relative to its package, so that it does not depend on the computer."""
     depth = module.count(".") + 1 + (Path(file).name == "__init__.py")
     return "/".join(Path(file).parts[-depth:])

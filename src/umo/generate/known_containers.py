@@ -1,8 +1,7 @@
-"""Where code of an application may change a list, a dict or a set that translation takes as known: found by name.
+"""Finds code of an application that may change a list, dict or set that translation takes as known.
 
-Whoever has a container may change it. So each place where its name stands is looked at: it only reads elements, or it
-fills the container before a machine is translated, and nothing else gives it another name.
-"""
+Any code that has a container may change it. So each use of its name is checked: it may read elements, or fill the
+container before a machine is translated, but not give it another name."""
 
 from __future__ import annotations
 
@@ -14,13 +13,13 @@ from typing import Any, NamedTuple
 from umo.generate.known_values import Content, is_installed, vars_of
 
 ANY = ""
-"""The name of a container that is not known before it is changed."""
+"""The name of a container that is not known before run time."""
 FRESH = (ast.List, ast.ListComp, ast.Dict, ast.DictComp, ast.Set, ast.SetComp, ast.BinOp, ast.Tuple, ast.Constant)
-"""Expressions that give a new container, which has no other name, or none that can be changed."""
+"""Expressions that give a new container without another reference, or an immutable one."""
 MAKERS = "list", "dict", "set", "sorted", "tuple"
 READERS = ("print", "len", "dict", "list", "tuple", "set", "frozenset", "sorted", "repr", "str", "isinstance", "any",
            "all", "sum", "min", "max", "enumerate", "zip", "reversed")  # fmt: skip
-"""Functions that do not change a container that they are given, and keep its elements only."""
+"""Functions that do not change a container argument, and keep only its elements."""
 READING = "items", "keys", "values", "get", "copy", "index", "count"
 """Methods that do not change it."""
 TESTED = ast.If, ast.While, ast.IfExp, ast.Assert
@@ -29,21 +28,21 @@ READ_IN = ast.Compare, ast.UnaryOp, ast.BinOp, ast.Starred, ast.FormattedValue, 
 PLACES_OF_NAMES = {"getattr": 1, "setattr": -2, "__setattr__": -2}
 """The place of the name among the arguments of these functions."""
 BY_NAME = *PLACES_OF_NAMES, "attrgetter", "__getattribute__", "vars", "globals", "locals", "__dict__"
-"""What gives attributes whose names are texts, or sets them."""
+"""Functions that read or set attributes named by texts."""
 
 
 class ChangedPlace(NamedTuple):
-    """A place at which a container may be changed, or gets another name."""
+    """A place at which a container may be changed or gets another name."""
 
     name: str
-    """Of an attribute with a dot before it; ANY: any."""
+    """The name of an attribute after a dot, or ANY."""
     before: str = ""
-    """The function that runs before a machine is translated, in which this only fills what is of `self`; "": another
+    """The function that runs before a machine is translated and only fills containers of `self`; "" for another
     place."""
 
 
 def is_changed(content: Content, changed: frozenset[str]) -> bool:
-    """Whether a container that is known may be changed, where these names of containers are."""
+    """True if a known container may be changed through one of these names."""
     name, owner = content.name, content.name.owner
     if content.container is not name.value or type(content.container) not in (list, dict, set):
         return True
@@ -56,7 +55,7 @@ def is_changed(content: Content, changed: frozenset[str]) -> bool:
 
 
 def changed_in(tree: ast.AST, befores: tuple[str, ...]) -> Iterator[ChangedPlace]:
-    """Where one file may change containers."""
+    """The places in one file that may change containers."""
     yield from _Places(tree, befores).of(tree, "", "", False)
 
 
@@ -71,7 +70,8 @@ class _Places:
         self._own = self._imported | {*_defined(tree)}
 
     def of(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[ChangedPlace]:
-        """`before`: the function that runs before, in which this stands; `me`: its name of `self`."""
+        """The places in a node. `before`: the function around it that runs before translation; `me`: its name for
+        `self`."""
         for each in ast.iter_child_nodes(node):
             if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
                 first = each.args.posonlyargs + each.args.args
@@ -100,7 +100,7 @@ class _Places:
             yield ChangedPlace(node.name)
 
     def _only_reads(self, node: ast.Name | ast.Attribute) -> bool:
-        """Whether a container that stands here is only read, or begins here."""
+        """True if a container at this place is only read or created."""
         around = self._around[id(node)]
         if not isinstance(node.ctx, ast.Load):
             return id(node) in self._fresh
@@ -116,7 +116,7 @@ class _Places:
         return (isinstance(around, TESTED) and around.test is node) or isinstance(around, READ_IN)
 
     def _is_filled(self, node: ast.AST) -> bool:
-        """Whether this sets an element, adds to it, or calls a method."""
+        """True if this sets an element, adds to the container, or calls a method of it."""
         around = self._around[id(node)]
         return isinstance(around, ast.Subscript | ast.AugAssign) or (
             isinstance(around, ast.Attribute) and self._is_called(around)
@@ -127,7 +127,7 @@ class _Places:
         return isinstance(around, ast.Call) and around.func is node
 
     def _by_name(self, node: ast.AST) -> Iterator[ChangedPlace]:
-        """Attributes that are found by a text: `getattr(m, "name")`, `vars(m)["name"]`."""
+        """The attributes that are accessed by name: `getattr(m, "name")`, `vars(m)["name"]`."""
         around: Any = self._around[id(node)]
         if _last(node) in PLACES_OF_NAMES and self._is_called(node):
             key = around.args[PLACES_OF_NAMES[_last(node)]] if len(around.args) > 1 else None
@@ -139,7 +139,7 @@ class _Places:
 
 
 def _defined(tree: ast.AST) -> Iterator[str]:
-    """The names that a file gives another meaning."""
+    """The names that a file redefines."""
     for each in ast.walk(tree):
         if isinstance(each, ast.FunctionDef | ast.ClassDef):
             yield each.name
@@ -150,7 +150,7 @@ def _defined(tree: ast.AST) -> Iterator[str]:
 
 
 def _fresh_targets(node: ast.AST) -> Iterator[ast.AST]:
-    """What is assigned a new container: nothing else has it."""
+    """The targets of assignments of a new container, which has no other reference."""
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Attribute) and _is_fresh(node.value):
         yield node.target
     if isinstance(node, ast.AnnAssign) and "ClassVar" in ast.dump(node.annotation) and _is_fresh(node.value):

@@ -1,8 +1,7 @@
-"""Code of an application that sets what translation takes as known: found by name, before a controller is generated.
+"""Finds code of an application that sets what translation takes as known, before a controller is generated.
 
-A controller goes on with what was known when its code was made. So nothing of the application may set it: the modules
-of the station, and those of the classes that its machine is made of, are read for assignments to these names.
-"""
+A controller keeps the values that were known when its code was generated. So nothing in the application may set them:
+the modules of the station, and those of the classes of its machine, are searched for assignments to these names."""
 
 from __future__ import annotations
 
@@ -24,32 +23,32 @@ BEFORE = "setup", "__init__", "__post_init__", "__new__", "__set_name__", "__ini
 """Functions that run before a machine is translated."""
 SETTERS = "setattr", "delattr", "__setattr__", "__delattr__"
 NAMESPACES = "vars", "globals", "locals"
-"""Functions that give a namespace as a dict."""
+"""Functions that return a namespace as a dict."""
 PARTS = "__dict__", "__class__", "__bases__", "__code__", "__defaults__", "__kwdefaults__", "cell_contents"
-"""Attributes that change several names at once, or what a function does."""
+"""Attributes that change several names at once, or the behaviour of a function."""
 RUNNERS = "exec", "eval"
 UNFOLLOWED = *RUNNERS, "__set__", "__delete__", "__func__"
-"""What may set any name, or calls a method with another object."""
+"""Functions that may set any name, or call a method with another object."""
 FOLLOWED_CALLED = (*SETTERS, *NAMESPACES)
-"""What is followed where it is called, and only there."""
+"""Functions that are followed where they are called, and only there."""
 ONLY_COMPARED = "isinstance", "issubclass", "super", "cast"
-"""Functions that do nothing with a class that they are given."""
+"""Functions that only compare a class argument."""
 READERS = "print", "len", "dict", "list", "tuple", "set", "sorted", "repr", "str", "iter", "isinstance", "any", "all"
-"""Functions that do not change the dict that they are given."""
+"""Functions that do not change a dict argument."""
 READING = "items", "keys", "values", "get", "copy", "__contains__", "__getitem__", "__len__", "__iter__"
 """Methods of a dict that do not change it."""
 READ_IN = (ast.Subscript, ast.Compare, ast.For, ast.AsyncFor, ast.comprehension, ast.Expr, ast.FormattedValue, ast.If,
            ast.While, ast.UnaryOp, ast.BinOp, ast.Starred, ast.YieldFrom)  # fmt: skip
-"""Where a dict stands that is only read, or of which one name is set."""
+"""The nodes in which a dict is only read, or only one name in it is set."""
 ANY = ""
-"""The name of a setting that may be of any name."""
+"""The name of a setting that may set any name."""
 
 
 class Setting(NamedTuple):
     """A place in code that sets an attribute or a name of a module."""
 
     name: str
-    """What is set; ANY: it is not known before it is set."""
+    """The name that is set; ANY if it is not known before run time."""
     kind: str
     """The class in whose method `self` is set; "": another object."""
     file: str
@@ -59,32 +58,32 @@ class Setting(NamedTuple):
     method: str = ""
     """The name of the method in which `self` is set."""
     is_before: bool = False
-    """Whether that runs before a machine is translated, and counts only where it is called again."""
+    """True if the method runs before a machine is translated. It counts only if it is called again."""
     setup: str = ""
-    """The class in whose `setup` it is, which runs before if it is one of a part of the machine."""
+    """The class in whose `setup` this is. That runs before if the class is one of a part of the machine."""
     base: str = ""
     """The last name of the object in an assignment."""
 
 
 class Read(NamedTuple):
-    """What is found in one file."""
+    """The results from one file."""
 
     settings: tuple[Setting, ...]
     classes: frozenset[str] = frozenset()
     imported: frozenset[tuple[str, str]] = frozenset()
-    """Other names of what is imported, and its own."""
+    """The names of imports, and their original names."""
     methods: frozenset[tuple[str, str]] = frozenset()
-    """What is asked for a method, by its last name, and the method, but for `Base.method(self)`."""
+    """The last name of an object and the method called on it, except `Base.method(self)`."""
     values: frozenset[str] = frozenset()
-    """Names that stand as values: what is done with a class among them is not followed."""
+    """Names used as values: the further use of a class among them is not followed."""
     again: frozenset[str] = frozenset()
-    """Functions of BEFORE that something else asks for."""
+    """Functions of BEFORE that other code uses."""
     changed: frozenset[ChangedPlace] = frozenset()
-    """Where containers may be changed, by their names."""
+    """The places where containers may be changed, by their names."""
 
 
 def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatable]:
-    """What is taken as known, and can be another: it is set somewhere, or is a container that is changed in place."""
+    """The known names that may change: they are set somewhere, or are containers that are changed in place."""
     files = [(path, module, _read(path)) for path, module in _files(machine, known)]
     again = {name for *_, each in files for name in each.again}
     changed = frozenset(one.name for *_, each in files for one in each.changed if not one.before or one.before in again)
@@ -95,12 +94,12 @@ def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatabl
     for number in numbers_of(machine).values():
         if number.declared.tunable and (found := known.names.get((id(number.owner), number.name))) is not None:
             yield _untranslatable(
-                found, f"{number.path} is taken as known, and clients may set it", "a lower-case name"
+                found, f"{number.path} is taken as known, but clients may set it", "a lower-case name"
             )
     names = list(known.names.values())
     places = {(code.co_filename, code.co_firstlineno) for code in known.codes()}
     told = set[tuple[str, int]]()
-    given = _Given([each for *_, each in files])
+    given = _ClassUses([each for *_, each in files])
     kinds = {kind for each in (machine, *walk(machine)) for kind in type(each).__mro__}
     setups = {(getattr(sys.modules.get(kind.__module__), "__file__", None), kind.__name__) for kind in kinds}
     for path, module, read in files:
@@ -121,7 +120,7 @@ def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatabl
 
 
 def root_of(part: Compound) -> Compound:
-    """The machine that a part belongs to."""
+    """Return the machine that a part belongs to."""
     found: Any = part
     while found._parent is not None:
         found = found._parent
@@ -137,7 +136,7 @@ def _kind(container: Any) -> str:
 
 
 def _is_meant(setting: Setting, name: KnownName) -> bool:
-    """Whether this may be the name that is known: `self` of a method is an object of its class."""
+    """True if the setting may concern the known name: `self` of a method is an object of its class."""
     if not setting.kind:
         return True
     kinds = (name.owner if isinstance(name.owner, type) else type(name.owner)).__mro__
@@ -145,7 +144,7 @@ def _is_meant(setting: Setting, name: KnownName) -> bool:
 
 
 def _files(machine: Any, known: KnownValues) -> Iterator[tuple[str, str]]:
-    """The files that are read, with the names of their modules: of a station all, else those of the classes."""
+    """The files to search, with the names of their modules: all files of a station, otherwise those of the classes."""
     owners = [machine, *(each.owner for each in known.objects.values())]
     modules = {kind.__module__ for each in owners for kind in type(each).__mro__ if not isinstance(each, dict)}
     modules |= {str(each.owner.get("__name__", "")) for each in known.objects.values() if isinstance(each.owner, dict)}
@@ -178,7 +177,7 @@ def _parsed(path: str, changed: float) -> Read:
 
 
 def _read(path: str) -> Read:
-    """What is found in one file; nothing in one that is no Python."""
+    """Return the results from one file; none for a file that is not Python."""
     try:
         return _parsed(path, Path(path).stat().st_mtime)
     except (OSError, SyntaxError, ValueError):
@@ -186,7 +185,7 @@ def _read(path: str) -> Read:
 
 
 class _Search:
-    """The settings of one file."""
+    """The search for settings in one file."""
 
     def __init__(self, file: str) -> None:
         self._file = file
@@ -195,7 +194,8 @@ class _Search:
         yield from self._in(tree, "", "", 0, frozenset())
 
     def _in(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
-        """`me`: the name of `self`; `outer`: names of the module, or of an enclosing function."""
+        """The settings in a node. `me`: the name of `self`; `outer`: names of the module or of an enclosing
+        function."""
         for each in ast.iter_child_nodes(node):
             if (_is_whole(each) and not _only_reads(node)) or _is_unfollowed(each, node):
                 about = _is_of(each, me)
@@ -246,8 +246,8 @@ class _Search:
             yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
 
 
-class _Given:
-    """What the classes of some files are given to, and what is done with them."""
+class _ClassUses:
+    """The uses of the classes of some files: what they are passed to, and what is done with them."""
 
     def __init__(self, files: list[Read]) -> None:
         classes = {"type", "__class__", "cls", *(name for each in files for name in each.classes)}
@@ -258,13 +258,13 @@ class _Given:
         self._methods = {method for each in files for of, method in each.methods if of in self._classes}
 
     def any_object(self, setting: Setting) -> bool:
-        """Whether `self` may be any object, as a class is asked for its method (`Class.method(other)`), or is a value,
-        and so may be asked anywhere."""
+        """True if `self` may be any object, because the method is called through the class (`Class.method(other)`) or
+        is used as a value."""
         return setting.method in self._methods or setting.kind in self._values
 
     def is_harmless(self, setting: Setting, name: KnownName) -> bool:
-        """Whether an assignment does not change the name: a part, which a machine does not let go, or a property of a
-        class, whose setter it calls."""
+        """True if an assignment does not change the name: it is a part, which a machine does not give up, or a
+        property, whose setter is called."""
         owner = name.owner
         if not setting.base or setting.base in self._classes:
             return False
@@ -282,7 +282,8 @@ def _methods(tree: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
-    """The last names of what is not called, asked for an attribute, a base class, or in an annotation."""
+    """The last names of classes used otherwise than called, asked for an attribute, or named as a base class or in an
+    annotation."""
     if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
         is_called = isinstance(around, ast.Call) and around.func is node
         if not is_called and not isinstance(around, ast.Attribute | ast.ClassDef | ast.ExceptHandler):
@@ -296,7 +297,7 @@ def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
 
 
 def _again(node: ast.AST) -> Iterator[str]:
-    """The functions of BEFORE that are asked for elsewhere than in one of them."""
+    """The functions of BEFORE that code outside these functions uses."""
     for each in ast.iter_child_nodes(node):
         if isinstance(each, ast.FunctionDef) and each.name in BEFORE:
             continue
@@ -306,7 +307,7 @@ def _again(node: ast.AST) -> Iterator[str]:
 
 
 def _of_bases(kind: ast.ClassDef) -> Iterator[ast.AST]:
-    """Where methods of a class call those of its bases: `Base.method(self)`."""
+    """The calls of base class methods by methods of a class: `Base.method(self)`."""
     bases = set(map(_last, kind.bases))
     for each in ast.walk(kind):
         if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and _last(each.func.value) in bases:
@@ -316,14 +317,15 @@ def _of_bases(kind: ast.ClassDef) -> Iterator[ast.AST]:
 
 
 def _last(node: ast.AST) -> str:
-    """The last name of what is asked for something: `a.b` is b, `type(x)` is type; "": it has none."""
+    """Return the last name of an expression whose attribute is read: `a.b` is b, `type(x)` is type; "" if it has
+    none."""
     if isinstance(node, ast.Call):
         return "type" if isinstance(node.func, ast.Name) and node.func.id == "type" else ""
     return node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
 
 
 def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
-    """The nodes of a function, without those of functions in it."""
+    """The nodes of a function, without those of functions inside it."""
     for each in ast.iter_child_nodes(function):
         yield each
         if not isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
@@ -335,7 +337,7 @@ def _called_name(node: ast.AST) -> str:
 
 
 def _called(node: ast.Call) -> Iterator[tuple[str, ast.AST | None]]:
-    """The names that a call sets, and of what; None: it is not seen."""
+    """The names that a call sets, and the object; None: the object is unknown."""
     if (called := _called_name(node)) in SETTERS:
         yield _named(called, node.func, node)
     elif called == "reload" and (isinstance(node.func, ast.Name) or _last(node.func.value) == "importlib"):  # type: ignore[attr-defined]
@@ -343,7 +345,7 @@ def _called(node: ast.Call) -> Iterator[tuple[str, ast.AST | None]]:
 
 
 def _is_unfollowed(node: ast.AST, around: ast.AST) -> bool:
-    """Whether this may set any name: a setter that is no call, but a value, has another name, or stands in a text."""
+    """True if this may set any name: a setter that is passed as a value, renamed, or named in a text."""
     if isinstance(node, ast.alias):
         return node.name in (*FOLLOWED_CALLED, *UNFOLLOWED)
     if isinstance(node, ast.Constant):
@@ -357,7 +359,7 @@ def _is_unfollowed(node: ast.AST, around: ast.AST) -> bool:
 
 
 def _named(called: str, func: ast.AST, node: ast.Call) -> tuple[str, ast.AST | None]:
-    """The name that a setter sets: the one before the value, or the last; what stands before it is the object."""
+    """Return the name that a setter sets (the argument before the value, or the last one) and the object before it."""
     place = len(node.args) - (2 if "set" in called else 1)
     if node.keywords or place < 0 or any(isinstance(each, ast.Starred) for each in node.args):
         return ANY, None
@@ -367,7 +369,7 @@ def _named(called: str, func: ast.AST, node: ast.Call) -> tuple[str, ast.AST | N
 
 
 def _is_of(node: ast.AST | None, me: str) -> bool:
-    """Whether this is `self`, or its namespace."""
+    """True if this is `self` or its namespace."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "vars" and node.args:
         node = node.args[0]
     elif isinstance(node, ast.Attribute) and node.attr == "__dict__":
@@ -382,12 +384,12 @@ def _is_set(node: ast.Name | ast.Attribute | ast.Subscript) -> bool:
 
 
 def _is_parameter(function: ast.Lambda, name: str) -> bool:
-    """Whether a function in one line has this name for what it is given."""
+    """True if this is the parameter of a function on one line."""
     return any(each.arg == name for each in function.args.args)
 
 
 def _only_reads(node: ast.AST) -> bool:
-    """Whether a dict that stands in this node is only read there, and has no other name after it."""
+    """True if a dict at this place is only read and gets no other name."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id in READERS
     if isinstance(node, ast.Attribute):
@@ -398,7 +400,7 @@ def _only_reads(node: ast.AST) -> bool:
 
 
 def _is_whole(node: ast.AST) -> bool:
-    """Whether this is a namespace as a dict."""
+    """True if this is a namespace as a dict."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         return node.func.id in NAMESPACES
     return isinstance(node, ast.Attribute) and node.attr == "__dict__"

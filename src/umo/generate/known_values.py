@@ -1,10 +1,9 @@
-"""What translation takes as known: everything that control code reads and that is no tracked number.
+"""The values that translation takes as known: all values that control code reads, except tracked numbers.
 
 Each name is kept with its value and the line that reads it: attributes of objects, classes and modules, names of
-enclosing functions, the elements of containers, the code and the defaults of functions. Whoever sets one of them makes
-the translation wrong: compiled laws and hosts of controllers look at them (`known_watch.py`), the generator looks for
-code that sets them (`known_setters.py`).
-"""
+enclosing functions, elements of containers, the code and the defaults of functions. A change of one of them makes the
+translation wrong: compiled laws and hosts of controllers watch them (`known_watch.py`), and the generator looks for
+code that sets them (`known_setters.py`)."""
 
 from __future__ import annotations
 
@@ -25,28 +24,28 @@ from umo.generate.value_kinds import is_fixed_ring
 from umo.objects import Node
 
 ABSENT = object()
-"""The value of a name that is not there."""
+"""The value of a name that does not exist."""
 MUTABLE = list, dict, set, deque, MappingProxyType, bytearray, np.ndarray
-"""Containers whose elements are compared one by one."""
+"""Containers whose elements are compared individually."""
 PLAIN = str, bytes, bool, int, float, complex, type(None)
-"""Types of values that are equal where they are written alike."""
+"""Types whose values are equal if their texts are equal."""
 MOST_ELEMENTS = 4096
 HEAP_TYPE = 1 << 9
-"""Flag of a class that was made by a `class` statement: the others do not change."""
+"""The flag of a class made by a `class` statement. Other classes do not change."""
 OF_MEMBERS = {"name": "_name_", "value": "_value_"}
-"""Attributes of the members of each Enum, and where they are."""
+"""Attributes of the members of each Enum, and the attributes that store them."""
 FUNCTIONS = FunctionType, staticmethod, classmethod, property, cached_property
 
 
 class Unwatchable(Exception):
-    """What a value comes from cannot be seen to change; the text says why."""
+    """A value depends on something whose changes cannot be detected. The message says why."""
 
 
 class KnownName(NamedTuple):
     """A name whose value was taken as known, and the first line that reads it."""
 
     owner: Any
-    """The object, class or module; of a name of an enclosing function the function."""
+    """The object, class or module, or the function for a name of an enclosing function."""
     name: str
     value: Any
     file: str
@@ -54,7 +53,7 @@ class KnownName(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What it is called in messages, such as `Tank.mode_name` or `zones.3.mode_name`."""
+        """Return its name in messages, such as `Tank.mode_name` or `zones.3.mode_name`."""
         if isinstance(self.owner, dict | ModuleType):
             module = vars_of(self.owner)
             return f"{self.name} of {shown_file(module.get('__file__') or '', module.get('__name__') or '')}"
@@ -69,8 +68,9 @@ class KnownName(NamedTuple):
         return f"{self.file}:{self.line}"
 
     @property
-    def is_worth_telling(self) -> bool:
-        """Whether it is no function, class or module, no part at its own place, and no constant of umo or Python."""
+    def is_worth_noting(self) -> bool:
+        """True if a user wants to know this name: it is not a function, class or module, a part of the machine at its
+        place, or a constant of umo or Python."""
         if isinstance(self.value, type | ModuleType | property) or callable(self.value):
             return False
         if isinstance(self.owner, dict | ModuleType):
@@ -83,13 +83,13 @@ class KnownName(NamedTuple):
 
 @dataclass
 class Namespace:
-    """The names of one object, class or module, with their values; ABSENT: it is not to have the name."""
+    """The names of one object, class or module, with their values; ABSENT if the name must not exist."""
 
     owner: Any
-    """The object or class; of a module its dict."""
+    """The object or class, or the dict of a module."""
     names: dict[str, Any] = field(default_factory=dict)
     kind: type | None = None
-    """The class that the object is to have; None: any."""
+    """The class that the object must have; None: any."""
 
     @property
     def now(self) -> Any:
@@ -108,7 +108,7 @@ class Content(NamedTuple):
 
 
 class KnownValues:
-    """What one translation has taken as known."""
+    """The values that one translation has taken as known."""
 
     def __init__(self) -> None:
         self.names: dict[tuple[int, str], KnownName] = {}
@@ -117,16 +117,21 @@ class KnownValues:
         self.classes: dict[type, Namespace] = {}
         self.contents: dict[int, Content] = {}
         self.attributes: dict[tuple[int, str], tuple[Any, str, Any, KnownName]] = {}
-        """What is read from elsewhere: an object, its attribute, the value, and the name that it is told by."""
+        """Values from other places: the object, its attribute, the value, and the name used in messages."""
         self.fields: dict[tuple[int, str], KnownName] = {}
-        """Tracked numbers that are attributes of a class, as long as the object has none of its own."""
+        """Tracked numbers that are class attributes, as long as the object has none of its own."""
         self._told: dict[tuple[int, str], KnownName] = {}
-        """The names that a namespace's names are told by."""
+        """The names of a namespace as used in messages."""
+        self._read: set[tuple[int, str]] = set()
+        """Objects and their attributes that were already read."""
 
     # What translated code reads ------------------------------------------------------------------------
 
     def attribute(self, owner: Any, name: str, at: tuple[str, int]) -> None:
-        """An attribute of a live object, class or module, or that there is none. Unwatchable."""
+        """Record an attribute of a live object, class or module, or that there is none. Raise Unwatchable if its
+        changes cannot be detected."""
+        if (id(owner), name) in self._read:
+            return
         if isinstance(owner, type) and issubclass(owner, Enum) and _is_member(owner, name):
             return  # nobody can set it
         known = self._named(owner, name, getattr(owner, name, ABSENT), at)
@@ -142,9 +147,10 @@ class KnownValues:
         else:
             self._instance(owner, name, known)
         self._content(known.value, known)
+        self._read.add((id(owner), name))
 
     def variable(self, function: FunctionType, name: str, at: tuple[str, int]) -> None:
-        """A name of a function that is no local one."""
+        """Record a name of a function that is not local."""
         code = function.__code__
         if name in code.co_freevars and function.__closure__ is not None:
             cell = function.__closure__[code.co_freevars.index(name)]
@@ -160,7 +166,7 @@ class KnownValues:
         self._content(known.value, known)
 
     def function(self, function: FunctionType, at: tuple[str, int]) -> None:
-        """The code of a function and its defaults."""
+        """Record the code of a function and its defaults."""
         for name in ("__code__", "__defaults__", "__kwdefaults__"):
             known = KnownName(function, name, getattr(function, name), *at)
             self.attributes[id(function), name] = function, name, known.value, known
@@ -168,7 +174,7 @@ class KnownValues:
                 self._content(known.value, known)
 
     def tracked(self, owner: Any, name: str, at: tuple[str, int]) -> None:
-        """A tracked number: an attribute of the object, or of its class."""
+        """Record a tracked number: an attribute of the object or of its class."""
         found = _in_classes(type(owner), name)
         if isinstance(found, MemberDescriptorType) or name in getattr(owner, "__dict__", {}):
             return
@@ -179,7 +185,7 @@ class KnownValues:
         self._class(type(owner), name, known)
 
     def codes(self) -> Iterator[CodeType]:
-        """The code of the functions that are translated."""
+        """The code of the translated functions."""
         return (value for owner, name, value, _ in self.attributes.values() if name == "__code__")
 
     def names_of(self, owner: Any) -> frozenset[str]:
@@ -201,12 +207,12 @@ class KnownValues:
         if isinstance(found, MemberDescriptorType):
             self.attributes[id(owner), name] = owner, name, known.value, known
         elif found is ABSENT and known.value is not ABSENT:
-            raise Unwatchable(f"{name!r} of a {type(owner).__name__} is no attribute that is set")
+            raise Unwatchable(f"{name!r} of a {type(owner).__name__} is not an attribute that can be set")
         elif hasattr(type(found), "__get__") and not isinstance(found, FUNCTIONS) and _changes(type(owner)):
             raise Unwatchable(f"{name!r} of a {type(owner).__name__} is computed where it is read")
 
     def _own(self, owner: Any, name: str, known: KnownName) -> None:
-        """What an object has itself, by this name."""
+        """Record the object's own attribute of this name."""
         self.objects.setdefault(id(owner), Namespace(owner)).names.setdefault(name, vars(owner).get(name, ABSENT))
         self._told.setdefault((id(owner), name), known)
 
@@ -224,9 +230,9 @@ class KnownValues:
         self._told.setdefault((id(scope), name), known)
 
     def _content(self, value: Any, known: KnownName, depth: int = 0) -> None:
-        """The elements of containers, and of containers in them."""
+        """Record the elements of containers, and of the containers in them."""
         if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
-            raise Unwatchable(f"{known.label} is a part of another array")
+            raise Unwatchable(f"{known.label} is a view of another array")
         if isinstance(value, partial):
             for name in ("func", "args", "keywords"):
                 part = getattr(value, name)
@@ -244,12 +250,12 @@ class KnownValues:
             self._class_of(value)
             return
         if len(elements) > MOST_ELEMENTS or depth > 8:
-            raise Unwatchable(f"{known.label} has {len(elements)} elements, at most {MOST_ELEMENTS} are watched")
+            raise Unwatchable(f"{known.label} has {len(elements)} elements; at most {MOST_ELEMENTS} are watched")
         for each in elements:
             self._content(each, known, depth + 1)
 
     def _class_of(self, value: Any) -> None:
-        """The class of an object, of which code may ask, or that may be set."""
+        """Record the class of an object, which code may test or somebody may set."""
         if (
             _changes(type(value))
             and not isinstance(value, type | Enum)
@@ -260,7 +266,7 @@ class KnownValues:
     # Whether it still is -------------------------------------------------------------------------------
 
     def changes(self) -> Iterator[KnownName]:
-        """The names whose values are others now. What is equal, but another object, is taken over, and so is what
+        """The names whose values have changed. An equal value in another object is accepted, and so is a change that
         nothing reads."""
         for space in (*self.objects.values(), *self.classes.values()):
             if space.kind is not None and type(space.owner) is not space.kind:
@@ -287,19 +293,19 @@ class KnownValues:
                 self.attributes[place] = owner, name, found, known
 
     def bind(self, owners: Iterable[Any]) -> None:
-        """These objects have a class below theirs from now on."""
+        """Note that these objects have a subclass of their class from now on."""
         for owner in owners:
             if id(owner) in self.objects:
                 self.objects[id(owner)].kind = type(owner)
 
     def settle(self) -> None:
-        """The objects keep the attributes that are their own now: those of their classes are behind them."""
+        """Stop watching attributes of classes that an object now hides by its own."""
         own = [key for key, each in self.fields.items() if each.name in vars(each.owner)]
         for key in own:
             del self.fields[key]
 
     def _is_hidden(self, kind: Any, name: str) -> bool:
-        """Whether nothing reads this attribute of a class: its objects have their own."""
+        """True if nothing reads this attribute of a class because its objects have their own."""
         if not isinstance(kind, type):
             return False
         if any(each.name == name and _reads(each.owner, kind) for each in self.names.values()):
@@ -313,7 +319,7 @@ def vars_of(owner: Any) -> Any:
 
 
 def is_installed(module: str) -> bool:
-    """Whether a module is Python's own, umo's, or of a package that is installed; stations of umo are none of these."""
+    """True if a module belongs to Python, umo or an installed package. Stations of umo do not count as installed."""
     first = module.partition(".")[0]
     if first == "umo":
         return not module.startswith("umo.stations.")
@@ -322,7 +328,7 @@ def is_installed(module: str) -> bool:
 
 
 def elements_of(container: Any) -> tuple[Any, ...]:
-    """The elements in their order; of a dict keys and values in turn, of an array its bytes."""
+    """The elements in their order: keys and values in turn for a dict, bytes for an array."""
     if isinstance(container, np.ndarray | bytearray):
         return (container.tobytes() if isinstance(container, np.ndarray) else bytes(container),)
     if isinstance(container, dict | MappingProxyType):
@@ -331,7 +337,7 @@ def elements_of(container: Any) -> tuple[Any, ...]:
 
 
 def _text_of(value: Any) -> str:
-    """A value in words, the same in each run."""
+    """Return a value as text that is the same in each run."""
     if value is ABSENT:
         return "not there"
     if isinstance(value, Node):
@@ -345,7 +351,7 @@ def _text_of(value: Any) -> str:
 
 
 def same(before: Any, now: Any) -> bool:
-    """The same object, or a plain value that is written alike."""
+    """True if both are the same object, or plain values with the same text."""
     return before is now or (type(before) is type(now) and isinstance(now, PLAIN) and repr(before) == repr(now))
 
 
@@ -354,7 +360,7 @@ def same_all(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
 
 
 def _reads(owner: Any, kind: type) -> bool:
-    """Whether what was read of this owner may come from a class."""
+    """True if what was read of this owner may come from a class."""
     return issubclass(owner, kind) if isinstance(owner, type) else isinstance(owner, kind)
 
 
@@ -363,7 +369,7 @@ def _in_classes(kind: type, name: str) -> Any:
 
 
 def _changes(kind: type) -> bool:
-    """Whether attributes of a class can be set."""
+    """True if attributes of a class can be set."""
     return bool(kind.__flags__ & HEAP_TYPE)
 
 

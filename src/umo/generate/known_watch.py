@@ -1,4 +1,4 @@
-"""Looks whether what translation has taken as known still is so: once a period, before the laws act."""
+"""Checks once a period, before the laws act, that the values which translation took as known are unchanged."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from umo.generate.python_memory import place_of, place_of_version
 from umo.objects.atomic import Atomic
 
 Space: TypeAlias = tuple[dict[str, Any], tuple[str, ...], tuple[Any, ...], int]
-"""The dict of an object, class or module, names in it, their values (ABSENT: there is no such name), and the address of
-its version; 0: not known."""
+"""The dict of an object, class or module, names in it, their values (ABSENT if the name does not exist), and the
+address of its version; 0 if not known."""
 Attribute: TypeAlias = tuple[Any, str, Any, int]
-"""An object, the name and value of an attribute, and the address where it has the reference; 0: not known."""
+"""An object, the name and value of an attribute, and the address of the reference; 0 if not known."""
 
 
 class KnownWatch:
-    """`changed` is called with the names whose values are others now."""
+    """Watches known values. `changed` is called with the names whose values have changed."""
 
     def __init__(
         self,
@@ -28,17 +28,18 @@ class KnownWatch:
         changed: Callable[[list[KnownName]], None],
         elsewhere: Sequence[tuple[Any, frozenset[str]]] = (),
     ) -> None:
-        """`elsewhere`: objects, and names of their attributes that are not in the objects: nobody is to put them
+        """`elsewhere`: objects and names of attributes that are stored outside the objects: nobody may add them
         there."""
         self._known, self._changed, self._elsewhere = known, changed, elsewhere
         self.look: Callable[[], bool] = self._changes
-        """Whether everything is as it was: the cheapest way to find out."""
+        """Returns True if nothing has changed. It is replaced by a faster check after a renewal."""
         self.on_renewal: Callable[[], None] = lambda: None
-        """Called when `look` is another."""
+        """Called when `look` is replaced."""
         self._changes()
 
     def _changes(self) -> bool:
-        """Something may be another object: compare by value, and begin anew."""
+        """Compare by value, because something may be another object, and start again. Return True if something has
+        changed."""
         found = list(self._known.changes())
         for owner, names in self._elsewhere:
             found += [KnownName(owner, name, None, "", 0) for name in names & vars(owner).keys()]
@@ -49,7 +50,7 @@ class KnownWatch:
         return True
 
     def _renew(self) -> None:
-        """Look at the objects that are there now."""
+        """Watch the objects that exist now."""
         spaces, in_turn = self._spaces()
         attributes, rarely = self._attributes()
         contents = tuple((behind(each.container), each.elements) for each in self._known.contents.values())
@@ -59,8 +60,8 @@ class KnownWatch:
         self.on_renewal()
 
     def _attributes(self) -> tuple[list[Attribute], list[Attribute]]:
-        """What is no name in a dict: those that are looked at each time, and those of which some are. The latter are
-        what functions of umo and Python consist of, and the dicts and classes of sensors and actuators."""
+        """The attributes that are not names in a dict: those checked in each period, and those checked in turn. The
+        latter belong to functions of umo and Python, and include the dicts and classes of sensors and actuators."""
         always, in_turn = list[Attribute](), list[Attribute]()
         for owner, name, value, _ in self._known.attributes.values():
             rarely = isinstance(owner, FunctionType) and is_installed(owner.__module__ or "")
@@ -73,8 +74,8 @@ class KnownWatch:
         return always, in_turn
 
     def _spaces(self) -> tuple[list[Space], list[Space]]:
-        """The names of objects, classes and modules: those that are looked at each time, and those of which one is. The
-        latter are modules of umo and Python; and sensors and actuators, whose numbers nobody can set."""
+        """The names of objects, classes and modules: those checked in each period, and those checked in turn. The
+        latter belong to modules of umo and Python, and to sensors and actuators, whose numbers cannot be set."""
         always, in_turn = list[Space](), list[Space]()
         told = {id(owner): (owner, dict.fromkeys(names, ABSENT)) for owner, names in self._elsewhere}
         for key, each in self._known.objects.items():
@@ -96,7 +97,7 @@ def _attribute(owner: Any, name: str, value: Any) -> Attribute:
 
 
 def behind(container: Any) -> Any:
-    """The dict of which a proxy is a view: it is compared element by element."""
+    """Return the dict behind a proxy, so that it can be compared element by element."""
     if isinstance(container, MappingProxyType):
         (found,) = get_referents(container)
         return found if type(found) is dict else container

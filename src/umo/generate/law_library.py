@@ -1,4 +1,4 @@
-"""The laws of a machine as a shared library that works on the memory of Python: its source, compiled once."""
+"""Compiles the laws of a machine, once per source, as a shared library that works on the memory of Python."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import DeclarationError
+from umo.generate.c_compiler import COMPILE_TIMEOUT, FLAGS, compiler
 from umo.generate.c_types import CType
-from umo.generate.compiled_machine import COMPILE_TIMEOUT, FLAGS, compiler
-from umo.generate.compiler_errors import told
+from umo.generate.compiler_errors import compiler_message
 from umo.generate.controller_folder import RUNTIME, TARGETS, target_header
 from umo.generate.controller_model import ControllerModel
 from umo.generate.emit.object_tables import tables_of
@@ -38,18 +38,18 @@ from umo.generate.translation import CFunction, Translation
 
 ON_HOST = Path(__file__).parent / "on_host"
 SHARED = "umo.h", "umo_scaling.h", "umo_curves.h", "umo_python.h", "umo_digits.h", "umo_access.c", "umo_sums.c"
-"""The files of the runtime of controllers that laws beside Python have, too."""
+"""The files of the controllers' runtime that compiled laws use too."""
 TAKEN = POINTER(c_bool)
 CHANGED = CFUNCTYPE(None, c_int32, c_double)
 WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)
 WRITE_MANY = CFUNCTYPE(c_int16, POINTER(c_int16), c_int16, POINTER(c_double), POINTER(c_bool), TAKEN)
 READ = CFUNCTYPE(c_int16, c_int32, POINTER(c_double))
 HOST_CALL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_double), c_uint16)
-TELL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_void_p))
-BESIDE_PYTHON = replace(TARGETS["host"], tells=True)
-"""The target of laws that Python calls, and that Python makes texts for."""
+TEXT_CALLBACK = CFUNCTYPE(c_int16, c_uint16, POINTER(c_void_p))
+BESIDE_PYTHON = replace(TARGETS["host"], makes_texts=True)
+"""The target of laws that Python calls and for which it makes texts."""
 TARGET = target_header(BESIDE_PYTHON, 1)
-"""The file umo_target.h: the clocks of parts are Python's."""
+"""The file umo_target.h: the clocks of parts are those of Python."""
 SOURCE = """\
 #include "umo_columns.h"
 
@@ -102,7 +102,7 @@ int16_t law_call(umo_machine *m, int32_t law, double now, double dt, int32_t tic
 }}
 """
 TRUE = -1
-"""Result of a condition that is true, in the place of a fault."""
+"""Result of a condition that is true, instead of a fault."""
 LAW = """\
     case {number}:
         return {call};
@@ -115,7 +115,7 @@ CONDITION = """\
 
 
 class ColumnPointers(Structure):
-    """umo_columns of umo_columns.h."""
+    """The struct umo_columns of umo_columns.h."""
 
     _fields_ = [
         ("values", c_void_p),
@@ -133,14 +133,14 @@ class ColumnPointers(Structure):
         ("velocity", READ),
         ("read_now", READ),
         ("host_call", HOST_CALL),
-        ("tell", TELL),
+        ("tell", TEXT_CALLBACK),
         ("file", c_int32),
         ("line", c_int32),
     ]
 
 
 def source_of_laws(model: ControllerModel, translation: Translation, conditions: Sequence[CFunction]) -> str:
-    """The source of the library, in C: the laws, then these conditions."""
+    """Return the source of the library, in C: the laws, then these conditions."""
     laws = [translation.entry[law.control] for law in model.laws]
     cases = [LAW.format(number=number, call=each.call()) for number, each in enumerate(laws)]
     cases += [CONDITION.format(number=n, call=each.call("&holds")) for n, each in enumerate(conditions, len(laws))]
@@ -160,8 +160,8 @@ def source_of_laws(model: ControllerModel, translation: Translation, conditions:
 
 
 def library_of(source: str) -> Path:
-    """The compiled library of a source: from the cache, if it was compiled before. DeclarationError with what the
-    compiler says, or if there is none."""
+    """Return the compiled library of a source, from the cache if it was compiled before. DeclarationError with the
+    compiler's message, or if there is no compiler."""
     cc = compiler()
     if cc is None:
         raise DeclarationError("there is no C compiler: none of cc, gcc, clang was found")
@@ -174,7 +174,7 @@ def library_of(source: str) -> Path:
 
 
 def _is_sound(path: Path) -> bool:
-    """Whether the library is there and can be loaded: a power cut may have left a part of it."""
+    """True if the library exists and can be loaded: a power failure may have left an incomplete file."""
     if not path.exists():
         return False
     try:
@@ -198,7 +198,7 @@ def _version(cc: str) -> str:
 
 
 def _cache() -> Path:
-    """A folder of this user's alone; where there can be none, a new one for this run."""
+    """Return a folder of this user only; if none can be made, a new folder for this run."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = base / "umo" / "laws"
     try:
@@ -212,7 +212,7 @@ def _cache() -> Path:
 
 
 def _compile(cc: str, source: str, path: Path) -> None:
-    """Into another name first: a file that is there is whole."""
+    """Compile to a temporary name, then rename: an existing file is always complete."""
     with tempfile.TemporaryDirectory(dir=path.parent) as name:
         folder = Path(name)
         (folder / "laws.c").write_text(source, "utf-8")
@@ -228,12 +228,12 @@ def _compile(cc: str, source: str, path: Path) -> None:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise DeclarationError(f"the compiler {cc} failed: {error}") from None
         if done.returncode:
-            raise DeclarationError(told(done.stderr, lambda name: (folder / name).read_text("utf-8")))
+            raise DeclarationError(compiler_message(done.stderr, lambda name: (folder / name).read_text("utf-8")))
         os.replace(folder / "laws.so", path)
 
 
 class LawLibrary:
-    """The laws of one machine, loaded. `columns` is the memory on which they work."""
+    """The loaded laws of one machine. `columns` is the memory on which they work."""
 
     def __init__(self, path: Path, columns: ColumnPointers) -> None:
         self._library = library = PyDLL(str(path))  # it calls Python back
@@ -253,28 +253,28 @@ class LawLibrary:
         return [StructMemory(struct, address, keep=keep) for struct, address in zip(structs, found, strict=True)]
 
     def variable(self, address: int, of: CType) -> Any:
-        """A variable of a law that calls Python, as Python has it."""
+        """Return a variable of a law that calls Python, as a value of Python."""
         return self._variables.at(address, of)
 
     def call(self, law: int, clock: Any) -> int:
-        """One period of a law; its fault."""
+        """Carry out one period of a law and return its fault."""
         return int(self._library.law_call(self._memory, law, clock.now, clock.dt, clock.ticks))
 
     @property
     def addresses(self) -> tuple[int, int]:
-        """Of the function `law_call`, and of the machine."""
+        """The addresses of the function `law_call` and of the machine."""
         function = c_void_p.from_buffer(self._library.law_call).value
         assert function is not None
         return function, _address(self._memory)
 
     @property
     def fault_object(self) -> int:
-        """The slot of the object of the last fault; -1: none."""
+        """Return the slot of the object of the last fault; -1 if there is none."""
         return int(self._library.law_fault_object(self._memory))
 
     @property
     def fault_place(self) -> tuple[int, int]:
-        """The number of the file, and the line, of the runtime's last fault in this call; line 0: there was none."""
+        """The number of the file and the line of the runtime's last fault in this call; line 0 if there was none."""
         return int(self._columns.file), int(self._columns.line)
 
 

@@ -1,4 +1,4 @@
-"""Names in C for paths of Python."""
+"""Names in C for paths in Python."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ WORDS_OF_C = frozenset(
     _Pragma _Static_assert _Thread_local stdin stdout stderr signbit isnan isinf isfinite
     """.split()  # noqa: SIM905
 )
-"""Words that have a meaning of their own in C, C++ or its headers."""
+"""Words with a meaning in C, C++ or its headers."""
 OF_OTHERS = "umo_", "machine_", "__"
-"""How names begin that umo, or a compiler, defines."""
+"""Beginnings of names that umo or a compiler defines."""
 
 
 def identifier(path: str) -> str:
-    """The end of a name in C for a path: `zones_3_heater`."""
+    """Return the end of a C name for a path: `zones_3_heater`."""
     return re.sub(r"\W", "_", path, flags=re.ASCII)
 
 
 def identifiers(paths: Iterable[str]) -> list[str]:
-    """Names for paths, each another one."""
+    """The names for paths, each different."""
     found: list[str] = []
     for path in paths:
         name = identifier(path)
@@ -39,11 +39,11 @@ def identifiers(paths: Iterable[str]) -> list[str]:
 
 
 def member_name(name: str) -> str:
-    """The name in C of an attribute: no word of C, no macro, no type, nothing of umo's, and no other attribute has it.
+    """Return the name in C of an attribute. It is not a keyword, macro or type of C, not a name of umo's, and no other
+    attribute has it.
 
-    Names in upper case are those of macros, those that end with `_t` of types. What is added at the end is added again
-    to a name that ends so itself.
-    """
+    Names in upper case are those of macros; names that end with `_t` are those of types. A suffix that is added to such
+    a name is added again to a name that already ends so."""
     if not name.isascii():
         return "".join(each if re.match("[A-Za-z0-9]", each) else f"_{ord(each):x}_" for each in name) + "_u"
     is_taken = name in WORDS_OF_C or name.isupper() or name.startswith(OF_OTHERS) or name.endswith("_t")

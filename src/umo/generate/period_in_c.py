@@ -1,10 +1,9 @@
-"""The whole period of a machine with compiled laws in C (`umo/cycle/period.c`), where nothing of it needs Python.
+"""Carries out the period of a machine with compiled laws in C (`umo/cycle/period.c`) where it does not need Python.
 
-A phase is in C where all that it has is there: the driver's transfers (`MovesInC`), plain conversions, compiled
-conditions and laws. `looks` say what else it rests on, for each phase; where one of them is not as usual, Python
-carries the phase out in this period, by the same function as without this. Python also does what is called in COMMANDS
-and SHOW.
-"""
+A phase runs in C if all its parts exist in C: the driver's transfers (`MovesInC`), plain conversions, compiled
+conditions and laws. `looks` are the further conditions for each phase; if one is not met, Python carries out the phase
+in this period, with the functions that it uses without compilation. Python also does everything called in COMMANDS and
+SHOW."""
 
 from __future__ import annotations
 
@@ -21,51 +20,58 @@ from umo.cycle.events import Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.part_periods import PartPeriods
 from umo.cycle.period import or_guard
-from umo.drivers.optional import TransferInC, transfer_in_c
+from umo.drivers.optional import transfer_in_c
 from umo.generate import compiled_laws
 from umo.text import some
 
 IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
-"""Kinds of looks, as in period.c."""
+"""Kinds of checks, as in period.c."""
 PhaseLook = tuple[object, str, int, object]
 MOST = 1_000
-"""Periods in C after which Python looks, also where nothing has come in."""
+"""Number of periods in C after which Python checks, even if nothing has arrived."""
 NOT_COMPILED = "they are not compiled"
-NO_TICK = (*(0,) * 8, None)
-"""What period.c takes of a timer that Python reads."""
+AWAY = "a driver is away"
+NO_TICK = (*(0,) * 8, None, None, None)
+"""The data for period.c of a timer that Python reads."""
 PHASES = "TICK", "SAMPLE", "GUARD", "COMMANDS", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
 """The phases that period.c knows, in their order (`umo.cycle.period.PHASES`)."""
 
 
 def nothing_in(container: object) -> PhaseLook:
-    """Of a list or a set that is never replaced by another one."""
+    """Return the check that a list or a set, which is never replaced by another one, is empty."""
     return container, "", NOTHING_IN, None
 
 
 class Moved(NamedTuple):
-    """A block that is moved and converted in C: what period.c takes of it."""
+    """A block that is converted in C and transferred there or by a call of the driver, as period.c needs it."""
 
     native: Any
     function: int
     context: int
     watch: Callable[[int], object] | None
+    call: Callable[[Any, Any], object] | None
+    """The driver's block transfer in Python; None: C moves it."""
+    channels: Any
+    buffer: Any
 
 
 def _is_there(block: Block, write: bool) -> bool:
-    """Whether it is the driver itself that is called."""
+    """True if the driver itself is called."""
     return block.unwatched == (block.driver.write_many if write else block.driver.read_many)
 
 
 class PeriodInC(Capability):
-    """Carries out the periods of one machine: `several` in the place of the standard loop's calls."""
+    """Carries out the periods of one machine: the loop calls `several` instead of its own steps."""
 
     def __init__(self) -> None:
         self.reasons: dict[str, str] = {}
-        """Why a phase is carried out by Python in each period, by its name."""
+        """Why Python carries out a phase in each period, by its name."""
+        self.drivers: dict[str, str] = {}
+        """Why the block transfers of a driver are calls of Python, by its name."""
         self._native: Any = None
         self._is_told = False
         self._awaited: list[Callable[[], bool]] = []
-        """Tell whether a driver that was away is back."""
+        """Functions that return True if a driver that was away is back."""
         self._kept: list[Any] = []
 
     def attach(self, machine: ConnectedMachine) -> None:
@@ -81,7 +87,7 @@ class PeriodInC(Capability):
         self._machine.events.add(Event(self._machine.clock.now, "", text), logged=logged)
 
     def _unfit(self) -> str:
-        """Why no period of this machine can be in C; empty if it can."""
+        """Return why no period of this machine can run in C; empty if periods can."""
         period = self._period
         if extension is None or sys.platform == "win32":
             return "the extension in C was not built"
@@ -96,12 +102,12 @@ class PeriodInC(Capability):
     # A period ------------------------------------------------------------------------------------------
 
     def several(self) -> int:
-        """Carry out the next period, or several; how many. 0: a stop has ended the wait for a tick."""
+        """Carry out the next periods, one or more, and return their number. 0: a stop has ended the wait for a tick."""
         return self.run(MOST, None)
 
     def run(self, most: int, rows: Any) -> int:
-        """The same, at most so many. `rows`: memory for three int64 of each: the ticks missed, and when it began and
-        ended, in ns of the monotonic clock."""
+        """Carry out at most `most` periods and return their number. `rows`: memory for three int64 per period: missed
+        ticks, begin and end in ns of the monotonic clock."""
         native = self._native
         if native is None or native.stale or self._laws is not self._group.laws or self._is_back():
             native = self._bind()
@@ -112,10 +118,10 @@ class PeriodInC(Capability):
         return bool(self._awaited) and any(is_back() for is_back in self._awaited)
 
     def _bind(self) -> Any:
-        self.reasons, self._kept, self._awaited, self._laws = {}, [], [], self._group.laws
+        self.reasons, self.drivers, self._kept, self._awaited, self._laws = {}, {}, [], [], self._group.laws
         inputs, outputs = self._moved(self._group.inputs, False), self._moved(self._group.outputs, True)
         conditions, acting = self._conditions(), self._acting()
-        tick = self._tick(is_all_in_c=inputs is not None and outputs is not None)
+        tick = self._tick(is_all_in_c=inputs is not None and outputs is not None and not self.drivers)
         looks = {
             "TICK": self._of_tick() if tick else None,
             "SAMPLE": None if inputs is None else [*self._of_inputs()],
@@ -151,17 +157,18 @@ class PeriodInC(Capability):
         return self._native
 
     def _tell(self) -> None:
-        """Once, when C drives: what of the period Python carries out."""
+        """Print once which parts of the period Python carries out."""
         if self._is_told or self.reasons.get("LAWS") == NOT_COMPILED:
             return
         self._is_told = True
-        left = "; ".join(f"{phase} ({why})" for phase, why in self.reasons.items())
+        drivers = {f"the transfers of {name}": why for name, why in self.drivers.items()}
+        left = "; ".join(f"{what} ({why})" for what, why in (self.reasons | drivers).items())
         self._say(f"the period is carried out in C{f', but by Python: {left}' if left else ''}", logged=bool(left))
 
     def _calls(self) -> tuple[Callable[..., object], ...]:
-        """What Python does, in the order of period.c."""
+        """The Python functions, in the order in which period.c calls them."""
         period, machine, image = self._period, self._machine, self._image
-        evaluate = period.guards.evaluate
+        evaluate, group = period.guards.evaluate, self._group
         return (
             lambda: image.read_now(image.timer),
             image.ticked,
@@ -173,37 +180,39 @@ class PeriodInC(Capability):
             period.settle,
             period.update,
             period.finish,
+            lambda error: image.not_read(image.timer, error),
+            lambda place, error: or_guard(partial(image.sample_rest, group.inputs, place, error), evaluate),
+            lambda place, error: period.update_by(partial(image.update_rest, group.outputs, place, error)),
         )
 
     # TICK ----------------------------------------------------------------------------------------------
 
     def _tick(self, is_all_in_c: bool) -> tuple[Any, ...] | None:
-        """What period.c takes of the timer; None: Python reads it. `is_all_in_c`: whether it moves all blocks."""
+        """Return the data of the timer for period.c, or None if Python reads the timer. `is_all_in_c`: True if C
+        transfers all blocks."""
         image, slot = self._image, self._image.timer
         wire = image.wires[slot]
-        found = transfer_in_c(wire.driver, (wire.channel,), False) if is_all_in_c else "it warms the caches for that"
-        found = self._unless_away(found, self._is_ticking)
-        if isinstance(found, str):
-            self.reasons["TICK"] = found
+        found = transfer_in_c(wire.driver, (wire.channel,), False)
+        if not self._is_ticking():
+            self._awaited.append(self._is_ticking)
+            self.reasons["TICK"] = AWAY
             return None
-        self._kept.append(found.keep)
+        if not isinstance(found, str) and not is_all_in_c:
+            self.reasons["TICK"] = "it warms the caches for the transfers of drivers"
+            return None
         columns = image.columns
         places = (column.ctypes.data + 8 * slot for column in (columns.raws, columns.values, columns.times))
-        of_image = (*places, columns.quality.ctypes.data + slot)
-        limits = image._least_ticks, image._most_ticks
-        return found.function, found.context, *limits, *of_image, image.transfer.has_ticked
+        taken = image._least_ticks, image._most_ticks, *places, columns.quality.ctypes.data + slot
+        if isinstance(found, str):
+            return 0, 0, *taken, None, image.transfer.tick, wire.channel
+        self._kept.append(found.keep)
+        return found.function, found.context, *taken, image.transfer.has_ticked, None, None
 
     def _is_ticking(self) -> bool:
-        """Whether nothing else is called at the tick, as it is while a driver is away."""
+        """True if nothing else is called at the tick. While a driver is away, more is called."""
         transfer, slot = self._image.transfer, self._image.timer
         is_read = transfer.has_ticked is not None or transfer.tick == self._image.wires[slot].driver.read
         return is_read and self._machine.clock.on_tick == self._period.on_tick
-
-    def _unless_away(self, found: TransferInC | str, is_there: Callable[[], bool]) -> TransferInC | str:
-        if isinstance(found, str) or is_there():
-            return found
-        self._awaited.append(is_there)
-        return "a driver is away"
 
     def _of_tick(self) -> list[PhaseLook]:
         transfer, clock = self._image.transfer, self._machine.clock
@@ -217,20 +226,32 @@ class PeriodInC(Capability):
     # SAMPLE, SEND --------------------------------------------------------------------------------------
 
     def _moved(self, blocks: list[Block], write: bool) -> list[Moved] | None:
-        """These blocks, as C moves and converts them; None: Python does."""
+        """Return the blocks as C transfers and converts them, or None if Python does."""
         moved = list[Moved]()
         for block in blocks:
             native = getattr(block.give if write else block.convert, "__self__", None)
-            found = transfer_in_c(block.driver, block.channels, write)
-            found = self._unless_away(found, partial(_is_there, block, write))
             if not isinstance(native, extension.Outputs if write else extension.Inputs):
-                found = "its values are not only scaled"
-            if isinstance(found, str):
-                self.reasons["SEND" if write else "SAMPLE"] = f"{self._image.transfer.words_of(block.driver)}: {found}"
+                name = self._image.transfer.words_of(block.driver)
+                self.reasons["SEND" if write else "SAMPLE"] = f"{name}: its values are not only scaled"
                 return None
-            self._kept.append(found.keep)
-            moved.append(Moved(native, found.function, found.context, block.was_moved))
+            moved.append(self._in_c(native, block, write) or self._by_driver(native, block))
         return moved
+
+    def _in_c(self, native: Any, block: Block, write: bool) -> Moved | None:
+        """Return a block that C transfers, or None if its driver must be called."""
+        found = transfer_in_c(block.driver, block.channels, write)
+        is_there = partial(_is_there, block, write)
+        if not isinstance(found, str) and not is_there():
+            self._awaited.append(is_there)
+            found = AWAY
+        if isinstance(found, str):
+            self.drivers[self._image.transfer.words_of(block.driver)] = found
+            return None
+        self._kept.append(found.keep)
+        return Moved(native, found.function, found.context, block.was_moved, None, None, None)
+
+    def _by_driver(self, native: Any, block: Block) -> Moved:
+        return Moved(native, 0, 0, None, block.transfer, block.channels, block.buffer)
 
     def _of_inputs(self) -> Iterator[PhaseLook]:
         yield self._image, "sampled_good", IS_NOT, None
@@ -253,7 +274,7 @@ class PeriodInC(Capability):
     # GUARD, LAWS ---------------------------------------------------------------------------------------
 
     def _conditions(self) -> list[Any] | None:
-        """The conditions of the interlocks, compiled; None: Python asks them."""
+        """Return the compiled conditions of the interlocks, or None if Python evaluates them."""
         guards, machine = self._period.guards, self._machine
         if not guards.any:
             return []
@@ -275,12 +296,12 @@ class PeriodInC(Capability):
             yield each, "condition", IS, each.condition
 
     def _acting(self) -> list[Any] | None:
-        """The laws, compiled; None: Python calls them."""
+        """Return the compiled laws, or None if Python calls them."""
         functions = [law.__func__ for law in self._laws]
         found = [getattr(each, "__self__", None) for each in functions]
         if all(isinstance(each, extension.Law) for each in found):
             return found
         laws = self._machine.find(compiled_laws.CompiledLaws)
         has_deques = laws is not None and laws.state == "compiled" and laws.has_deques
-        self.reasons["LAWS"] = "Python has the elements of their deques, too" if has_deques else NOT_COMPILED
+        self.reasons["LAWS"] = "the elements of their deques are also in Python" if has_deques else NOT_COMPILED
         return None

@@ -1,5 +1,5 @@
-"""Where this Python keeps the references of an object, and the version of a dict: found by trial, as its stable
-interface does not tell. So what is known can be compared by C without a call (`known_watch.py`)."""
+"""Finds where this Python stores the references of an object and the version of a dict, by trial, as its stable
+interface does not tell. With these addresses C compares known values without a call (`known_watch.py`)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from umo.generate.bound_fields import class_below
 WORD = 8
 """Size of a reference, and of a version, in bytes."""
 WATCHES_DICTS = (3, 12)
-"""From this Python on it can tell of each change of a dict; before, each dict has a version (PEP 509)."""
+"""From this version on Python reports each change of a dict. In earlier versions each dict has a version number (PEP
+509)."""
 Change: TypeAlias = Callable[[], object]
 
 
 class _Mark:
-    """A value that nothing else has."""
+    """A unique value."""
 
 
 def place_of(owner: Any, name: str, value: Any) -> int:
-    """The address at which an object has the reference to the value of this attribute; 0: it is not known."""
+    """Return the address at which an object stores its reference to the value of this attribute; 0 if not known."""
     if sys.implementation.name != "cpython" or sys.maxsize < 2**32:
         return 0
     at = _place_of(owner, name)
@@ -64,12 +65,12 @@ def _word(at: int) -> int:
 
 
 def _words(owner: Any) -> list[int]:
-    """What is in the memory of an object."""
+    """The words in the memory of an object."""
     return [_word(id(owner) + at) for at in range(0, type(owner).__basicsize__ // WORD * WORD, WORD)]
 
 
 def _offset(owner: Any, value: Any, put: Callable[[], object]) -> int:
-    """Where an object has the reference to a value once it was put there; 0: nowhere, or more than once."""
+    """Return the offset of a reference to a value after it was set; 0 if it is found nowhere or more than once."""
     put()
     words = _words(owner)
     return words.index(id(value)) * WORD if words.count(id(value)) == 1 else 0
@@ -78,10 +79,10 @@ def _offset(owner: Any, value: Any, put: Callable[[], object]) -> int:
 @cache
 def _of_functions() -> dict[str, int]:
     def probe() -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def other() -> None:
-        """Nothing, either."""
+        """Do nothing, like `probe`."""
 
     values = {"__code__": other.__code__, "__defaults__": (_Mark(),), "__kwdefaults__": {"mark": _Mark()}}
     return {name: _offset(probe, value, lambda: setattr(probe, name, value)) for name, value in values.items()}  # noqa: B023
@@ -101,7 +102,7 @@ def _of_cells() -> int:
 
 @lru_cache(maxsize=1024)
 def _of_slot(descriptor: MemberDescriptorType) -> int:
-    """Of an object of a class below, that nobody else has."""
+    """Return the offset of a slot, found with an object of a subclass."""
     mark = _Mark()
     try:
         probe: Any = object.__new__(class_below(descriptor.__objclass__, {"__del__": lambda self: None}))
@@ -114,7 +115,7 @@ def _of_slot(descriptor: MemberDescriptorType) -> int:
 
 
 def place_of_version(names: dict[str, Any]) -> int:
-    """The address of a number that is another one after each change of a dict; 0: there is none."""
+    """Return the address of a number that differs after each change of a dict; 0 if there is none."""
     return _place_of_version(names) if _is_each_change_told() else 0
 
 
@@ -131,7 +132,7 @@ def _watchers() -> tuple[int, ...]:
 
 @cache
 def _version_offset() -> int:
-    """What is another number where a dict has another value."""
+    """Return the offset of a number that differs if a dict has another value."""
     probe = {"name": 0}
     before = _words(probe)
     probe["name"] = 1
@@ -150,7 +151,7 @@ def _is_each_change_told() -> bool:
 
 
 def _is_told(place: int, change: Change) -> bool:
-    """Whether the number is another one after a change: also where Python has made a short cut of it."""
+    """True if the number differs after a change, also after Python has specialised the code."""
     seen = {_word(place)}
     for _ in range(64):
         change()
@@ -161,7 +162,7 @@ def _is_told(place: int, change: Change) -> bool:
 
 
 class _Probe:
-    """An object whose attributes are set."""
+    """An object for trials with attributes."""
 
     name: Any
 
@@ -174,7 +175,7 @@ class _Probe:
 
 
 def _changes() -> Iterator[tuple[dict[str, Any], Change]]:
-    """Dicts of each kind, and changes that leave them as large as they were."""
+    """Dicts of each kind, and changes that do not alter their size."""
     one, other, late = _Probe(), _Probe(), _Probe()
     late.name = 0
     kind, module = type("_Probed", (), {"name": 0}), ModuleType("_probed")

@@ -1,4 +1,4 @@
-"""The fields of a compiled machine, read and written from Python: the same memory that its C uses."""
+"""Reads and writes the fields of a compiled machine from Python, in the memory that its C uses."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
 CHANGEABLE = set, np.ndarray
 """Types whose values are changed in place, besides lists."""
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
-"""Errors of a value that a field cannot have."""
+"""Errors of a value that a field cannot hold."""
 EXACT = 2**53
-"""Whole numbers up to this one are the same as reals."""
+"""Integers up to this one are exact as reals."""
 
 
-class Unfitting(ValueError):
+class ValueDoesNotFit(ValueError):
     """A live object has a value with which C would not compute as Python does."""
 
 
 def require(of: CType, value: Any) -> None:
-    """TypeError or ValueError for a value with which C would not compute as Python does: a number of another class,
-    or that no real is, and an array of another length."""
+    """Raise TypeError or ValueError for a value with which C would not compute as Python does: a number of another
+    class, one that no real represents, or an array of another length."""
     kind = type(value)
     if isinstance(of, MixedNumber):
         wrong = kind not in (int, float, *((bool,) if of.is_bool else ())) or (kind is int and abs(value) > EXACT)
@@ -78,23 +78,23 @@ def require(of: CType, value: Any) -> None:
         if isinstance(of, OptionalType) and value is not None:
             require(of.of, value)
     if wrong:
-        raise TypeError(f"{value!r:.60} is not of this kind")
+        raise TypeError(f"{value!r:.60} is not of this type")
 
 
 def _of_numpy(of: CType, value: Any) -> Any:
-    """A number or an array as one of numpy, where it is one."""
+    """Return a number or an array as one of numpy, if the type is one."""
     if isinstance(of, NumpyNumber):
         return np.asarray(value)[()]
     return np.array(value) if isinstance(of, ArrayType) and not of.listed else value
 
 
 def _listed(values: Any) -> list[Any] | None:
-    """The numbers of an array as Python's own."""
+    """Return the numbers of an array as Python numbers, or None."""
     return values if values is None else [each.item() if isinstance(each, np.generic) else each for each in values]
 
 
 def _is_array(of: ArrayType, value: Any) -> bool:
-    """Whether this is a list or an array of this length; the elements of a list are not looked at."""
+    """True if this is a list or an array of this length. The elements of a list are not checked."""
     if of.listed:
         return type(value) is list and len(value) == of.length
     if type(value) is not np.ndarray or value.shape not in ((of.length,), (1 if of.loose else of.length,)):
@@ -105,17 +105,18 @@ def _is_array(of: ArrayType, value: Any) -> bool:
 
 
 def _own(value: Any) -> Any:
-    """A number, or those of a list, as Python's own: its laws may have one of numpy, which the comparison judges."""
+    """Return a number, or those of a list, as Python numbers. Laws in Python may have numpy numbers, which the
+    comparison takes into account."""
     if isinstance(value, np.generic):
         return value.item()
     return _listed(value) if isinstance(value, list) else value
 
 
 class StructMemory:
-    """One struct. Its fields have the types of Python: a state is a member of its Enum, None is None."""
+    """One struct. Its fields are read as Python values: a state is a member of its Enum, None is None."""
 
     def __init__(self, struct: LiveStruct, address: int, real: str = "double", keep: Any = None) -> None:
-        """`keep`: what is to live as long as an array of numpy in this memory."""
+        """`keep`: the object that must live as long as a numpy array in this memory."""
         self._struct = struct
         self._types: dict[Any, Any] = {
             INT: c_int32,
@@ -130,9 +131,9 @@ class StructMemory:
         places = {name: getattr(kind, _member(name)) for name in struct.fields}
         self._slices = {name: slice(place.offset, place.offset + place.size) for name, place in places.items()}
         self._pushed: dict[str, Any] = {}
-        """What `push` has written, as the live object had it."""
+        """The values that `push` has written, as the live object had them."""
         self._before = b""
-        """The memory after that."""
+        """The memory after `push`."""
 
     @property
     def fields(self) -> Mapping[str, CType]:
@@ -144,41 +145,41 @@ class StructMemory:
 
     @property
     def label(self) -> str:
-        """What the object is called in messages."""
+        """Return the name of the object in messages."""
         return self._struct.path or type(self._struct.owner).__name__
 
     @property
     def mixed(self) -> list[str]:
-        """The fields that in Python are of another class at one time than at another."""
+        """The fields that have different classes in Python at different times."""
         return [name for name, of in self._struct.kinds.items() if isinstance(plain(of), MixedNumber)]
 
     def check(self, name: str, value: Any) -> None:
-        """Unfitting if the live object cannot have this value."""
+        """Raise ValueDoesNotFit if the live object may not have this value."""
         try:
             require(self._struct.kinds[name], value)
         except WRONG:
             is_whole = type(value) is int and plain(self._struct.kinds[name]) == REAL
             near = f", where the laws have a real number; {float(value)!r}" if is_whole else ""
-            raise Unfitting(f"{self.label}.{name} is set to {value!r:.60}{near}") from None
+            raise ValueDoesNotFit(f"{self.label}.{name} is set to {value!r:.60}{near}") from None
 
     def _bytes(self, name: str) -> Any:
         return memoryview(self._memory).cast("B")[self._slices[name]]
 
     def content(self) -> bytes:
-        """All of it as it is now."""
+        """Return a copy of all bytes."""
         return bytes(self._memory)
 
     def view(self, name: str, kind: Any) -> Any:
-        """The memory of a field with one number, as a memoryview with this format."""
+        """Return the memory of a field with one number, as a memoryview with this format."""
         return self._bytes(name).cast(kind)
 
     def array(self, name: str, of: ArrayType) -> Any:
-        """The memory of a field that is an array, as an array of numpy."""
+        """Return the memory of an array field as a numpy array."""
         return np.frombuffer(self._bytes(name), {REAL: np.float64, INT: np.int32, BOOL: np.bool_}[of.of])
 
     def attribute(self, name: str, put: Any) -> Any:
-        """A descriptor in C that reads and sets this field of the live object; `put(owner, value)` sets what is not
-        plain. None: there is none of this type, or no extension."""
+        """Return a descriptor in C that reads and sets this field of the live object; `put(owner, value)` sets values
+        that are not plain. None if the type or the extension has none."""
         at = addressof(self._memory) + self._slices[name].start
         return self._attribute(self._struct.fields[name], at, put)
 
@@ -211,12 +212,13 @@ class StructMemory:
         self._set(of, self._memory, _member(name), value)
 
     def at(self, address: int, of: CType) -> Any:
-        """A value of this type elsewhere in the memory of the library, as Python has it."""
+        """Return a value of this type at another address of the library's memory, as a Python value."""
         place = type("Place", (Structure,), {"_fields_": [("value", self._type(plain_number(of)))]})
         return _of_numpy(of, self._value(plain_number(of), place.from_address(address).value))  # type: ignore[attr-defined]
 
     def push(self) -> None:
-        """The fields have the values of the live object. What is there already is not written again. Unfitting."""
+        """Copy the values of the live object to the fields. Unchanged values are not written again. ValueDoesNotFit if
+        one does not fit."""
         there = bytes(self._memory)
         for name in self._struct.fields:
             value = getattr(self._struct.owner, name)
@@ -227,11 +229,11 @@ class StructMemory:
         self._before = bytes(self._memory)
 
     def forget(self) -> None:
-        """What was pushed is not remembered: it has no reference from here."""
+        """Forget the values that were pushed, so that no reference to them remains."""
         self._pushed.clear()
 
     def _is_kept(self, name: str, value: Any, memory: bytes) -> bool:
-        """Since `push` neither the live object nor the memory has changed."""
+        """True if neither the live object nor the memory has changed since `push`."""
         place = self._slices[name]
         return self._is_pushed(name, value) and memory[place] == self._before[place]
 
@@ -242,7 +244,7 @@ class StructMemory:
         return value is before and not isinstance(value, CHANGEABLE)
 
     def differences(self) -> Iterator[str]:
-        """The fields that are not what the live object has."""
+        """The fields that differ from the live object."""
         after = bytes(self._memory)
         for name, of in self._struct.fields.items():
             there = getattr(self._struct.owner, name)
@@ -323,10 +325,10 @@ class StructMemory:
 
 
 def _told(value: Any) -> str:
-    """A value, and the class of a number."""
+    """Return a value, and the class of a number, for a message."""
     return f"{value!r} of {type(value).__name__}" if isinstance(value, int | float | np.generic) else repr(value)
 
 
 def _member(name: str) -> str:
-    """The name of a field in the memory: ctypes has names of its own there."""
+    """Return the name of a field in ctypes, which reserves some names."""
     return f"of {name}"

@@ -1,8 +1,7 @@
-"""What the translation of control code to C gives: the data that the generator puts around it.
+"""The result of the translation of control code to C, as data for the generator.
 
-A target has numbers of its own; each object of translated code has its fields, each fault its number and text. What
-does not translate is a `Untranslatable`, with its place and the nearest thing that does.
-"""
+A target has its own number types; each object of translated code has its fields, each fault its number and text. Code
+that cannot be translated is an `Untranslatable`, with its place and the nearest alternative."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ RUNTIME_FAULTS = (
     ("UMO_NEVER_READ", "BadInput", "the sensor was never read"),
     ("UMO_INTERLOCKED", "Interlocked", "an interlock forbids the write"),
     ("UMO_NO_STATE", "StateError", "no state of the actuator"),
-    ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and there is none"),
+    ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and no host is connected"),
 )
 """The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
 NO_HOST = 1 + [name for name, _, _ in RUNTIME_FAULTS].index("UMO_NO_HOST")
@@ -33,55 +32,55 @@ NO_HOST = 1 + [name for name, _, _ in RUNTIME_FAULTS].index("UMO_NO_HOST")
 
 
 class ControllerLimit(OverflowError):
-    """Python goes on, and a controller cannot: a whole number leaves 32 bits, a power is a complex number, or
-    the sign of a NaN is asked for. No `except` catches it, as there would be none to catch in Python."""
+    """An operation that Python can carry out and a controller cannot: an integer leaves 32 bits, a power is complex, or
+    the sign of a NaN is used. No `except` catches it, as Python raises nothing there."""
 
 
 @dataclass(frozen=True)
 class ControllerTarget:
-    """What C is made for."""
+    """The number types and features of a target."""
 
     name: str
     real: Literal["double", "float"] = "double"
     exact_libm: bool = False
-    """Whether its functions of <math.h> are those of this Python, to the bit."""
+    """True if its functions of <math.h> give the same bits as those of this Python."""
     int_bits: int = 32
-    """The width of whole numbers."""
+    """The width of integers."""
     table_bytes: int | None = None
-    """The size of the table of a linearization at most."""
-    tells: bool = False
-    """Whether Python is there, and makes the texts that code tells."""
+    """The maximum size of the table of a linearization."""
+    makes_texts: bool = False
+    """True if Python runs beside and makes texts."""
 
 
 class CodeFault(NamedTuple):
-    """A fault of translated code: what Python raises there."""
+    """A fault of translated code: the error that Python raises there."""
 
     number: int
     kind: str
     """The class, such as RangeError."""
     text: str
-    """The message as it is written."""
+    """The message as written in the code."""
     file: str
     line: int
     name: str = ""
-    """In C."""
+    """Its name in C."""
 
 
-class Teller(NamedTuple):
-    """A text that Python makes while compiled laws drive."""
+class TextMaker(NamedTuple):
+    """A text that Python makes for compiled laws."""
 
     make: Callable[..., Any]
-    """The error, or the text, of these variables."""
+    """Returns the error or the text for these variables."""
     given: Sequence[CType]
-    """The types of these."""
+    """The types of the variables."""
     fault: int = 0
-    """The fault whose error it is; 0: of none."""
+    """The fault that has this error; 0 if none."""
     field: tuple[Any, str] | None = None
-    """The object and its attribute that the text is assigned to."""
+    """The object and attribute that the text is assigned to."""
 
 
 class StructField(NamedTuple):
-    """A field of a struct that stands for an attribute of a live object."""
+    """A field of a struct, for an attribute of a live object."""
 
     path: str
     """Path of the object or law, such as `z.servo`."""
@@ -94,7 +93,7 @@ class StructField(NamedTuple):
 
 
 class Untranslatable(NamedTuple):
-    """A piece of Python that has no C."""
+    """A piece of Python that cannot be translated to C."""
 
     file: str
     line: int
@@ -103,13 +102,14 @@ class Untranslatable(NamedTuple):
     nearest: str
 
     def __str__(self) -> str:
-        near = f"; {self.nearest}" if self.nearest else ""
+        near = f"; use instead: {self.nearest}" if self.nearest else ""
         place = f"{self.file}:{self.line}: " if self.file else ""
         return f"{place}{self.source}: {self.reason}{near}"
 
 
 class CFunction(NamedTuple):
-    """How a translated function is called: it returns its fault; its result goes where the last argument points."""
+    """How a translated function is called. It returns its fault and stores its result where the last argument
+    points."""
 
     name: str
     arguments: tuple[str, ...] = ("m",)
@@ -123,42 +123,42 @@ class Translation:
     """The translated functions of one machine."""
 
     header: str = ""
-    """Structs and prototypes."""
+    """The structs and prototypes."""
     members: str = ""
-    """The members of `struct umo_machine` for these structs, a line each."""
+    """The members of `struct umo_machine` for these structs, one per line."""
     source: str = ""
     """The functions."""
     fault_names: str = ""
     """The names of the faults, an enum."""
     effects: Mapping[str, Set[str | int]] = field(default_factory=dict)
-    """What each function and those that it calls do: functions that are called, members of objects that are read
-    (`zero_offset`), ASSIGNS, the numbers of `tellers`."""
+    """The effects of each function and those it calls: functions of the runtime, members of objects that are read
+    (`zero_offset`), ASSIGNS, the numbers of `text_makers`."""
     init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
     """The function that fills the structs with the live values."""
     access: str = ""
-    """The function that gives the structs by their numbers."""
+    """The function that finds the structs by number."""
     entry: Mapping[Any, CFunction] = field(default_factory=dict)
     """How each function is called."""
     faults: list[CodeFault] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
-    """Of the functions; where the runtime has a fault, it is told with one of them (`umo_at`)."""
+    """The files of the functions. A fault of the runtime is reported with one of them (`umo_at`)."""
     layout: list[StructField] = field(default_factory=list)
     structs: list[Any] = field(default_factory=list)
     """The structs of live objects (`umo.generate.lower.live_fields.LiveStruct`), by the numbers of machine_struct."""
     host_calls: list[str] = field(default_factory=list)
-    """What the host is asked for, by number."""
-    tellers: list[Teller] = field(default_factory=list)
+    """The requests to the host, by number."""
+    text_makers: list[TextMaker] = field(default_factory=list)
     """The texts that Python makes, by number."""
     kinds: Mapping[int, type[BaseException]] = field(default_factory=dict)
     """The class of each fault."""
     hosts: list[tuple[Any, str]] = field(default_factory=list)
-    """Object and name of what the host is asked for, by number."""
+    """The object and the name of each request to the host, by number."""
     known: KnownValues = field(default_factory=KnownValues)
-    """What is taken as known: nobody may set it afterwards."""
+    """The values that are taken as known and must not be set afterwards."""
     notes: list[str] = field(default_factory=list)
-    """What is to be said of the C, such as a function that differs in its last bit."""
+    """Notes on the C for the user, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)
     refused_conditions: bool = False
-    """Whether the first of them is one of the conditions."""
+    """True if the first obstacle is in a condition."""
     on_host: list[Untranslatable] = field(default_factory=list)
-    """What works in C on this computer only, and not on a controller."""
+    """Code that works in C on this computer only, and not on a controller."""

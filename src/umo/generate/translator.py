@@ -1,4 +1,4 @@
-"""From a connected machine and its control code to C: lowered to the form, looked through, printed."""
+"""Translates the control code of a connected machine to C: lowers it to the form, simplifies it and prints it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from umo.generate.translation import ControllerTarget, Translation, Untranslatab
 from umo.objects import Compound
 
 TRIED = (3, 11), (3, 12), (3, 13)
-"""Versions of Python that it was tried on: trees, `sum`, `math.hypot` and what is watched are those of a version."""
+"""Versions of Python with which this was tested: syntax trees, `sum`, `math.hypot` and the watched attributes depend on
+the version."""
 
 
 def translate(
@@ -23,14 +24,14 @@ def translate(
     steps: Sequence[Callable[[], Any]],
     target: ControllerTarget,
 ) -> Translation:
-    """The conditions of a machine, which give a bool, and the steps, whose results are left out, in C. `problems`: what
-    does not translate."""
+    """Return the conditions of a machine, which return a bool, and its steps, whose results are ignored, in C.
+    `problems` has the code that cannot be translated."""
     if sys.version_info[:2] not in TRIED:
         tried, found = (", ".join(f"{one}.{two}" for one, two in each) for each in (TRIED, [sys.version_info[:2]]))
-        told = f"it was tried on Python {tried}, and this is {found}"
+        told = f"it was tested on Python {tried}, and this is {found}"
         return Translation(problems=[Untranslatable("", 0, "control code", told, "one of these")])
     program, entry, world = lowered(machine, conditions, steps, target)
-    program = shaped(program)
+    program = shaped(program, [each.name for each in entry.values()])
     return Translation(
         header=program_text.header_text(program),
         members=program_text.members_text(program),
@@ -45,7 +46,7 @@ def translate(
         layout=world.fields.layout(),
         structs=world.fields.filled,
         host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
-        tellers=world.tellers,
+        text_makers=world.text_makers,
         kinds=world.kinds,
         hosts=world.hosts,
         known=world.known,

@@ -1,8 +1,7 @@
-"""What kinds of values and objects translated code may have: those whose meaning their class does not change.
+"""The kinds of values and objects that translated code may use: those whose behaviour their class does not change.
 
-Everything here is a whitelist. An operation that a class may define for itself (`__eq__`, `__bool__`, `__setattr__`,
-`__getattribute__`, a descriptor) is known to be Python's own, or the object is refused.
-"""
+Everything here is a whitelist. An operation that a class may define itself (`__eq__`, `__bool__`, `__setattr__`,
+`__getattribute__`, a descriptor) is known to be Python's own, or the object is refused."""
 
 from __future__ import annotations
 
@@ -30,14 +29,14 @@ from umo.objects.attributes import DeclaredAttributes
 from umo.states import TwoState
 
 MOST_STATES = 256
-"""Members of an Enum, whose number is a byte."""
+"""Maximum number of members of an Enum, whose number is a byte."""
 COMPARED = ("__eq__", "__ne__", "__hash__")
 TRUTH = ("__bool__", "__len__")
 OF_TUPLES = (*COMPARED, *TRUTH, "__getitem__", "__iter__", "__contains__", "__getattribute__", "__add__", "__mul__",
              "__lt__", "__le__", "__gt__", "__ge__")  # fmt: skip
 OF_RECORDS = (*TRUTH, "__getattribute__", "__getattr__", "__post_init__", "__new__", "__getitem__", "__iter__")
 MADE = "__init__", "__eq__", "__hash__", "__setattr__", "__delattr__"
-"""Functions that `dataclass` makes."""
+"""Methods that `dataclass` generates."""
 SCALARS = (bool, int, float, str, bytes, type(None))
 CONTAINERS = (tuple, list, dict, str, range, set, frozenset, MappingProxyType, np.ndarray)
 """Classes whose elements Python itself finds."""
@@ -52,16 +51,23 @@ WITHOUT_FIELDS = (
     Enum,
     np.generic,
 )
-"""Objects whose attributes are not assigned."""
+"""Classes whose objects have no attributes that are assigned."""
 REFUSING = (TwoState, Node)
-"""Classes whose objects are equal to themselves only, and refuse to be compared with numbers, texts, other states."""
+"""Classes whose objects are equal to themselves only, and refuse to be compared with numbers, texts and other
+states."""
 OWN_MODULES = ("builtins", "enum", "typing", "collections")
 PLAIN_READING: tuple[Any, ...] = (object.__getattribute__, tuple.__getattribute__)
 NUMPY_NUMBERS = (np.float64, np.int64, np.bool_)
 
 
+def static_attribute(kind: type, name: str) -> Any:
+    """Return the unevaluated attribute of a class or its metaclass, or None."""
+    metaclass: type = type(kind)
+    return next((vars(each)[name] for each in (*kind.__mro__, *metaclass.__mro__) if name in vars(each)), None)
+
+
 def own_methods(kind: type, names: Iterable[str]) -> list[str]:
-    """Which of these methods a class defines that is none of Python's own."""
+    """The methods among these that a class defines itself."""
     found = []
     for name in names:
         for each in kind.__mro__:
@@ -73,13 +79,13 @@ def own_methods(kind: type, names: Iterable[str]) -> list[str]:
 
 
 def own_equality(kind: type, names: Iterable[str] = COMPARED) -> bool:
-    """Whether a class decides which of its objects are equal."""
+    """True if a class defines which of its objects are equal."""
     of_umo = [vars(each).get(name) for each in REFUSING for name in names]
     return any(getattr(kind, name) not in of_umo for name in own_methods(kind, names))
 
 
 def refuse_comparison(one: type, other: type) -> bool:
-    """Whether objects of these classes refuse to be compared by `==`."""
+    """True if objects of these classes refuse comparison by `==`."""
     return one is not other and any(
         issubclass(refusing, REFUSING) and issubclass(plain, (Enum, *SCALARS[:-1], np.generic))
         for refusing, plain in ((one, other), (other, one))
@@ -87,13 +93,13 @@ def refuse_comparison(one: type, other: type) -> bool:
 
 
 def made_by_code(kind: type) -> bool:
-    """Whether code that is none of Python's or of umo makes an object of this class."""
+    """True if code outside Python and umo makes the objects of this class."""
     own = [each for each in kind.__mro__ if each.__module__.partition(".")[0] not in (*OWN_MODULES, "umo")]
     return any(name in vars(each) for each in own for name in ("__init__", "__new__", "__post_init__"))
 
 
 def is_plain_enum(kind: type) -> bool:
-    """Whether members of this Enum are equal only to themselves, or to what their number or text is."""
+    """True if members of this Enum are equal only to themselves, or to their number or text."""
     return (
         not issubclass(kind, Flag)
         and len(kind) <= MOST_STATES  # type: ignore[arg-type]
@@ -103,12 +109,12 @@ def is_plain_enum(kind: type) -> bool:
 
 
 def is_bare_enum(kind: type) -> bool:
-    """Whether members are equal to nothing else: they are no numbers or texts."""
+    """True if members are equal only to themselves: they are not numbers or texts."""
     return all(each in (object, Enum) or issubclass(each, Enum) for each in kind.__mro__)
 
 
 def is_plain_record(kind: type) -> bool:
-    """Whether this is a NamedTuple that only names its fields."""
+    """True if this is a NamedTuple that only names its fields."""
     if kind is tuple:
         return True
     names: tuple[str, ...] = getattr(kind, "_fields", ())
@@ -121,7 +127,7 @@ def is_plain_record(kind: type) -> bool:
 
 
 def is_plain_dataclass(kind: Any) -> bool:
-    """Whether this is a frozen dataclass that compares its fields, and whose functions `dataclass` has made."""
+    """True if this is a frozen dataclass that compares its fields and has only generated methods."""
     parameters = vars(kind).get("__dataclass_params__") if isinstance(kind, type) else None
     if parameters is None or not (parameters.frozen and parameters.eq) or own_methods(kind, OF_RECORDS):
         return False
@@ -136,7 +142,7 @@ def parts_of(value: Any) -> tuple[Any, ...]:
 
 
 def is_container(value: Any) -> bool:
-    """Whether Python itself finds the elements."""
+    """True if Python itself finds the elements."""
     return (
         type(value) in (*CONTAINERS, zip, enumerate, reversed)
         or isinstance(value, Vector)
@@ -145,17 +151,17 @@ def is_container(value: Any) -> bool:
 
 
 def is_ring(value: Any) -> bool:
-    """Whether this is a deque."""
+    """True if this is a deque."""
     return type(value) is deque
 
 
 def is_fixed_ring(value: Any) -> bool:
-    """Whether this is a deque with a `maxlen`: its elements are fields; those of others are known."""
+    """True if this is a deque with a `maxlen`. Its elements are fields; those of other deques are known values."""
     return is_ring(value) and value.maxlen is not None
 
 
 def is_immutable(value: Any) -> bool:
-    """Whether a comparison of this value is the same at any time."""
+    """True if comparing this value always gives the same result."""
     if isinstance(value, Enum):
         return is_plain_enum(type(value))
     if isinstance(value, tuple):
@@ -164,28 +170,26 @@ def is_immutable(value: Any) -> bool:
 
 
 def compares_by_identity(value: Any) -> bool:
-    """Whether it is equal to nothing but itself."""
+    """True if it is equal only to itself."""
     return not own_equality(type(value), ("__eq__", "__ne__")) and type(value) not in CONTAINERS
 
 
 def refused_truth(value: Any) -> bool:
-    """Whether code of its class decides if it is true."""
+    """True if code of its class decides if it is true."""
     return type(value) not in (*SCALARS, *CONTAINERS) and bool(own_methods(type(value), TRUTH))
 
 
 def attribute_kind(owner: Any, name: str) -> str:
-    """What reading this attribute is: "property", "function", "value", or why it does not translate."""
+    """Return what an attribute is when read: "property", "function", "value", or why it cannot be translated."""
     kind = type(owner)
-    static = inspect.getattr_static(kind, name, None)
+    static = static_attribute(kind, name)
     if kind.__getattribute__ not in PLAIN_READING:
         return f"{kind.__name__} has a __getattribute__"
     if type(static) is property:
         return "property" if static.fget is not None else f"{name} has no getter"
     in_instance = name in getattr(owner, "__dict__", ())
     if isinstance(static, cached_property):
-        return (
-            "value" if in_instance else f"{name} is a cached_property: it is computed once, when somebody asks for it"
-        )
+        return "value" if in_instance else f"{name} is a cached_property: it is computed when first read"
     if isinstance(static, FunctionType | staticmethod | classmethod):
         return "function of the instance" if in_instance else "function"
     if isinstance(static, MemberDescriptorType) or (in_instance and not hasattr(type(static), "__set__")):
@@ -195,11 +199,11 @@ def attribute_kind(owner: Any, name: str) -> str:
         return "value" if found or not hasattr(kind, "__getattr__") else f"{kind.__name__} has a __getattr__"
     if isinstance(static, WrapperDescriptorType) or kind.__module__.partition(".")[0] == "builtins":
         return "function"
-    return f"{name} is a {type(static).__name__}, a descriptor of its own"
+    return f"{name} is a {type(static).__name__}, a user-defined descriptor"
 
 
 def refused_store(owner: Any, name: str) -> str:
-    """Why an attribute cannot be assigned in translated code; empty: it can."""
+    """Return why an attribute cannot be assigned in translated code; empty if it can."""
     kind = type(owner)
     if isinstance(owner, WITHOUT_FIELDS):
         what = f"the class {owner.__name__}" if isinstance(owner, type) else f"a {kind.__name__}"

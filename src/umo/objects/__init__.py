@@ -1,4 +1,5 @@
-"""The four atomic objects and Compound: the boundary between the electrical and the control subsystem."""
+"""What a machine is declared with: the four atomic objects, compounds, units, ranges and linearizations, and how their
+values look as text (`objects.presentation`). When a period is, and which driver an object is on, is not known here."""
 
 from umo.objects.action import Action, action, actions_of
 from umo.objects.actuators import Actuator, BinaryActuator, DigitalActuator

@@ -19,7 +19,7 @@ from umo.objects.range import Range
 from umo.objects.truth import checked_truth
 from umo.signature import signature_of
 from umo.text import cut_repr, did_you_mean
-from umo.user_code import told_as
+from umo.user_code import raise_as
 
 F = TypeVar("F", bound=Callable[..., Any])
 Declared = Range | Callable[[Any], Range]
@@ -56,7 +56,7 @@ def action(
     **ranges: Declared,
 ) -> Any:
     """Mark a method, or an `async def` sequence, of a compound or of a law as an action: it may be called from outside
-    while the machine runs, by `umo call` or `umo.attach`.
+    while the machine runs, by `umo do STATION call` or `umo.attach`.
 
         class Press(Compound):
             @action(force=Range("kN", 0.0, 80.0))
@@ -78,7 +78,7 @@ def action(
     nothing: it is also called when something else has ended the action already. A sequence that an action starts
     (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. What an action has left
     driven when the lease ends in manual mode goes to its reaction (`when_suspended`). The first line of the
-    docstring describes the action. Result: plain data; what others see of it are 448 bytes of JSON.
+    docstring describes the action. Result: plain data; clients see at most 448 bytes of its JSON.
     """
     mark = _Mark(ranges, checked_truth("harmless", harmless), checked_truth("apart", apart), release)
     if function is None:
@@ -122,7 +122,7 @@ class Argument:
         return value
 
     def describe(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the argument as plain data."""
         about: dict[str, Any] = {"name": self.name, "kind": self.kind, "required": self.required}
         if self.range is not None:
             about |= self.range.describe()
@@ -160,7 +160,7 @@ class Action:
         return {name: known[name].converted(value, self.path) for name, value in given.items()}
 
     def describe(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the action as plain data."""
         return {
             "path": self.path,
             "help": self.help,
@@ -172,8 +172,8 @@ class Action:
 
 
 def actions_of(root: Compound) -> dict[str, Action]:
-    """Every action of a machine by its path, of its compounds and of their laws; DeclarationError for an argument
-    without a type or a range."""
+    """Return every action of a machine by its path, of its compounds and of their laws. DeclarationError for an
+    argument without a type or a range."""
     compounds = ((node, node._path, node) for node in (root, *walk(root)) if isinstance(node, Compound))
     owners = chain(compounds, laws_in(root))
     marked = ((part, path, owner, *each) for part, path, owner in owners for each in _marks(owner.__class__).items())
@@ -181,7 +181,7 @@ def actions_of(root: Compound) -> dict[str, Action]:
 
 
 def actions_on(part: Compound, path: str, owner: Any) -> dict[str, Action]:
-    """The actions of an object at this path that is no law itself, by their paths; `part` has it."""
+    """The actions of an object at this path that is not a law itself, by their paths; `part` has it."""
     found = (_action(part, path, owner, *each) for each in _marks(owner.__class__).items())
     return {each.path: each for each in found}
 
@@ -220,8 +220,8 @@ def _release(owner: Any, path: str, name: str | None) -> Callable[[], Any] | Non
     method = getattr(owner, name, None) if isinstance(name, str) else None
     if not callable(method):
         known = [each for each in dir(owner) if not each.startswith("_") and callable(getattr(type(owner), each, None))]
-        raise DeclarationError(f"action {path}: release={name!r} is no method{did_you_mean(str(name), known)}")
-    with told_as(DeclarationError, f"action {path}: release={name!r} cannot be called without arguments"):
+        raise DeclarationError(f"action {path}: release={name!r} is not a method{did_you_mean(str(name), known)}")
+    with raise_as(DeclarationError, f"action {path}: release={name!r} cannot be called without arguments"):
         inspect.signature(method).bind()
     if inspect.iscoroutinefunction(method):
         raise DeclarationError(f"action {path}: release={name!r} is a sequence; a release acts at once")
@@ -238,7 +238,7 @@ def _argument(owner: Any, path: str, each: inspect.Parameter, declared: Mapping[
     if not kind:
         raise DeclarationError(f"{where} must be annotated as float, int, bool, str, an Enum or a Literal")
     given = declared.get(each.name)
-    with told_as(DeclarationError, f"{where}: its range failed"):
+    with raise_as(DeclarationError, f"{where}: its range failed"):
         limits = given(owner) if callable(given) else given
     if (kind in ("number", "integer")) != (limits is not None):
         need = "needs a range" if limits is None else "is not a number and has no range"

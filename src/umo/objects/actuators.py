@@ -5,17 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any, Literal, TypeAlias, get_args
 
+from umo.digits import number_text
 from umo.drivers.contract import Direction
-from umo.duration import seconds
+from umo.duration import duration, seconds
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
 from umo.objects.claims import Claim
 from umo.objects.keywords import declared_reaction
 from umo.objects.linearization import Linearization
+from umo.objects.presentation.value_text import measure, span
 from umo.objects.truth import is_one_of
-from umo.presentation.digits import number_text
-from umo.presentation.durations import duration
-from umo.presentation.value_text import measure, span
 from umo.states import shown
 
 OnWriteError: TypeAlias = Literal["raise", "retry"]
@@ -33,7 +32,7 @@ class Actuator(Atomic):
     _max_age: float | None
     """Time in s for which a value that was not confirmed is sent again; None: not at all."""
     _clamp: bool = False
-    """Whether the nearest bound is taken of a value beyond the range."""
+    """True if the nearest bound is taken of a value beyond the range."""
 
     @property
     @abstractmethod
@@ -48,25 +47,25 @@ class Actuator(Atomic):
 
     @property
     def when_suspended(self) -> Literal["default", "hold"]:
-        """What becomes of its value in a change to manual mode, if no law writes it: as declared, or as the nearest
+        """Return how its value changes in a change to manual mode, if no law writes it: as declared, or as the nearest
         compound declares ("run on" is "hold")."""
         reaction = self._when_suspended or declared_reaction(self) or "default"
         return "default" if reaction == "default" else "hold"
 
     @property
     def _holds(self) -> bool:
-        """Whether it keeps its value while nobody is in charge of it."""
+        """True if it keeps its value while nothing controls it."""
         return self.when_suspended == "hold"
 
     @property
     def inhibited(self) -> str | None:
-        """Why writes of the program are not accepted: the reason of the interlock that keeps it at its default, or who
-        has taken it. None: they are accepted."""
+        """Return why writes of the program are not accepted: the reason of the interlock that keeps it at its default,
+        or the client that has taken it. None if they are accepted."""
         return self._image.claims.inhibited(self._slot)
 
     @property
     def claim(self) -> Claim:
-        """Who drives it now, and what comes next."""
+        """Return who drives it now, and what comes next."""
         return self._image.claims.claim(self._slot)
 
     def update(self) -> bool:
@@ -158,7 +157,7 @@ class DigitalActuator(Actuator, Digital):
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
     `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; the electrical quantity, raw * resolution +
     zero_offset, is its inverse at the value. Default: they are the same. `on_error`, `max_age` and `when_suspended` as
-    of a BinaryActuator.
+    in a BinaryActuator.
     """
 
     __slots__ = ("_clamp", "_default", "_expires", "_max_age", "_slew_rate", "_when_suspended")

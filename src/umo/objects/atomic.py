@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar, c
 
 import numpy as np
 
+from umo.digits import NO_VALUE, digits_of, number_text
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.attributes import assign, check_declared
 from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
+from umo.objects.presentation.value_text import measure, quality_text, span
 from umo.objects.quality import QUALITIES, Quality
 from umo.objects.range import Range
 from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit, convert
-from umo.presentation.digits import NO_VALUE, digits_of, number_text
-from umo.presentation.value_text import measure, quality_text, span
 from umo.states import TwoState, comparisons, shown
 from umo.text import cut_repr, did_you_mean
 from umo.user_code import incomplete
@@ -43,13 +43,13 @@ class Atomic(Node):
     _word: ClassVar[str]
     """The kind of its value: "binary", "digital"."""
     _has_states: ClassVar[bool]
-    """Whether its value is one of some named states; else a number in a unit."""
+    """True if its value is one of some named states, False if a number in a unit."""
     _states: type[Enum] | None = None
-    """The type of its states; None: it has none."""
+    """The type of its states, or None if it has none."""
     _raws: tuple[int, ...] | None = None
     """The raw integers that its channel can have; None: all within the range."""
     _incremental: bool = False
-    """Whether its value means nothing until it is referenced."""
+    """True if its value means nothing until it is referenced."""
     _debounce: float | None = None
     _filter: float | None = None
     _velocity: float | None = None
@@ -116,7 +116,7 @@ class Atomic(Node):
 
     @abstractmethod
     def _about(self) -> dict[str, Any]:
-        """What its values mean, as plain data (`umo.presentation.described`)."""
+        """Return the meaning of its values as plain data (`umo.objects.presentation.described`)."""
         return {}
 
     @abstractmethod
@@ -136,7 +136,8 @@ class Atomic(Node):
         raise NotImplementedError
 
     def _levels(self, inverted: bool) -> Calibration:
-        """Of an object with states: its calibration on a channel, inverted or not. DeclarationError if it cannot be."""
+        """Return the calibration of an object with states on a channel, inverted or not. DeclarationError if it is not
+        possible."""
         if inverted:
             raise DeclarationError(f"a {type(self).__name__} cannot be inverted")
         return self.calibration
@@ -157,7 +158,7 @@ class Atomic(Node):
                 raise AttributeError(f"{error}{self._instead_of_setting('...')}") from None
 
     def _instead_of_setting(self, value: str) -> str:
-        """What to write instead of an assignment to it, or to an attribute of it."""
+        """Return what to write instead of an assignment to it or to one of its attributes."""
         if self.direction is Direction.OUTPUT:
             return f"; its value is written: `{self.path or type(self).__name__}.write({value})`"
         return "; a sensor is only read"
@@ -170,7 +171,7 @@ class Atomic(Node):
         self._image = cast("Image", Unconnected(self))
 
     def _shown(self) -> str:
-        """Its value in words."""
+        """Its value as text."""
         value = self._image.values[self._slot]
         return NO_VALUE if value != value else number_text(value)
 

@@ -24,8 +24,8 @@ class DeclaredAttributes:
 
     These are the names in the body of the class and of its bases (fields, annotations, values, functions), what a
     function in it assigns to its own object (`self.started = ...`), and what is assigned while `__init__` or `setup` of
-    the object run, or of one that contains it. Names that begin with _ are the business of whoever uses them: a
-    descriptor may keep its value there. Any other assignment raises AttributeError with the nearest name."""
+    the object run, or of one that contains it. Names that begin with _ are not checked: a descriptor may keep its value
+    there. Any other assignment raises AttributeError with the nearest name."""
 
     __slots__ = ()
 
@@ -63,7 +63,7 @@ def names_in(cls: type) -> set[str]:
 
 
 def own_names(cls: type) -> set[str]:
-    """Those but what every object has."""
+    """Return the names except those that every object has."""
     return names_in(cls).difference(*(names_in(each) for each in cls.__mro__ if each.__module__.startswith(OBJECTS)))
 
 
@@ -93,8 +93,8 @@ def _nearest(owner: Any, name: str) -> str:
 
 
 def _is_made(owner: Any, name: str, frame: FrameType | None) -> bool:
-    """Whether `__init__` or `setup` of this object is under way, or of one that contains it: that may give a part an
-    attribute, but not one that is a slip of the finger."""
+    """True if `__init__` or `setup` of this object, or of one that contains it, is running: then a part may get a new
+    attribute, but not a misspelt one."""
     around = owner
     while around is not None:
         if _is_making(around, frame):

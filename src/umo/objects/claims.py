@@ -6,9 +6,9 @@
     CLIENT     one client has taken it
     PROGRAM    the last write of whoever else: laws, sequences, actions, the program's own loop
 
-A write of a lower rank is refused; the default is always taken, but from the program while a client has it. A rank that
-ends leaves the default: nothing comes back by itself. Resting (a suspension, a unit that is held) and expiry are no
-ranks: they send the default, and every later write overrides them. A rate limits all but resets.
+A write of a lower rank is refused. The default is always accepted, except from the program while a client has the
+actuator. A rank that ends leaves the default: nothing comes back by itself. Resting (a suspension, a unit that is held)
+and expiry are not ranks: they send the default, and every later write overrides them. A rate limits all but resets.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 
 class Rank(IntEnum):
-    """Who has an actuator. STOP is that of the connection (`umo.cycle.connect`), which writes through no stage."""
+    """The owner of an actuator. STOP is the rank of the connection (`umo.cycle.connect`), which writes through no
+    stage."""
 
     PROGRAM = 0
     CLIENT = 1
@@ -28,25 +29,25 @@ class Rank(IntEnum):
 
 
 class Claim(NamedTuple):
-    """What is in force for one actuator."""
+    """The claim in force for one actuator."""
 
     rank: Rank
     reason: str = ""
-    """Why the program can write no other value than the default; "": it can."""
+    """The reason why the program can write no value except the default; "" if it can."""
 
     @property
     def who(self) -> str:
-        """Who drives it, in words."""
+        """Return who drives it, as text."""
         return f"{WHO[self.rank]}: {self.reason.removeprefix(TAKEN)}" if self.reason else WHO[self.rank]
 
     @property
     def ends(self) -> str:
-        """What comes next, in a sentence."""
+        """Return what comes next, as a sentence."""
         return NEXT[self.rank]
 
 
 TAKEN = "taken by client: "
-"""How the reason of one that a client has taken begins."""
+"""Beginning of the reason for an actuator that a client has taken."""
 WHO = {
     Rank.PROGRAM: "the program",
     Rank.CLIENT: "a client",
@@ -57,11 +58,11 @@ WHO = {
 NEXT = {
     Rank.PROGRAM: "The last write of laws, sequences and actions counts. A client with the lease may take it in manual "
     "mode.",
-    Rank.CLIENT: "Writes of the program are refused. The default is sent when the client lets it go, its lease ends or "
-    "the mode changes.",
-    Rank.INTERLOCK: "Only the default is sent. When the condition is over, and acknowledged if it latches, the default "
-    "stays until somebody writes.",
-    Rank.FAULT: "Only the default is sent. When the fault is cleared, it is initialised at its default, which "
-    "stays until somebody writes.",
+    Rank.CLIENT: "Writes of the program are refused. The default is sent when the client releases the actuator, its "
+    "lease ends or the mode changes.",
+    Rank.INTERLOCK: "Only the default is sent. When the condition is over, and acknowledged if the interlock is "
+    "latched, the actuator stays at its default until it is written.",
+    Rank.FAULT: "Only the default is sent. When the fault is cleared, the actuator is initialised at its default and "
+    "stays there until it is written.",
     Rank.STOP: "Only resets reach the device.",
 }

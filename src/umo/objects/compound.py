@@ -75,26 +75,26 @@ class Compound(Node):
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
     equipment: Whether it fails alone (the equipment module of ISA-88): if one of its objects, its `control` or a
         sequence that was started in it fails, its actuators go to their defaults, in stop order, its sequences end, and
-        it is in fault (`cycle.fault`) until `cycle.clear()`; the rest of the machine goes on. "manual": in manual mode
-        only, as an axis. Default: False: a failure is that of the equipment around it, of the machine the end of the
-        run. On the machine itself it has no effect.
-    numbers: The numbers that are no fields, such as those of laws and properties, by the names of the attributes:
+        it is in fault (`cycle.fault`) until `cycle.clear()`; the rest of the machine continues. "manual": in manual
+        mode only, as an axis. Default: False: a failure is that of the equipment around it, of the machine the end of
+        the run. On the machine itself it has no effect.
+    numbers: The numbers that are not fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
         of the object that returns them. Those of the base are kept; for a name in both, those of the
         subclass count.
-    when_suspended: What becomes of the actuators and axes below in a change to manual mode, and of what an action has
-        left when its client's lease ends. "default": actuators go to their defaults, axes are disabled. "hold":
+    when_suspended: What happens to the actuators and axes below in a change to manual mode, and to those that an action
+        has left when its client's lease ends. "default": actuators go to their defaults, axes are disabled. "hold":
         actuators keep their values, axes stop on their profiles and stay under control. "run on": actuators keep their
-        values, motions go on to their ends. An actuator that a law (`control`) writes in each period is the law's. The
-        nearest declaration counts. Default: actuators "default", axes "hold".
+        values, motions continue to their ends. An actuator that a law (`control`) writes in each period is the law's.
+        The nearest declaration counts. Default: actuators "default", axes "hold".
     every: The rate of a part of the machine: it is sampled, controlled and updated in every n-th period (`every=10`),
         or at a period of its own, a multiple of the machine's (`every="10 ms"`). What is in it has the same rate,
         unless its class has `every` too. Its `dt` and `cycle.period` are those of its own periods. A period carries out
         the parts at its own rate first, their outputs included, then those that are due. On the machine itself it has
         no effect. Default: that of the object around it, of the machine 1.
-    alarms: The alarms of an operator (ISA-18.2): `umo.alarms.Alarm` by their names, or a function of the object that
-        returns this. Those of the base are kept; for a name in both, that of the subclass counts. The path of an alarm
-        is that of the object and its name: `tank.overfill`.
+    alarms: The alarms of an operator (ISA-18.2): `umo.operation.alarms.Alarm` by their names, or a function of the
+        object that returns this. Those of the base are kept; for a name in both, that of the subclass counts.
+        The path of an alarm is that of the object and its name: `tank.overfill`.
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 
@@ -140,7 +140,7 @@ class Compound(Node):
         for name in vars(cls).keys() - {*names}:
             if isinstance(part := vars(cls)[name], Node):
                 how = f"`{name}: {type(part).__name__}`, and the object where the {cls.__name__} is made"
-                raise DeclarationError(f"{cls.__name__}.{name} is no part of its objects: write {how}")
+                raise DeclarationError(f"{cls.__name__}.{name} is not a part of its objects: write {how}")
         for name in names:
             if name in RESERVED or name.startswith("_"):
                 raise _reserved(cls, name)
@@ -222,7 +222,7 @@ class Compound(Node):
 
     async def on_resume(self) -> None:
         """The machine changes back to automatic mode: the actuators have the values again that the application gave
-        them. Override it with what must happen before the application goes on, such as a spindle's run-up; a failure
+        them. Override it with what must happen before the application continues, such as a spindle's run-up; a failure
         leads back to manual mode."""
 
     # One period ------------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ class Compound(Node):
         return Cycle(self._machine, self)
 
     def _enter_fault(self) -> None:
-        """Equipment that it belongs to is in fault: nothing moves it any longer."""
+        """Equipment that it belongs to is in fault: nothing moves it any more."""
 
     def _connect(
         self,
@@ -282,7 +282,7 @@ class Compound(Node):
             vars(self).pop(name, None)
 
     def _is_below(self, other: object) -> bool:
-        """Whether the other object is this one, its parent, or further up: a part may have its parent as an
+        """True if the other object is this one, its parent, or further up: a part may have its parent as an
         attribute."""
         node: Node | None = self
         while node is not None and node is not other:
@@ -299,19 +299,19 @@ def _check_hooks(cls: type[Compound]) -> None:
     for name in ("sample", "update"):
         if getattr(cls, name) is not getattr(Compound, name):
             what = f"{cls.__name__}.{name} would never be called: umo moves all objects of a part together"
-            raise DeclarationError(f"{what}; what it does in each period is written in `control`")
+            raise DeclarationError(f"{what}; the code for each period belongs in `control`")
     for name in ("control", "setup", "interlocks"):
         code = getattr(vars(cls).get(name), "__code__", None)
         if code is None:
             continue
         place = in_brackets(shown_place(definition(vars(cls)[name])))
         if code.co_flags & inspect.CO_GENERATOR and name != "interlocks":
-            raise DeclarationError(f"{cls.__name__}.{name} has a `yield` in it, so nothing of it would be done{place}")
+            raise DeclarationError(f"{cls.__name__}.{name} contains `yield`, so its statements would not run{place}")
         if not code.co_argcount and not code.co_flags & inspect.CO_VARARGS:
             raise DeclarationError(f"{cls.__name__}.{name} takes no object: write `def {name}(self)`{place}")
         if code.co_argcount - len(vars(cls)[name].__defaults__ or ()) > 1:
             form = f"`def {name}(self)`{'; the period is `self.dt`' if name == 'control' else ''}"
-            raise DeclarationError(f"{cls.__name__}.{name} is given nothing but its object: write {form}{place}")
+            raise DeclarationError(f"{cls.__name__}.{name} takes no arguments except its object: write {form}{place}")
     if not inspect.iscoroutinefunction(cls.on_resume):
         raise DeclarationError(f"{cls.__name__}.on_resume must be a sequence: `async def on_resume(self)`")
 
@@ -323,7 +323,7 @@ def _reserved(cls: type, name: str) -> DeclarationError:
 
 
 def _written(part: Node | None, value: object) -> str:
-    """What was meant by a value in the place of an object."""
+    """Return what was probably meant by a value that was assigned to an object."""
     if not isinstance(part, Atomic) or isinstance(value, Node):
         return ""
     return part._instead_of_setting(shown(value))
@@ -384,7 +384,7 @@ def _check_type(where: str, value: object, hint: Any) -> None:
 
 
 def check_machine(function: str, given: object) -> None:
-    """DeclarationError for what is no machine, such as its class or the function that makes it."""
+    """DeclarationError for what is not a machine, such as its class or the function that makes it."""
     if not isinstance(given, Compound):
         hint = f"; call it: {function}({given.__name__}(...))" if hasattr(given, "__name__") else ""
         raise DeclarationError(f"{function}() takes a machine, a Compound, not {cut_repr(given)}{hint}")

@@ -8,11 +8,11 @@ from umo.objects.atomic import Atomic
 from umo.objects.compound import Compound
 from umo.objects.node import Node
 from umo.objects.paths import atoms
+from umo.objects.presentation.described import Described
+from umo.objects.presentation.html_table import html_table, never_raises
+from umo.objects.presentation.rows import TableRow, restriction
 from umo.objects.units import convert, line_between
 from umo.objects.vector import Vector
-from umo.presentation.described import Described
-from umo.presentation.html_table import html_table, never_raises
-from umo.presentation.rows import TableRow, restriction
 
 
 def described(item: Atomic) -> Described:
@@ -31,8 +31,8 @@ def row_of(item: Atomic) -> TableRow:
 
 
 def converted(row: TableRow, unit: str | None) -> TableRow:
-    """A number in another unit, with its resolution; what has no unit as it is. DeclarationError, RangeError as of
-    `convert`."""
+    """A number in another unit, with its resolution; a value without a unit is unchanged. DeclarationError, RangeError
+    as in `convert`."""
     about = row.about
     if unit is None or not about.is_number:
         return row

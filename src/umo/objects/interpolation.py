@@ -1,6 +1,6 @@
 """Interpolation that is equally quick for one number and for many, and gives identical results for both.
 
-Beyond their ends both kinds go on along a straight line.
+Beyond their ends both kinds continue along a straight line.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class CurveTable(NamedTuple):
     size: int
     """The number of points, or of cells."""
     first: float
-    """Of cubics: where the first cell begins."""
+    """For cubics: the beginning of the first cell."""
     per_x: float
-    """Of cubics: cells for one unit of x."""
+    """For cubics: cells per unit of x."""
     numbers: bytes
     """The columns one after the other, as doubles."""
 
@@ -141,7 +141,7 @@ class CubicsOfMany:
 def _evaluate(
     xs: FloatArray, first: Any, per_x: Any, cells: Any, begins: Any, table: tuple[FloatArray, ...]
 ) -> FloatArray:
-    """Each x in its cell; `begins` is the row of the first cell."""
+    """Evaluate each x in its cell. `begins` is the row of the first cell."""
     place = xs - first
     place *= per_x
     np.maximum(place, -1.0, out=place)

@@ -20,12 +20,12 @@ ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
 """Numbers by the names of attributes, or a function of the object that returns this."""
 
 AlarmsByName = Mapping[str, Any] | Callable[[Any], Mapping[str, Any]]
-"""Alarms (`umo.alarms.Alarm`) by their names, or a function of the object that returns this."""
+"""Alarms (`umo.operation.alarms.Alarm`) by their names, or a function of the object that returns this."""
 
 Reaction = Literal["default", "hold", "run on"]
-"""What becomes of actuators and axes while nobody is in charge of them. Actuators go to their defaults, or keep their
-values ("hold" and "run on"). Axes are disabled; stop on their profiles and stay under control; or their motions go on
-to their ends (homing and jogs stop)."""
+"""How actuators and axes react while nothing controls them. Actuators go to their defaults, or keep their values
+("hold" and "run on"). Axes are disabled; stop on their profiles and stay under control; or continue their motions to
+the end (homing and jogs stop)."""
 REACTIONS: tuple[Reaction, ...] = ("default", "hold", "run on")
 """Reactions of a compound."""
 
@@ -34,7 +34,7 @@ IN_MANUAL = "manual"
 
 
 class ClassSettings(NamedTuple):
-    """What a class and its bases were given; documented at `Compound`."""
+    """The keywords of a class and its bases, documented at `Compound`."""
 
     stop_order: Sequence[str] = ()
     max_period: str | float | None = None
@@ -66,7 +66,7 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
 
 
 def declared_reaction(node: Node | None) -> Reaction | None:
-    """The reaction that the nearest compound declares, from this node up; None: there is none."""
+    """The reaction that the nearest compound declares, from this node up, or None if there is none."""
     while node is not None:
         settings: ClassSettings | None = getattr(node, "_settings", None)
         if settings is not None and settings.when_suspended is not None:

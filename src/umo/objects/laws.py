@@ -13,7 +13,7 @@ from umo.objects.paths import walk
 PLAIN = (bool, int, float, str, Enum)
 """The types of what a wiring can set."""
 NO_LAW = (Node, *PLAIN, type)
-"""The types of attributes that are no laws; most are parts."""
+"""The types of attributes that are not laws; most are parts."""
 
 
 def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
@@ -30,12 +30,12 @@ def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
 
 
 def has_loops(law: Any) -> bool:
-    """Whether it is a control law, on whose loops there are experiments (`umo.control.experiment`)."""
+    """True if it is a control law, on whose loops there are experiments (`umo.control.experiment`)."""
     return all(callable(getattr(law.__class__, name, None)) for name in ("experiments", "loops"))
 
 
 def law_named(node: Compound, name: str) -> Any:
-    """The law that `laws_of` gives with this name; None: there is none."""
+    """The law that `laws_of` gives with this name, or None if there is none."""
     attribute, _, key = name.partition(".")
     value = None if attribute.startswith("_") else vars(node).get(attribute)
     if isinstance(value, list | tuple):

@@ -3,7 +3,7 @@
     value = f(x), x = raw * resolution + zero_offset
 
 x is the electrical quantity that the converter measures or gives, such as mV; f is a `Linearization`. f is strictly
-monotonic over the range of the object, so it has an inverse. Beyond its ends f goes on along a straight line: a table
+monotonic over the range of the object, so it has an inverse. Beyond its ends f continues along a straight line: a table
 along its end segments, the others along their end tangents.
 """
 
@@ -21,9 +21,9 @@ import numpy as np
 
 from umo.errors import DeclarationError
 from umo.objects.interpolation import Cubics, CurveTable, Segments, groups_of, horner
+from umo.objects.presentation.value_text import span
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
-from umo.presentation.value_text import span
 
 
 class Linearization(ABC):
@@ -59,7 +59,7 @@ class Linearization(ABC):
 @dataclass(frozen=True)
 class LookupTable(Linearization):
     """Linear interpolation in a table: `LookupTable([0.0, 1.0, 2.0], [0.0, 30.0, 80.0])`. Both columns are strictly
-    monotonic. Beyond the table its end segments go on."""
+    monotonic. Beyond the table its end segments continue."""
 
     inputs: Sequence[float]
     """The electrical quantities."""
@@ -74,7 +74,10 @@ class LookupTable(Linearization):
             if not ((steps > 0).all() or (steps < 0).all()):
                 raise DeclarationError(f"the {name} of a table must be strictly monotonic")
         if len(self.inputs) != len(self.values):
-            raise DeclarationError(f"a table of {len(self.inputs)} inputs and {len(self.values)} values")
+            raise DeclarationError(
+                f"a table must have as many values as inputs: it has {len(self.inputs)} inputs and "
+                f"{len(self.values)} values"
+            )
 
     @cached_property
     def _forward(self) -> Segments:  # type: ignore[override]
@@ -96,9 +99,9 @@ class LookupTable(Linearization):
 class Polynomial(Linearization):
     """value = c0 + c1 x + c2 x^2 + ...: `Polynomial([c0, c1, c2])`, to 1e-9 of the range.
 
-    Of its strictly monotonic parts the one that covers the range of the object is used; beyond the range its tangents
-    go on. If several parts cover it, `domain` must name the electrical quantities, (from, to), between which it is
-    used.
+    If it has several strictly monotonic parts, the one that covers the range of the object is used; beyond the range
+    its tangents continue. If several parts cover it, `domain` must name the electrical quantities, (from, to), between
+    which it is used.
     """
 
     coefficients: Sequence[float]
@@ -160,7 +163,7 @@ class Polynomial(Linearization):
 
 @lru_cache(maxsize=1000)
 def _both_ways(polynomial: Polynomial) -> tuple[Cubics, Cubics]:
-    """In as few cells as keep it within 1e-9 of the range, both ways."""
+    """Return the polynomial and its inverse, in as few cells as keep them within 1e-9 of the range."""
     with np.errstate(all="ignore"):
         xs = np.linspace(polynomial.domain[0], polynomial.domain[1], 5003)
         values = horner(polynomial.coefficients, xs)
@@ -173,7 +176,7 @@ def _both_ways(polynomial: Polynomial) -> tuple[Cubics, Cubics]:
 
 
 def fitted(linearization: object, units: str, minimum: float, maximum: float) -> Linearization:
-    """It for an object of these units and range; DeclarationError if it does not fit."""
+    """Return the linearization for an object of these units and range. DeclarationError if it does not fit."""
     if not isinstance(linearization, Linearization):
         raise DeclarationError(f"linearization={linearization!r} is not a Polynomial, a LookupTable or a Thermocouple")
     if linearization.units is not None and not same_unit(linearization.units, units):
@@ -196,7 +199,7 @@ class Linearizations:
 
     @property
     def in_c(self) -> list[tuple[int, CurveTable]] | None:
-        """Each curve to values with its place, as C has them. None: there is a function of the user's own."""
+        """Return each curve to values with its place, as C needs them; None if there is a function of the user's."""
         curves = [(place, one) for place, one in enumerate(self._each) if one is not None]
         if any(isinstance(one, _OneByOne) for _, one in curves):
             return None

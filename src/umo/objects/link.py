@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Claims(Protocol):
-    """Who drives each actuator."""
+    """The claims on actuators."""
 
     def inhibited(self, slot: int) -> str | None: ...
     def claim(self, slot: int) -> Claim: ...
@@ -51,7 +51,7 @@ class Image(Protocol):
     wire_texts: Sequence[str]
     """The wiring of each object, such as `box:coil:3 inverted`."""
     sampled_good: bool | None
-    """Whether all synchronous sensors are GOOD; None: not known."""
+    """True if all synchronous sensors are GOOD; None if not known."""
 
     @property
     def columns(self) -> Columns: ...
@@ -71,15 +71,15 @@ class Task(Protocol):
     """A started sequence. Another sequence may await it: the result; TaskFailed if it failed or was cancelled."""
 
     paused: bool
-    """Whether it takes no steps, so that no time passes for it; default: False. A program may set it."""
+    """True if it takes no steps, so that no time passes for it; default: False. A program may set it."""
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, in whatever way."""
+        """True if it has ended, in whatever way."""
 
     @property
     def result(self) -> Any:
-        """What it has returned; None before its end, and if it failed or was cancelled."""
+        """Return its result; None before its end, and if it failed or was cancelled."""
 
     def cancel(self) -> None:
         """Raise Cancelled inside it; it may clean up."""
@@ -118,7 +118,7 @@ class Machine(Protocol):
 
     @property
     def current_task(self) -> Task | None:
-        """The started sequence that takes a step, or is cancelled, at this moment; None: none does."""
+        """The started sequence that takes a step, or is cancelled, at this moment, or None if none does."""
 
     def sample(self, part: Node) -> bool: ...
     def update(self, part: Node) -> bool: ...
@@ -130,6 +130,7 @@ class Machine(Protocol):
     def facts(self) -> Mapping[str, str]: ...
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task: ...
     def fault_of(self, part: Node) -> EquipmentFault | None: ...
+    def is_in_fault(self, part: Node) -> bool: ...
     def fail(self, part: Node, error: BaseException) -> bool: ...
     def clear(self, part: Node) -> list[str]: ...
 
@@ -146,9 +147,9 @@ class Cycle:
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         """Start a sequence of this object. It runs from the next period on, beside the others.
 
-        If it fails, whoever awaits it gets TaskFailed. If nobody in the same equipment awaits it, the equipment is in
-        fault; of the machine itself, `control` raises the error and the run ends. EquipmentFault if the equipment is in
-        fault already.
+        If it fails, a sequence that awaits it gets TaskFailed. If nobody in the same equipment awaits it, the equipment
+        is in fault; of the machine itself, `control` raises the error and the run ends. EquipmentFault if the equipment
+        is in fault already.
         """
         return self._machine.start(sequence, self._part)
 
@@ -170,8 +171,8 @@ class Cycle:
     def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
         """Say what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.
 
-        It is shown by `umo run`, `umo ps`, `umo watch` and the plot, and is in the frames (the first 64 bytes). Numbers
-        that are not given stay. RangeError unless they are whole and 0 or more.
+        It is shown by `umo run`, `umo show stations`, `umo show values` and the plot, and is in the frames (the first
+        64 bytes). Numbers that are not given stay. RangeError unless they are whole and 0 or more.
         """
         self._machine.progress(text, done, total)
 
@@ -182,20 +183,20 @@ class Cycle:
             m.cycle.result(lambda: shift.report())  # called once, at the end
 
         It is the result of the run, in its table and its summary, however the run ends, unless the application returns
-        one: an operator stops it, its time is over, it fails. What was told last counts. Data are read at the end, so a
-        dict may be changed on; a function is called when every actuator is at its default and the machine is no longer
+        one: an operator stops it, its time is over, it fails. The last call counts. Data are read at the end, so a dict
+        may be changed on; a function is called when every actuator is at its default and the machine is no longer
         connected: it may use what was counted, and read no objects.
         """
         self._machine.result(so_far)
 
     def tell(self, text: str) -> None:
-        """Say that something has happened to this object: an event, which `umo ps`, the page, frames and black boxes
-        have. Of a text that is longer than 448 bytes others see the beginning."""
+        """Say that something has happened to this object: an event, which `umo show stations`, the page, frames and
+        black boxes have. Of a text that is longer than 448 bytes others see the beginning."""
         self._machine.tell(self._part._path, text)
 
     @property
     def manual(self) -> bool:
-        """Whether the machine is in manual mode: the application waits."""
+        """True if the machine is in manual mode: the application waits."""
         return self.connected and self._machine.is_manual
 
     @property

@@ -56,12 +56,12 @@ class Node(DeclaredAttributes):
         __hash__ = object.__hash__
 
     def _compared(self, sign: str, other: object) -> str:
-        """Why it is not compared with a value, and what to write instead."""
+        """Return why it is not compared with a value, and what to write instead."""
         name = self._path or type(self).__name__
         return f"`{name} {sign} {shown(other)}` compares an object, not a value; {self._meant(name, sign, other)}"
 
     def _meant(self, name: str, sign: str, other: object) -> str:
-        """What to write instead of such a comparison."""
+        """Return what to write instead of such a comparison."""
         return f"a {type(self).__name__} has none: compare that of an object in it ({some(list(self._children))})"
 
     def control(self) -> None:

@@ -21,13 +21,13 @@ from umo.objects.paths import walk
 from umo.objects.range import Number, Range
 from umo.signature import evaluated, hints_of
 from umo.text import did_you_mean
-from umo.user_code import attempt, told_as
+from umo.user_code import attempt, raise_as
 
 _MISSING = object()
 
 
 class MachineNumber(NamedTuple):
-    """One number of a machine: an attribute of a compound, or of something that a compound has, such as a law."""
+    """One number of a machine: an attribute of a compound or of one of its parts, such as a law."""
 
     path: str
     """Path of the number, such as `z.servo.gain`."""
@@ -38,9 +38,9 @@ class MachineNumber(NamedTuple):
     """Type: bool, int, float, str or an Enum; None: a number without an annotation, which stays an int as long as it is
     whole."""
     is_field: bool
-    """Whether it is a field of a compound, of which `setup` may make others."""
+    """True if it is a field of a compound, of which `setup` may make others."""
     settable: bool
-    """Whether a wiring may set it: a field, or what is declared in `numbers` and not just shown."""
+    """True if a wiring may set it: a field, or what is declared in `numbers` and not just shown."""
 
     @property
     def value(self) -> Any:
@@ -54,7 +54,7 @@ class MachineNumber(NamedTuple):
         return nan if error is not None else number
 
     def checked(self, value: object) -> Any:
-        """The value as it is set, an Enum by its name; RangeError if it is none of this type or out of the range."""
+        """The value to set, an Enum by its name; RangeError if it has another type or is out of the range."""
         if self.kind in (bool, str):
             if type(value) is not self.kind:
                 raise RangeError(f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a text'}")
@@ -105,7 +105,7 @@ class MachineNumber(NamedTuple):
         return states_of(self.kind) if isinstance(self.kind, EnumMeta) else self.declared.names
 
     def describe(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the number as plain data."""
         return {"path": self.path, **self.declared.describe()}
 
 
@@ -123,9 +123,9 @@ def number_in(kind: EnumMeta, member: Any) -> int:
 
 
 def numbers_of(root: Compound) -> dict[str, MachineNumber]:
-    """Every number of a machine, by path: of each compound what it declares in `numbers`, its fields, then those of its
-    laws. What a compound declares counts before what its laws do. DeclarationError for a declaration that fits
-    nothing."""
+    """Return every number of a machine, by path: for each compound what it declares in `numbers`, its fields, then
+    those of its laws. Declarations of a compound override those of its laws. DeclarationError for an invalid
+    declaration."""
     found: dict[str, MachineNumber] = {}
     for node in (root, *walk(root)):
         if isinstance(node, Compound):
@@ -139,7 +139,7 @@ def check_settings(owner: Any) -> None:
     has no `check_settings` accepts all."""
     check = getattr(owner, "check_settings", None)
     if callable(check):
-        with told_as(DeclarationError, f"{type(owner).__name__}.check_settings failed"):
+        with raise_as(DeclarationError, f"{type(owner).__name__}.check_settings failed"):
             check()
 
 
@@ -172,7 +172,7 @@ def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
 @cache
 def _fields_of(cls: Any) -> Mapping[str, tuple[type | None, Range | str | None]]:
     """Type and range of the public fields of a dataclass; a text for an annotation that cannot be evaluated and seems
-    to have a range. Empty for what is no dataclass, or a frozen one."""
+    to have a range. Empty for what is not a dataclass, or a frozen one."""
     params: Any = getattr(cls, "__dataclass_params__", None)
     if params is None or params.frozen:
         return {}
@@ -198,10 +198,10 @@ def _number(limits: Any) -> Number:
 
 
 def _declared(owner: Any, path: str, given: Callable[[], Any] | Mapping[str, Range]) -> Iterator[MachineNumber]:
-    """What an object declares in `numbers`."""
+    """The declarations of an object in `numbers`."""
     where = path or type(owner).__name__
     try:
-        with told_as(DeclarationError, "failed"):
+        with raise_as(DeclarationError, "failed"):
             declared = given() if callable(given) else given
     except UmoError as error:
         raise DeclarationError(f"numbers of {where}: {error}") from error

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from umo.errors import PathError
 from umo.objects.atomic import Atomic
 from umo.objects.node import Node
-from umo.presentation.rows import ANY
+from umo.objects.presentation.rows import ANY
 from umo.text import did_you_mean
 
 
@@ -35,7 +35,7 @@ def walk(node: Node) -> Iterator[Node]:
 
 
 def is_within(node: Node | None, compound: Node) -> bool:
-    """Whether an object is this compound, or below it."""
+    """True if an object is this compound, or below it."""
     while node is not None and node is not compound:
         node = node._parent
     return node is not None
@@ -70,7 +70,7 @@ def is_pattern(path: str) -> bool:
 
 
 def matches(pattern: str, path: str) -> bool:
-    """Whether a path is the pattern, in which `*` stands for one part of a path."""
+    """True if a path is the pattern, in which `*` stands for one part of a path."""
     parts, names = pattern.split("."), path.split(".")
     return len(parts) == len(names) and all(part in (ANY, name) for part, name in zip(parts, names, strict=True))
 
@@ -81,7 +81,7 @@ def _below(node: Node) -> dict[str, Node]:
 
 
 def _is_in(pattern: str, path: str, node: Node) -> bool:
-    """Whether an object is in a list or dict that the pattern names."""
+    """True if an object is in a list or dict that the pattern names."""
     return "." in node._name and matches(pattern, path.rpartition(".")[0])
 
 

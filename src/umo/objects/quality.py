@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Quality(IntEnum):
-    """Whether a value can be used. Control laws accept GOOD and STALE; the others only if the call says so."""
+    """How far a value can be trusted. Control laws accept GOOD and STALE; the others only if the call says so."""
 
     GOOD = 0
     OUT_OF_RANGE = 1

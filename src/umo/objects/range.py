@@ -8,11 +8,11 @@ from math import inf, isfinite
 from sys import float_info
 from typing import Any, Protocol
 
+from umo.digits import number_text
 from umo.errors import DeclarationError, RangeError
+from umo.objects.presentation.value_text import measure, span
 from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit
-from umo.presentation.digits import number_text
-from umo.presentation.value_text import measure, span
 from umo.text import cut_repr
 
 MAX_NAMED = 2**53
@@ -20,7 +20,7 @@ MAX_NAMED = 2**53
 
 
 class Ranged(Protocol):
-    """What has a unit and a range: a digital object."""
+    """An object with a unit and a range: a digital object."""
 
     @property
     def units(self) -> str: ...
@@ -48,9 +48,11 @@ class Range:
             if isinstance(bound, bool) or not isinstance(bound, int | float):
                 raise DeclarationError(f"a bound of a Range is a number, not {bound!r}")
             if isinstance(bound, int) and not -float_info.max <= bound <= float_info.max:
-                raise DeclarationError("a bound of a Range is an integer beyond all floats; leave it out: no bound")
+                raise DeclarationError(
+                    "a bound of a Range is an integer that no float can hold; without a bound, leave it out"
+                )
         if not self.minimum <= self.maximum:
-            raise DeclarationError(f"no number is between {self.minimum!r} and {self.maximum!r}")
+            raise DeclarationError(f"the minimum {self.minimum!r} is above the maximum {self.maximum!r}")
 
     @classmethod
     def of(cls, item: Ranged) -> Range:
@@ -69,7 +71,7 @@ class Range:
         return int(number)
 
     def admits(self, values: Sequence[object]) -> bool:
-        """Whether `check` takes each of them."""
+        """True if `check` takes each of them."""
         low, high = max(self.minimum, -float_info.max), min(self.maximum, float_info.max)
         return {*map(type, values)} <= {int, float} and all(low <= value <= high for value in values)  # type: ignore[operator]
 
@@ -78,7 +80,7 @@ class Range:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise RangeError(f"{name}: {value!r} is not a number{self._in_unit}")
         if not -float_info.max <= value <= float_info.max:
-            what = repr(value) if isinstance(value, float) else "an integer beyond all floats"
+            what = repr(value) if isinstance(value, float) else "an integer that no float can hold"
             raise RangeError(f"{name}: {what} is not a number{self._in_unit}")
         if not self.minimum <= value <= self.maximum:
             raise RangeError(f"{name}: {measure(value, self.unit)} is {self._outside(value)}")
@@ -94,7 +96,7 @@ class Range:
         return f"below {number_text(self.minimum)}" if value < self.minimum else f"above {number_text(self.maximum)}"
 
     def describe(self) -> dict[str, Any]:
-        """As plain data; None for an infinite bound."""
+        """Return the range as plain data; None for an infinite bound."""
         low, high = (bound if isfinite(bound) else None for bound in (self.minimum, self.maximum))
         return {"unit": self.unit, "minimum": low, "maximum": high}
 
@@ -109,11 +111,11 @@ class Number(Range):
     maximum: float = inf
     _: KW_ONLY
     tunable: bool = False
-    """Whether it may be changed while the machine runs: `umo tune`, `umo.attach`, the page."""
+    """True if it may be changed while the machine runs: `umo tune number`, `umo.attach`, the page."""
     shown: bool = False
-    """Whether it is shown beside the objects: in frames, trace, plot and `umo watch`."""
+    """True if it is shown beside the objects: in frames, trace, plot and `umo show values`."""
     kept: bool = False
-    """Whether its last value is kept over a restart: of a float, int, bool or Enum. It is shown in frames, too."""
+    """True if its last value is kept over a restart: of a float, int, bool or Enum. It is shown in frames, too."""
     names: Mapping[int, str] = field(default_factory=dict, hash=False)
     """Names of its values where it is shown, such as `{0: "none", 1: "glue"}`; an Enum brings its own. Empty: it is a
     plain number."""

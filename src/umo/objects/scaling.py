@@ -51,7 +51,7 @@ def to_values(
 def to_steps(
     values: FloatArray, resolution: FloatArray, zero_offset: FloatArray | None, out: FloatArray | None = None
 ) -> FloatArray:
-    """Raw integers that are not rounded yet. The arguments are as of `to_values`."""
+    """Raw integers that are not rounded yet. The arguments are those of `to_values`."""
     shifted = values if zero_offset is None else np.subtract(values, zero_offset, out)
     return np.divide(shifted, resolution, out)
 

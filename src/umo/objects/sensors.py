@@ -29,7 +29,7 @@ class Sensor(Atomic):
     _max_age: float | None
     """Time in s for which the last value is held after a failure; None: not at all."""
     _marks: bool
-    """Whether a failure marks the value BAD and raises nothing."""
+    """True if a failure marks the value BAD and raises nothing."""
 
     def sample(self) -> bool:
         """Synchronous: read the hardware and keep the value; True if its quality is GOOD. Asynchronous: True."""
@@ -80,14 +80,14 @@ class DigitalSensor(Sensor, Digital):
 
     `rollover`: the bits of a counter that starts again at 0 after its highest number, such as 16 for a line encoder;
     True: those of its channel. The value counts on, by the shortest way: between two readings the counter must change
-    by less than half of its numbers. `filter`: time constant in s (or "20 ms") of a low pass of the first order on the
-    value. `velocity`: the same of the change of the unfiltered value per second, `sensor.velocity`, which is shown as
-    `PATH.velocity`; 0: no filter. Default: none of them.
+    by less than half of its range. `filter`: time constant in s (or "20 ms") of a low pass of the first order on the
+    value. `velocity`: the sensor also has `sensor.velocity`, the change of the unfiltered value per second, shown as
+    `PATH.velocity`; this is the time constant of its low pass, 0: no low pass. Default: none of them.
 
     `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
     is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
-    "raise". "mark": with or without such a `max_age` before it, the quality is BAD, and nothing is raised: control laws
-    refuse the value, `quality` tells, the other sensors and the run go on. `read` then returns the last value, NaN if
+    "raise". "mark": the quality is BAD, after `max_age` if it is given, and nothing is raised: control laws refuse the
+    value, `quality` shows it, and the other sensors and the run continue. `read` then returns the last value, NaN if
     there was none: in conditions, such as those of interlocks, use `value_of` of `umo.control`, which raises.
     """
 
@@ -130,7 +130,7 @@ class DigitalSensor(Sensor, Digital):
 
     @property
     def velocity(self) -> float:
-        """Change of the value in `units` per s, as of the last reading; 0 before the second one. DeclarationError for a
+        """Change of the value in `units` per s at the last reading; 0 before the second one. DeclarationError for a
         sensor that is declared without `velocity`."""
         if self._velocity is None:
             raise DeclarationError(

@@ -22,7 +22,7 @@ def stop_sequence(root: Compound) -> list[Atomic]:
 
 
 def _in_order(node: Node) -> Iterator[Atomic]:
-    """Every atomic object; one that is named appears again among the rest."""
+    """The atomic objects in order. An object that is named appears again among the rest."""
     if isinstance(node, Atomic):
         yield node
         return

@@ -16,7 +16,7 @@ from umo.text import CodePlace, shown_place
 MAKING = frozenset(("__init__", "__post_init__", "setup"))
 """The functions of an object in which it is given its own attributes."""
 SHORTEST = 4
-"""Length of a name from which a slip of the finger is told from another word."""
+"""Least length of a name for which a misspelling can be distinguished from another word."""
 _STORE, _EXTENDED = opmap["STORE_ATTR"], opmap["EXTENDED_ARG"]
 
 
@@ -29,7 +29,7 @@ class Store(NamedTuple):
 
 
 def stores_in(cls: type) -> Iterator[Store]:
-    """Those of the functions in the body of a class."""
+    """The stores of the functions in the body of a class."""
     for name, value in vars(cls).items():
         for function in functions_of(value):
             code = function.__code__
@@ -76,7 +76,7 @@ def _stores(code: CodeType, own: str) -> Iterator[tuple[str, CodePlace]]:
 
 
 def _loads(instruction: Any, own: str) -> bool:
-    """Whether this instruction leaves the object itself as the last value: some versions load two at once."""
+    """True if this instruction leaves the object itself as the last value: some versions load two at once."""
     given = instruction.argval
     return "LOAD_" in instruction.opname and own == (given[-1] if isinstance(given, tuple) else given)
 
@@ -87,8 +87,8 @@ def _line_of(instruction: Any, code: CodeType) -> int:
 
 
 def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> None:
-    """DeclarationError for an assignment outside `setup` to a name that is one of the known ones but for a slip of the
-    finger, and that no function of the class reads: it would have no effect."""
+    """DeclarationError for an assignment outside `setup` to a misspelt known name that no function of the class reads,
+    because it would have no effect."""
     for name, _, place in stores:
         meant = next((each for each in known if name not in known and is_slip(name, each)), None)
         if meant is not None and not _is_read(cls, name):
@@ -99,7 +99,7 @@ def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> 
 
 
 def is_slip(name: str, meant: str) -> bool:
-    """Whether two neighbouring letters are changed, or one within the name is missing or one too many."""
+    """True if two neighbouring letters are changed, or one within the name is missing or one too many."""
     if min(len(name), len(meant)) < SHORTEST or name[0] != meant[0]:
         return False
     short, long = sorted((name, meant), key=len)

@@ -48,7 +48,7 @@ class Thermocouple(Linearization):
 
     kind: str
     full: bool = field(default=False, repr=False)
-    """Whether the whole range is interpolated, in smaller cells; set by `over`."""
+    """True if the whole range is interpolated, in smaller cells; set by `over`."""
     units = "degC"
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from umo.errors import DeclarationError, RangeError, text_of
-from umo.presentation.value_text import measure
+from umo.objects.presentation.value_text import measure
 from umo.text import cut_repr, did_you_mean
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def _unit_names() -> list[str]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two units that pint knows are the same: "degC" and "degree_Celsius"."""
+    """True if two units that pint knows are the same: "degC" and "degree_Celsius"."""
     if one == other:
         return True
     parse = registry().parse_units
@@ -97,7 +97,7 @@ def line_between(source: str, target: str) -> tuple[float, float] | None:
 
 
 def _exactly(value: float, source: str, target: str) -> float:
-    """By pint's own quantities: 20 us, where the linear way takes 0.2 us."""
+    """Convert with pint's own quantities: 20 us, where the linear way takes 0.2 us."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(registry().Quantity(value, source).to(target).magnitude)
 

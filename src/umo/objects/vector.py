@@ -13,9 +13,9 @@ from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
+from umo.objects.presentation.value_text import measure, span
 from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
-from umo.presentation.value_text import measure, span
 from umo.states import TwoState, is_plain, shown
 from umo.text import cut_repr
 
@@ -86,7 +86,7 @@ class Vector(Generic[A]):
 
     @property
     def all_good(self) -> bool:
-        """Whether the quality of every object is GOOD."""
+        """True if the quality of every object is GOOD."""
         slots = self._located()
         sampled = self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT
         return (sampled and slots.image.sampled_good is True) or not np.count_nonzero(self.quality)
@@ -120,7 +120,7 @@ class Vector(Generic[A]):
         return taken and free
 
     def mask(self, where: BoolArray) -> BoolArray:
-        """It, if it has a boolean for each object; RangeError otherwise."""
+        """Return the mask if it has a bool for each object; RangeError otherwise."""
         if not isinstance(where, np.ndarray) or where.dtype != np.bool_ or where.shape != (len(self),):
             raise RangeError(f"{where!r} is not an array of {len(self)} booleans")
         return where
@@ -211,7 +211,7 @@ class _Limits:
         self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
 
     def numbers(self, values: Any) -> FloatArray:
-        """One number for each object; RangeError for anything else."""
+        """Return one number for each object. RangeError for anything else."""
         if values.__class__ is np.ndarray and values.dtype is FLOAT64 and values.shape == self.minimum.shape:
             return cast(FloatArray, values)
         count = len(self.minimum)
@@ -238,7 +238,8 @@ class _Limits:
                 f"{item.path}: {measure(numbers[index], item.units)} is outside {span(item.minimum, item.maximum)}; "
                 f"{int(refused.sum())} of {len(objects)} values refused, none taken"
             )
-        return np.clip(numbers, self.minimum, self.maximum), False
+        clamped = np.where(above, np.where(below, numbers, self.maximum), self.minimum)  # np.clip changes a -0.0
+        return clamped, False
 
 
 def _likeness(item: Atomic) -> str:
@@ -250,7 +251,7 @@ def _likeness(item: Atomic) -> str:
 
 
 def _as_slice(slots: list[int]) -> slice | IntArray:
-    """A slice where the stride is constant (numpy then makes no copy), else the indices."""
+    """A slice where the stride is constant (numpy then makes no copy), otherwise the indices."""
     steps = {b - a for a, b in pairwise(slots)} or {1}
     if len(steps) == 1 and (step := steps.pop()) > 0:
         return slice(slots[0], slots[-1] + 1, step)

@@ -1,10 +1,28 @@
-"""What operates a machine: the states and commands of its parts, after PackML and ISA-88.
+"""What an operator has of a machine: the states of its parts (PackML, ISA-88), recipes, alarms (ISA-18.2), and the
+commands from outside with roles and lease (`operation.commands`). Who gives these commands is in `umo.clients`."""
 
-Recipes are in `umo.operation.recipes` and `umo.operation.recipe_book`.
-"""
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from umo.operation.model import UnitMode
-from umo.operation.packml import PackML, PackMLState
-from umo.operation.procedure import Procedure, ProcedureState
+if TYPE_CHECKING:
+    from umo.operation.model import UnitMode
+    from umo.operation.packml import PackML, PackMLState
+    from umo.operation.procedure import Procedure, ProcedureState
 
 __all__ = ["PackML", "PackMLState", "Procedure", "ProcedureState", "UnitMode"]
+
+_MODULES = {
+    "PackML": "packml",
+    "PackMLState": "packml",
+    "Procedure": "procedure",
+    "ProcedureState": "procedure",
+    "UnitMode": "model",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Each name is imported when it is first asked for (PEP 562): who reads alarms or gives commands needs none."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'umo.operation' has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(f"umo.operation.{_MODULES[name]}"), name)
+    return found

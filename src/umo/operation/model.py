@@ -33,7 +33,7 @@ class StateModel:
     acting: Mapping[IntEnum, IntEnum]
     """Acting states (transient ones of ISA-88), and the state that follows when the sequence of each has ended."""
     commands: Mapping[str, Mapping[IntEnum, IntEnum]]
-    """Where each command leads, by the states in which it is possible."""
+    """The target of each command, by the states in which it is possible."""
     waiting: Collection[IntEnum]
     """The states in which the sequence of `execute` waits to be resumed."""
     stopped: IntEnum
@@ -49,7 +49,7 @@ class StateModel:
         return [name for name, targets in self.commands.items() if state in targets]
 
     def describe(self) -> dict[str, Any]:
-        """As plain data: states by their numbers."""
+        """Return the model as plain data: states by their numbers."""
         return {
             "model": self.name,
             "states": {str(int(each)): title(each) for each in type(self.first)},

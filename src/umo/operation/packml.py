@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import ClassVar, cast
+from typing import ClassVar
 
 from umo.objects import action
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel
@@ -117,8 +117,8 @@ class PackML(UnitStates):
 
     A sequence for each acting state, as far as there is something to do: `resetting`, `starting`, `execute`,
     `completing`, `holding`, `unholding`, `suspending`, `unsuspending`, `stopping`, `aborting`, `clearing`. When it
-    ends, the next state follows. While the part is held or suspended, the sequence of `execute` waits, and goes on
-    afterwards from where it was; a motion that is under way goes on to its end unless `holding` stops it.
+    ends, the next state follows. While the part is held or suspended, the sequence of `execute` waits, and continues
+    afterwards where it was; a motion in progress continues to its end unless `holding` stops it.
     """
 
     model: ClassVar[StateModel] = PACKML
@@ -127,7 +127,8 @@ class PackML(UnitStates):
     @property
     def state(self) -> PackMLState:
         """The state now. A part in fault is ABORTED."""
-        return cast(PackMLState, super().state)
+        found: PackMLState = self._state_now()
+        return found
 
     @action(harmless=True)
     def reset(self) -> str:
@@ -141,7 +142,7 @@ class PackML(UnitStates):
 
     @action(harmless=True)
     def hold(self) -> str:
-        """To Held, for a cause in the machine itself; Execute goes on from there after `unhold`."""
+        """To Held, for a cause in the machine itself; Execute continues from there after `unhold`."""
         return self.command("hold")
 
     @action(harmless=True)

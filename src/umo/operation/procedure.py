@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import ClassVar, cast
+from typing import ClassVar
 
 from umo.objects import action
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel
@@ -80,7 +80,7 @@ class Procedure(UnitStates):
 
     Sequences for acting states, as far as there is something to do: `execute`, `pausing`, `holding`, `restarting`,
     `stopping`, `aborting`. When one ends, the next state follows. While the part is paused or held, `execute` waits,
-    and goes on afterwards from where it was. `clear`, of PackML, ends a fault: from Aborted to Stopped.
+    and continues afterwards from where it was. `clear`, of PackML, ends a fault: from Aborted to Stopped.
     """
 
     model: ClassVar[StateModel] = PROCEDURE
@@ -89,7 +89,8 @@ class Procedure(UnitStates):
     @property
     def state(self) -> ProcedureState:
         """The state now. A part in fault is ABORTED."""
-        return cast(ProcedureState, super().state)
+        found: ProcedureState = self._state_now()
+        return found
 
     @action(harmless=True)
     def start(self) -> str:
@@ -108,7 +109,7 @@ class Procedure(UnitStates):
 
     @action(harmless=True)
     def hold(self) -> str:
-        """To Held: a known state, from which `restart` goes on."""
+        """To Held: a known state, from which `restart` continues."""
         return self.command("hold")
 
     @action(harmless=True)

@@ -81,8 +81,8 @@ class RecipeBook(Generic[R]):
         self.choice = 0
 
     def next(self, planned: str = "") -> R:
-        """The recipe for the next batch: the chosen one, else the planned one, else the one used last, else the first.
-        RecipeError if the planned one is not known."""
+        """The recipe for the next batch: the chosen one, otherwise the planned one, otherwise the one used last,
+        otherwise the first. RecipeError if the planned one is not known."""
         found = self.chosen or (self._known(planned) if planned else self.current)
         self.current = found or next(iter(self.recipes.values()))
         self.begun = self.number_of(self.current)
@@ -107,7 +107,8 @@ class RecipeBook(Generic[R]):
 
     @property
     def record(self) -> dict[str, dict[str, Any]]:
-        """What was used, for the result of a run: name and hash, with the number of batches and the values."""
+        """Return the recipes used, for the result of a run: name and hash, with the number of batches and the
+        values."""
         others = {"others": {"batches": self._others}} if self._others else {}
         return {key: {**entry} for key, entry in self._record.items()} | others
 
@@ -134,5 +135,5 @@ def recipe_names(known: Iterable[str], none: str) -> dict[int, str]:
 
 
 def books_of(root: Compound) -> dict[str, RecipeBook[Any]]:
-    """Every book of a machine by its path."""
+    """Return every recipe book of a machine by its path."""
     return {path: each for _, path, each in laws_in(root) if isinstance(each, RecipeBook)}

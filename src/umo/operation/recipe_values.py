@@ -1,4 +1,4 @@
-"""One value of a recipe: what a file or a client gives, as the type that the recipe declares."""
+"""Converts one value of a recipe from a file or a client to the declared type."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def recipe_of(
         mistakes.append((line or inf, Mistake(f"{file}:{line}" if line else file, key, message)))
 
     if not NAME_FORM.fullmatch(name):
-        mistake("", f"{name[:60]!r} is no name of a recipe")
+        mistake("", f"{name[:60]!r} is not a name of a recipe")
     for key in given:
         if key not in fields:
             mistake(key, f"unknown key{did_you_mean(key, fields)}; known: {', '.join(fields)}")
@@ -169,7 +169,7 @@ def describe_fields(kind: type[Recipe]) -> list[dict[str, Any]]:
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:
-    """As a file would give it; MISSING if it has none."""
+    """Return the default as a file would give it; MISSING if there is none."""
     if field.default_factory is not dataclasses.MISSING:
         return plain(field.default_factory())
     return plain(field.default)

@@ -1,9 +1,8 @@
-"""What becomes of the outputs of a part while its work waits, where the part does not say so itself.
+"""Brings the outputs of a part to rest while its work waits, unless the part does so itself.
 
-The reactions are those in manual mode (`umo.objects.keywords`): an actuator goes to its default, or holds its value
-where it, or a compound around it, is declared so. What a law writes, the law writes on. When the work goes on, each
-actuator that is still at its default has the value again that the work had left.
-"""
+The reactions are those in manual mode (`umo.objects.keywords`): an actuator goes to its default, or holds its value if
+it, or a compound around it, is declared so. Laws continue to write their outputs. When the work continues, each
+actuator that is still at its default gets the value back that the work had left."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from umo.objects.paths import is_within
 
 
 class Resting:
-    """The outputs of one part, but for those of parts within it that have states of their own (`others`)."""
+    """The outputs of one part, without those of parts within it that have states of their own (`others`)."""
 
     def __init__(self, part: Compound, others: list[Compound]) -> None:
         self._actuators = [
@@ -40,7 +39,7 @@ class Resting:
         image.settle(resting, ToDefault.SEND)
 
     def end(self) -> None:
-        """The work goes on."""
+        """The work continues."""
         left = self.forget()
         if left:
             image = self._image
@@ -48,5 +47,5 @@ class Resting:
             image.commands.go_on(still)
 
     def forget(self) -> dict[int, float]:
-        """The work has ended, or goes on: what it had left."""
+        """Return the values that the work had left, and forget them, because it has ended or continues."""
         return self._image.claims.left.pop(self, {}) if self._actuators else {}

@@ -1,4 +1,4 @@
-"""What carries out the states of parts (`UnitStates`) in a machine: a capability (`umo.cycle.capability`)."""
+"""Carries out the states of parts (`UnitStates`) in a machine, as a capability (`umo.cycle.capability`)."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Supervisor(Protocol):
     """Its part: what `supervise` raises is a failure of this."""
 
     def begin(self, path: str) -> None:
-        """The machine is being connected; the law has this place in it. DeclarationError where it cannot be."""
+        """Set the place of the law while the machine is connected. DeclarationError if it cannot be."""
 
     def supervise(self) -> None:
         """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
 
     def note_faults(self) -> None:
-        """Equipment has come into fault, perhaps that around its part. It may be cleared before the next period; what
-        was under way in it is ended after this call."""
+        """Equipment is now in fault; it may be the equipment around its part. It may be cleared before the next period;
+        its sequences are ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
         """Its path, its states and its commands, as plain data."""
@@ -41,7 +41,7 @@ class Supervisors(Capability):
         """`laws`: each with its path."""
         self._laws = laws
         self._within: dict[int, list[Supervisor]] = {}
-        """Those of the parts in each compound, by its id."""
+        """The supervisors of the parts in each compound, by its id."""
 
     def attach(self, machine: Any) -> None:
         """DeclarationError for one whose part can have no states."""
@@ -62,7 +62,7 @@ class Supervisors(Capability):
 
     @expects_errors
     def act(self) -> None:
-        """One after the other. What comes into fault is settled together."""
+        """Advance all units, one after the other. Units that enter a fault are settled together."""
         equipment = self._machine.equipment
         equipment.gather()
         try:
@@ -77,8 +77,8 @@ class Supervisors(Capability):
             equipment.settle()
 
     def _contain(self, law: Supervisor, error: BaseException) -> bool:
-        """Its part fails; False if that is the machine itself. While the part is in fault, the law is called all the
-        same, and what it raises is not told in every period."""
+        """Its part fails; False if that is the machine itself. The law is still called while the part is in fault, and
+        its errors are not recorded in every period."""
         equipment = self._machine.equipment
         if self._machine.acting_laws.containing(law.part, error) is None:
             return False

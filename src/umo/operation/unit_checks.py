@@ -1,4 +1,5 @@
-"""What a class of states declares, checked when it is made: a mistake would otherwise show when the state is needed."""
+"""Checks the declaration of a class of states when it is made: otherwise a mistake would show only when the state is
+needed."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def check_sequences(cls: type, model: StateModel) -> None:
 
 
 def check_excluded(cls: type, model: StateModel, excluded: Mapping[Any, Any]) -> None:
-    """DeclarationError for what is no mode or state, and for a state that every mode must have."""
+    """DeclarationError for what is not a mode or state, and for a state that every mode must have."""
     led_to = {target for name in (STOP, ABORT, CLEAR) for target in model.commands[name].values()}
     needed = led_to | {model.acting.get(each, each) for each in led_to} | {model.first}
     for mode, states in excluded.items():

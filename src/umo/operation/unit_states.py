@@ -11,7 +11,7 @@ from umo.errors import CommandRefused, DeclarationError, TaskFailed
 from umo.objects import Compound, Number, action
 from umo.objects.attributes import DeclaredAttributes
 from umo.objects.laws import laws_in
-from umo.objects.link import Task
+from umo.objects.link import Task, Unconnected
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
 from umo.operation.resting import Resting
 from umo.operation.supervisors import Supervisors
@@ -20,7 +20,7 @@ from umo.user_code import attempt, briefly, check_overrides
 
 MAX_RESULT_TEXT = 100
 """Length of a wrong result of `refusal` in its message at most, characters."""
-IN_MANUAL = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo clear`)"}
+MANUAL_COMMANDS = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo do STATION clear`)"}
 """The commands that are possible while the machine is in manual mode, and what to do instead where one of them waits
 for a sequence."""
 
@@ -78,10 +78,16 @@ class UnitStates(DeclaredAttributes):
     @property
     def state(self) -> IntEnum:
         """The state now. A part in fault is aborted; when the run is being stopped, others are stopped."""
-        if self._in_fault:
+        found: IntEnum = self._state_now()
+        return found
+
+    def _state_now(self) -> Any:
+        machine = self.part._machine
+        if isinstance(machine, Unconnected):
+            return self._state
+        if machine.is_in_fault(self.part):
             return self.model.aborted
-        ended = self.part.cycle.connected and not self.part.cycle.running
-        return self.model.stopped if ended else self._state
+        return self._state if machine.running else self.model.stopped
 
     @property
     def mode(self) -> UnitMode:
@@ -94,11 +100,12 @@ class UnitStates(DeclaredAttributes):
 
     @property
     def _in_fault(self) -> bool:
-        return self.part.cycle.connected and self.part._machine.fault_of(self.part) is not None
+        machine = self.part._machine
+        return not isinstance(machine, Unconnected) and machine.is_in_fault(self.part)
 
     def refusal(self, command: str) -> str | None:
-        """Why a command must not be carried out now; None: it may be. Override it for interlocks on transitions. If it
-        fails, or gives no text, the command is refused; stop and abort are carried out."""
+        """Return why a command must not be carried out now, or None. Override it for interlocks on transitions. If it
+        fails, or returns something other than a text, the command is refused; stop and abort are carried out."""
         return None
 
     async def execute(self) -> None:
@@ -131,30 +138,31 @@ class UnitStates(DeclaredAttributes):
         return self._asked_refusal(name)
 
     def _refusal_in_manual(self, name: str, target: IntEnum) -> str | None:
-        """In manual mode no sequence takes a step. A part is aborted without one; any other command that leads to a
-        sequence would be accepted, and not carried out."""
-        if name not in IN_MANUAL:
-            return "the application waits (`umo mode` changes it)"
+        """Return why a command is refused in manual mode, in which no sequence takes a step. A part is aborted without
+        one; any other command that leads to a sequence would be accepted and not carried out."""
+        if name not in MANUAL_COMMANDS:
+            return "the application waits (`umo do STATION mode` changes it)"
         if name == ABORT or not self._has_sequence(target):
             return None
         sequence = sequence_name(self.model, target)
-        return (
-            f"its sequence `{sequence}` waits with the application; change the mode (`umo mode`), or {IN_MANUAL[name]}"
-        )
+        instead = MANUAL_COMMANDS[name]
+        change = "change the mode (`umo do STATION mode`)"
+        return f"its sequence `{sequence}` waits with the application; {change}, or {instead}"
 
     def _has(self, state: IntEnum) -> bool:
-        """Whether the mode has a state, and the one that an acting state leads to."""
+        """True if the mode has a state, and the one that an acting state leads to."""
         model, excluded = self.model, self.excluded.get(self.mode, ())
         then = state if state is model.execute else model.acting.get(state, state)
         return state not in excluded and then not in excluded
 
     def _asked_refusal(self, name: str) -> str | None:
-        """What `refusal` says. Where it fails a command is refused, but not what brings the part to a standstill."""
+        """Return the result of `refusal`. If it fails, a command is refused, unless it brings the part to
+        standstill."""
         why, error = attempt(self.refusal, name)
         if error is None and (why is None or isinstance(why, str)):
             return why
         cause = error.text if error else f"`refusal` gives {briefly(why, MAX_RESULT_TEXT)}, which is not a text"
-        return None if name in (STOP, ABORT) else f"whether {name} is possible cannot be told: {cause}"
+        return None if name in (STOP, ABORT) else f"it is unknown whether {name} is possible: {cause}"
 
     @action(harmless=True, apart=True)
     def stop(self) -> str:
@@ -198,7 +206,7 @@ class UnitStates(DeclaredAttributes):
         self._resting = Resting(part, others)
 
     def supervise(self) -> None:
-        """Follow what has happened: the end of a fault, the end of a sequence."""
+        """Follow the end of a fault and the end of a sequence."""
         if self._in_fault:
             return
         if self._state is self.model.aborted:
@@ -220,7 +228,7 @@ class UnitStates(DeclaredAttributes):
             self._tell_state()
 
     def _has_ended(self) -> bool:
-        """Whether the work of an acting state is done; it is begun here."""
+        """True if the work of an acting state is done; it is begun here."""
         state = self._state
         if state not in self.model.acting:
             return False
@@ -233,7 +241,7 @@ class UnitStates(DeclaredAttributes):
         return self._task is None or self._task.done
 
     def _has_sequence(self, state: IntEnum) -> bool:
-        """Whether there is something to do in an acting state."""
+        """True if there is something to do in an acting state."""
         return self._is_overridden(state) and state not in self.excluded.get(self.mode, ())
 
     def _is_overridden(self, state: IntEnum) -> bool:
@@ -254,8 +262,8 @@ class UnitStates(DeclaredAttributes):
             work.cancel()
 
     def _rest_or_go_on(self, state: IntEnum) -> None:
-        """What is driven goes to its default on the way to a state of waiting, unless a sequence of the part says what
-        becomes of it; it is restored when the work goes on."""
+        """Driven outputs go to their defaults on the way to a waiting state, unless the part has a sequence for this;
+        they are restored when the work continues."""
         model = self.model
         if state is model.execute:
             self._resting.end()
@@ -272,13 +280,13 @@ class UnitStates(DeclaredAttributes):
         self.part._machine.tell(self.path, f"state: {title(self._state)}")
 
     def describe(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the states as plain data."""
         modes = {str(int(each)): title(each) for each in UnitMode}
-        possible = [name for name in IN_MANUAL if self._is_possible_in_manual(name)]
+        possible = [name for name in MANUAL_COMMANDS if self._is_possible_in_manual(name)]
         about = {"path": self.path, "part": self.part._path, "modes": modes, "in_manual": possible}
         return {**about, **self.model.describe()}
 
     def _is_possible_in_manual(self, name: str) -> bool:
-        """Whether a command needs no sequence, wherever it is given."""
+        """True if a command needs no sequence, wherever it is given."""
         targets = set(self.model.commands[name].values())
         return name == ABORT or not any(self._is_overridden(target) for target in targets)

@@ -1,1 +1,1 @@
-"""A station's plant as Modbus boxes: a process of its own that serves it in wall-clock time (`umo plant`)."""
+"""Simulated devices, and the machine in 3D (`plant.twin`). The physics of a station is in its own folder."""

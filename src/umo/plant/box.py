@@ -89,7 +89,7 @@ class Box:
     # The four tables ------------------------------------------------------------------------------
 
     def read(self, table: str, address: int, count: int) -> list[int]:
-        """Every object is read once, also if it takes two registers."""
+        """Return the cells. Every object is read once, also if it takes two registers."""
         places = [self._place(table, address + i) for i in range(count)]
         words = {point: self._words(point) for point in dict.fromkeys(point for each in places for point in each)}
         found = []
@@ -99,8 +99,8 @@ class Box:
         return found
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """All or nothing: every address and value is looked at before the first is set. Fields that are inputs keep
-        what they are."""
+        """Write all or nothing: every address and value is checked before the first is set. Fields of inputs are not
+        changed."""
         places = [self._place(table, address + i) for i in range(len(values))]
         for points in places:
             if points and not any(point.output for point in points):

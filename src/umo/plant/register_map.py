@@ -19,10 +19,9 @@ from umo.wiring import Wire, Wired
 class Point:
     """One object between its channel of the plant and its cells in a table of the box.
 
-    The raw integer passes unchanged if both wirings give the object one scale (resolution, zero offset and
+    The raw integer is passed unchanged if both wirings give the object the same scale (resolution, zero offset and
     linearization, or inversion); otherwise the box converts it through the value, and a raw integer that is invalid at
-    the plant becomes the one that is invalid at the bus. `slot` is the index of the plant's wire.
-    """
+    the plant becomes the invalid one of the bus. `slot` is the index of the plant's wire."""
 
     def __init__(self, slot: int, plant: Wire, bus: Wire) -> None:
         channel = bus.channel
@@ -92,7 +91,7 @@ class Point:
 
 @dataclass(frozen=True)
 class RegisterMap:
-    """One box: a Modbus driver of the wiring, seen from the other end."""
+    """The register map of one box: a Modbus driver of the wiring, seen from the other end."""
 
     name: str
     """The driver's name in the wiring."""

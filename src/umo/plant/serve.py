@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle.insisting import asked_by_signals
+from umo.duration import duration
 from umo.errors import DriverError, WiringError
-from umo.presentation.durations import duration
-from umo.presentation.value_text import measure
+from umo.objects.presentation.value_text import measure
 from umo.process.outcome import plain
 from umo.text import reason_of
 from umo.wiring import Wired
@@ -142,8 +142,9 @@ def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
 
 
 class ReportFile:
-    """A report in JSON, replaced whole: whoever reads it never finds half of one. A symlink stays, the file behind it
-    is replaced. Nothing but a regular file is ever replaced. WiringError at once where none can be written.
+    """A report in JSON that is always replaced completely, so that readers never find a part of one. A symlink stays,
+    the file behind it is replaced. Nothing but a regular file is ever replaced. WiringError at once where none can be
+    written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -158,7 +159,7 @@ class ReportFile:
             raise WiringError(f"no report can be written to {path}: {reason_of(error)}") from None
 
     def write(self, content: Mapping[str, object]) -> None:
-        """DriverError where it cannot be written any more; the file then is as it was."""
+        """DriverError if it cannot be written any more; the file is then unchanged."""
         try:
             self._fill_draft(json.dumps(content, indent=2) + "\n")
             self._look()

@@ -56,7 +56,7 @@ class Simulation:
         self.clock = clock
         self.pace = Pace(wired.period, clock())
         self.failure: Exception | None = None
-        """Exception that the plant raised while time passed, or a mistake in its code: it cannot go on."""
+        """Exception that the plant raised while time passed, or a mistake in its code: it cannot continue."""
         self._wired = wired
         self._timer = wired.wires.index(timer)
         if wired.injection is not None:
@@ -95,7 +95,7 @@ class Simulation:
             raise DriverError("the plant could not be closed", failures)
 
     def _close(self) -> list[Failure]:
-        """Outputs to their defaults, then everything released; what failed."""
+        """Bring outputs to their defaults, then release everything. Return the failures."""
         segments, wires = self._segments, self._wired.wires
         outputs = [slot for slot in self._initialized if wires[slot].item.direction is Direction.OUTPUT]
         found = [failure for _, failure in segments.bring_to_default(outputs)]

@@ -1,5 +1,2 @@
-"""Processes: the control process, which runs the loop, and the guardian, which resets the machine if it fails."""
-
-from umo.process.start import RunFailed, Started, start
-
-__all__ = ["RunFailed", "Started", "start"]
+"""The processes of a run: control process, guardians, workers, how a run ends, and what it publishes and receives in
+shared memory (`process.frames`). What happens within a period is in `umo.cycle`."""

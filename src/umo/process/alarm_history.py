@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from umo.alarms import alarm_file
-from umo.alarms.alarm_file import AlarmRecord
 from umo.cycle.events import ALARM
-from umo.frames import Reader
+from umo.operation.alarms import alarm_file
+from umo.operation.alarms.alarm_file import AlarmRecord
+from umo.process.frames import RunReader
 
 LOST = "{} events were gone before they could be noted; changes of alarms may be missing"
 
@@ -18,9 +18,10 @@ class AlarmHistory:
     def __init__(self, next_event: int = 0) -> None:
         self.next = next_event
 
-    def take(self, reader: Reader, frame: Any) -> None:
-        """Add the changes of alarms among the new events, and how many events were gone before; OSError if they cannot
-        be written: the next call tries again. `frame`: a frame of the run, which tells the UTC of the cycle's clock."""
+    def take(self, reader: RunReader, frame: Any) -> None:
+        """Add the changes of alarms among the new events, and the number of events that were lost before. OSError if
+        they cannot be written: the next call tries again. `frame`: a frame of the run, for the UTC of the cycle's
+        clock."""
         new = reader.events(self.next) if reader.layout.alarms else []
         utc_at_zero = utc_of(frame) - float(frame["time"])
         records = [
@@ -38,5 +39,5 @@ class AlarmHistory:
 
 
 def utc_of(frame: Any) -> float:
-    """When the period of a frame began, s since 1970."""
+    """Return when the period of a frame began, s since 1970."""
     return (int(frame["began"]) + int(frame["utc"])) / 1e9

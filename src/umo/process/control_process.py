@@ -10,12 +10,9 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from math import inf
-from time import monotonic, sleep
 from types import MappingProxyType
 from typing import IO, Any
 
-from umo.clients.client_commands import Mode
-from umo.clients.client_control import ClientControl
 from umo.cycle.cache_warming import wait_busily
 from umo.cycle.connect import connect
 from umo.cycle.events import CommandState
@@ -25,15 +22,18 @@ from umo.cycle.run import drive, result_of
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import TimeLimit, end_forked, request_stop
 from umo.errors import FramesError, StopError, text_of
-from umo.frames import Ring, published
-from umo.frames.client_memory import ClientMemory
-from umo.frames.frame_server import FrameServer
-from umo.frames.memory import RunDescriptors
-from umo.frames.publish import tell
 from umo.objects.stop_order import stop_sequence
+from umo.operation.commands.client_commands import Mode
+from umo.operation.commands.client_control import ClientControl
 from umo.process import kept_values
 from umo.process.compiling import start_compiled
 from umo.process.control_watch import WHERE_SIGNAL
+from umo.process.frames import Ring, published
+from umo.process.frames.client_memory import ClientMemory
+from umo.process.frames.command_queue import Receiver
+from umo.process.frames.frame_server import FrameServer
+from umo.process.frames.memory import RunDescriptors
+from umo.process.frames.publish import tell
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
 from umo.process.job_facts import job_facts
@@ -43,8 +43,7 @@ from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import FOLLOWERS, RunState, Who
-from umo.remote.queue import Receiver
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import adjust_oom_score, identity, name_process, parent_of_this
 from umo.system.signal_handling import SIGNALS
@@ -56,6 +55,8 @@ RESUMING_TIMEOUT = 0.1
 
 OOM_SCORE_CHANGE = 100
 """Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
+ADMISSION_INTERVAL = 0.0005
+"""Time in s between two looks whether the control process may begin."""
 ADMISSION_TIMEOUT = 10.0
 """Timeout in s for the guardian's signs of life before the control process begins."""
 
@@ -84,9 +85,9 @@ class Control:
         self._run_end = run_end
         """The work of a guardian, for the case that there is none any more."""
         self._stands_in = False
-        """Whether this process does it."""
+        """True if this process does it."""
         self._kept = kept
-        """What the last run has kept, by section."""
+        """The kept values of the last run, by section."""
         self._stopped_by = ""
         self._hang = plan.wired.process.hang_timeout
         self._unwatched_limit = guardian_limit(self._hang)
@@ -108,12 +109,12 @@ class Control:
         """Wait for the standby guardian, then use the devices. Nothing is driven before: this ends the process if the
         guardian dies, or gives no sign of life."""
         while not self._run_state.admitted:
-            if self._run_state.gone(0.0005, Who.GUARDIAN) or self._run_state.unwatched > ADMISSION_TIMEOUT:
-                os._exit(1)
+            if self._run_state.gone(ADMISSION_INTERVAL, Who.GUARDIAN) or self._run_state.unwatched > ADMISSION_TIMEOUT:
+                calls.exit_now(1)
         self._device_claim.hold.used_here()
 
     def stand_aside(self) -> None:
-        """In a process that control code forked: it gives up the devices, and ends as soon as it would use one."""
+        """Give up the devices in a process that control code forked. It ends as soon as it would use one."""
         if self._stands_in:
             return
 
@@ -124,15 +125,15 @@ class Control:
                 give_up()
 
     def _leave_frames(self) -> None:
-        """This process does not write them, and does not pass for the one that does. A process that it forks leaves
-        nothing again: the descriptor may be another file's."""
+        """Release the frames in a process that does not write them. A process that it forks does not release them
+        again: the descriptor may belong to another file."""
         frames, self._frames = self._frames, None
         if frames is not None:
-            os.close(frames[0].alive)
+            calls.close(frames[0].alive)
 
     def say_how_it_ended(self, outcome: Outcome) -> None:
-        """It stands if all who could say more are killed. An unsafe end, without the guardian, is recorded, and said on
-        the terminal if there is no standby guardian to do that."""
+        """Print how the run ended. This text remains if all processes that could add to it are killed. An unsafe end
+        without the guardian is recorded, and printed if there is no standby guardian to do that."""
         self._channel.send("left", outcome=outcome.dump())
         if outcome.unsafe:
             assert outcome.failure is not None
@@ -159,7 +160,7 @@ class Control:
         return outcome
 
     def _gives_sign_of_life(self) -> bool:
-        """It is not dead, and uses no device any more."""
+        """Return True if the process lives or still uses a device."""
         self._run_state.beat()
         return True
 
@@ -169,7 +170,7 @@ class Control:
             guardian.send(signal.SIGKILL)
 
     def _is_alone(self) -> bool:
-        """Whether nobody follows the guardian. One that was stopped or killed does not, and is ended."""
+        """True if no process follows the guardian. A stopped or killed follower is ended."""
         if any(map(self._run_state.is_able, FOLLOWERS)):
             return False
         for who in FOLLOWERS:
@@ -178,19 +179,19 @@ class Control:
 
     @property
     def keeps_time(self) -> bool:
-        """Whether the loop keeps its periods by the wall clock: no output may hold it up."""
+        """True if the loop keeps its periods by the wall clock: no output may hold it up."""
         return self._plan.wired.realtime
 
     def tell_lost_lines(self) -> None:
-        """What this process has printed, and nobody has read, is gone: say how much that was."""
+        """Report how many lines of this process were lost because nothing read them."""
         if lost := send_waiting():
             self._channel.send("notice", text=f"{self._plan.name}: {lost_lines(lost)}")
 
     def run(self) -> Outcome:
-        """Connect, drive, leave; whatever ends it is in the outcome."""
+        """Connect, drive and disconnect. Any error is in the outcome."""
         outcome = Outcome()
         error: BaseException | None = None
-        realtime.die_with_parent(self._guardian, signal.SIGTERM)
+        calls.die_with_parent(self._guardian, signal.SIGTERM)
         try:
             self._work(outcome)
         except BaseException as caught:
@@ -214,7 +215,7 @@ class Control:
         self._run_state.enter(Stage.ENDED)
 
     def _judge(self, outcome: Outcome, error: BaseException | None) -> None:
-        """Put down what is known of the end without a call of anybody's code."""
+        """Record what is known of the end without calling the user's code."""
         if error is not None:
             outcome.failure = Failed(
                 type(error).__name__, f"{type(error).__name__} (its text was lost)", status_of(error)
@@ -233,18 +234,18 @@ class Control:
             outcome.failure = Failed("Stopped", what, 1)
 
     def _guardian_lost(self) -> bool:
-        """Whether the guardian has ended or hangs. After the whole computer stood still it needs a moment for its next
+        """True if the guardian has ended or hangs. After the whole computer stood still it needs a moment for its next
         sign of life."""
-        until = monotonic() + RESUMING_TIMEOUT
+        until = calls.now() + RESUMING_TIMEOUT
         while not self.orphaned and self._run_state.unwatched > self._unwatched_limit:
-            if monotonic() > until:
+            if calls.now() > until:
                 return True
-            sleep(LOOK_INTERVAL)
+            calls.sleep(LOOK_INTERVAL)
         return self.orphaned
 
     @property
     def orphaned(self) -> bool:
-        """Whether the guardian has ended."""
+        """True if the guardian has ended."""
         return os.getppid() != self._guardian
 
     def _work(self, outcome: Outcome) -> None:
@@ -382,12 +383,12 @@ class Control:
 
 
 def drive_and_report(control: Control, traces: IO[bytes]) -> int:
-    """The control process to its exit status. When it is asked, it writes down in `traces` where it stands."""
+    """Run the control process to its exit status. On request it writes its present line to `traces`."""
     name_process("umo control")
     adjust_oom_score(OOM_SCORE_CHANGE)
     os.register_at_fork(after_in_child=control.stand_aside)
     for number in SIGNALS:  # until the machine is connected
-        signal.signal(number, control.take_note)
+        calls.handle_signal(number, control.take_note)
     control.wait_for_admission()
     never_wait() if control.keeps_time else limit_waits()
     faulthandler.register(WHERE_SIGNAL, file=traces, all_threads=False)

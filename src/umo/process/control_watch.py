@@ -6,10 +6,10 @@ import os
 import re
 import signal
 from contextlib import suppress
-from time import monotonic, sleep
 
 from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_state import RunState
+from umo.system import calls
 from umo.system.processes import Child
 from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import in_brackets, place_among
@@ -23,7 +23,8 @@ WHERE_TIMEOUT = 0.05
 
 
 class ControlWatch:
-    """The control process, from its fork to its end. `traces` is the file in which it writes down where it stands."""
+    """Watches the control process from its fork to its end. `traces` is the file to which it writes its present
+    line."""
 
     def __init__(self, pid: int, run_state: RunState, traces: int) -> None:
         self.process = Child(pid)
@@ -33,14 +34,14 @@ class ControlWatch:
         """Time at which waiting for a process that cannot be killed ends."""
 
     def is_dead(self, within: float = 0.0) -> bool:
-        """Whether it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
+        """True if it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
         device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
-        self._unkillable_from = self._unkillable_from or monotonic() + DEATH_TIMEOUT
+        self._unkillable_from = self._unkillable_from or calls.now() + DEATH_TIMEOUT
         self._run_state.watch()
-        return self._run_state.wait(lambda: self.process.ended, within) or monotonic() >= self._unkillable_from
+        return self._run_state.wait(lambda: self.process.ended, within) or calls.now() >= self._unkillable_from
 
     def ending(self) -> str:
-        """How it ended, in words. To be asked when it was killed: it waits for its end."""
+        """Return how it ended, as text. To be called after it was killed: it waits for its end."""
         self.is_dead(DEATH_TIMEOUT)
         status = self.process.status
         if status is None:
@@ -52,12 +53,12 @@ class ControlWatch:
         return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"
 
     def silent(self, how: str, moment: str) -> str:
-        """That it hangs or was kept from running (`how`), where and when, in words."""
+        """Return that it hangs or was kept from running (`how`), where and when, as text."""
         stopped = " (it was stopped by a signal)" if self.process.is_stopped else ""
         return f"the control process {how}{stopped}{in_brackets(moment, self._where())}"
 
     def _where(self) -> str:
-        """Where its Python code stands, as far as it can still tell."""
+        """The line of its Python code, if it can still report it."""
         if self.process.state in UNABLE_STATES:
             return ""
         with suppress(OSError):
@@ -69,10 +70,10 @@ class ControlWatch:
         return ""
 
     def _traceback(self) -> str:
-        """What it writes down, once no more is added between two looks."""
-        text, until = b"", monotonic() + WHERE_TIMEOUT
-        while monotonic() < until:
-            sleep(0.0005)
+        """Return the traceback that it writes, once it no longer grows between two looks."""
+        text, until = b"", calls.now() + WHERE_TIMEOUT
+        while calls.now() < until:
+            calls.sleep(0.0005)
             before, text = text, os.pread(self._traces, 1 << 16, 0)
             if text and text == before:
                 break

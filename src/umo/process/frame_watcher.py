@@ -9,15 +9,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from time import monotonic, time
 
 from umo.errors import FramesError, text_of
-from umo.frames import Reader
-from umo.frames.client_memory import ClientMemory
-from umo.frames.frame_server import FrameServer, new_path
-from umo.frames.memory import RunDescriptors
-from umo.latency import blackbox
-from umo.system import realtime
+from umo.process.frames import Reader, blackbox
+from umo.process.frames.client_memory import ClientMemory
+from umo.process.frames.frame_server import FrameServer, new_path
+from umo.process.frames.memory import RunDescriptors
+from umo.system import calls, realtime
 from umo.system.processes import Child, wait_until
 from umo.text import Moment
 
@@ -57,11 +55,11 @@ class FrameWatcher:
     def forked(self) -> None:
         """Close this process's end of the pipe: it closes for readers when the control process ends."""
         if self.frames is not None:
-            os.close(self.frames[0].alive)
+            calls.close(self.frames[0].alive)
 
     @property
     def stop(self) -> int | None:
-        """The number of the signal that a client asks to end the run by; None: none does."""
+        """Return the number of the signal by which a client asks to end the run, or None."""
         asked = None if self._cells is None else self._cells.stop
         return None if asked is None else asked[0]
 
@@ -77,9 +75,9 @@ class FrameWatcher:
             return
         assert self._reader is not None and self.frames is not None
         self.frames[1].look()
-        now = monotonic()
-        if self._reader.missed > self._missed:
-            self._missed = self._reader.missed
+        now = calls.now()
+        if self._reader.now().missed > self._missed:
+            self._missed = self._reader.now().missed
             if now >= self._next_box:
                 self._box_due = self._box_due or now + blackbox.aftermath(self._reader.about["period"])
         if self._box_due is not None and now >= self._box_due:
@@ -97,7 +95,7 @@ class FrameWatcher:
         assert self._reader is not None
         self._wanted_reason = ""
         try:
-            child = os.fork()
+            child = calls.fork()
         except OSError:
             return
         if child == 0:
@@ -113,8 +111,8 @@ class FrameWatcher:
         return ""
 
     def finish(self, wait: Callable[[Callable[[], bool], float], object] = wait_until) -> None:
-        """At the end: finish the black boxes that are written or wanted, and remove a ring that is left. `wait` waits
-        until something is so, up to so many s."""
+        """Finish the black boxes that are written or requested, and remove a ring that is left. `wait` waits for a
+        condition, at most for this time in s."""
         if self._box_due is not None and not self._wanted_reason:
             self.keep(blackbox.MISSED_PERIOD)
         wait(self._is_at_rest, BLACK_BOX_TIMEOUT)
@@ -122,12 +120,12 @@ class FrameWatcher:
             self.frames[1].close()
 
     def _is_at_rest(self) -> bool:
-        """Whether no black box is being written."""
+        """True if no black box is being written."""
         self._reap()
         return self._child is None
 
     def _attach(self) -> bool:
-        """Whether there are frames to be kept."""
+        """True if there are frames to be kept."""
         if self._cells is None and self.frames is not None:
             with suppress(FramesError, OSError):  # they are not complete yet
                 ends = self.frames[1].ends
@@ -136,14 +134,17 @@ class FrameWatcher:
         return self._cells is not None
 
     def _write(self, reader: Reader, reason: str) -> None:
-        """In the child; never returns. Should it stick, it holds none of the guardian's locks and sockets."""
+        """Write a black box, in the child; never returns. If it hangs, it holds none of the guardian's locks and
+        sockets."""
         with suppress(BaseException):
-            os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # the frames stay mapped
+            calls.close_from(3)  # the frames stay mapped
             realtime.drop_realtime()
             folder = blackbox.folder()
-            blackbox.save(reader, blackbox.name_for(folder, self._station.replace(os.sep, "_"), time()), reason)
+            blackbox.save(
+                reader, blackbox.name_for(folder, self._station.replace(os.sep, "_"), calls.wall_time()), reason
+            )
             blackbox.thin(folder)
-        os._exit(0)
+        calls.exit_now(0)
 
     def _reap(self) -> None:
         """A child that is finished makes way for the next."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,12 +19,12 @@ from typing import NoReturn
 from umo.cycle.insisting import place_within
 from umo.cycle.stage import Stage
 from umo.errors import Interrupted, text_of
-from umo.latency.blackbox import ON_DEMAND
 from umo.process import kept_values
 from umo.process.compiling import prepare_if_asked
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
+from umo.process.frames.blackbox import ON_DEMAND
 from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, guardian_limit
 from umo.process.job import Job, Plan
 from umo.process.keeper import Keeper
@@ -38,7 +37,7 @@ from umo.process.run_state import FOLLOWERS, RunState, Who
 from umo.process.service_report import ServiceReport
 from umo.process.standby import Standby, tell_who
 from umo.process.workers import Workers, groups_of
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.realtime import CorePlace
@@ -49,7 +48,7 @@ from umo.text import in_brackets, some
 OOM_SCORE_CHANGE = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
 MAX_NOTICES = 1000
-"""Number of texts that the user is told at most: a run may go on for years."""
+"""Largest number of notices for the user, because a run may last for years."""
 MAX_DEAF_LOOKS = 3
 """The number of looks in which listening failed before the machine is stopped."""
 
@@ -60,20 +59,22 @@ def main(file: int, job_file: int) -> int:
     name_process("umo guardian")
     adjust_oom_score(OOM_SCORE_CHANGE)
     for number in SIGNALS:
-        signal.signal(number, _interrupt)
-    channel = MessageSocket(socket.socket(fileno=file))
+        calls.handle_signal(number, _interrupt)
+    channel = MessageSocket(calls.socket_of(file))
     device_claim = guardian = None
     name = "the run"
     try:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # the starter has blocked them until here
+        calls.mask_signals(signal.SIG_UNBLOCK, SIGNALS)  # the starter has blocked them until here
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
         plan = Plan(job)
         name = plan.name
         plan.prepared = prepare_if_asked(plan.machine, plan.wired, lambda text: channel.send("notice", text=text))
+        calls.mask_signals(signal.SIG_BLOCK, SIGNALS)  # a stop comes before the devices are claimed or after that
         device_claim = DeviceClaim(
             plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge, launch=plan.launch
         )
+        calls.mask_signals(signal.SIG_UNBLOCK, SIGNALS)
         guardian = Guardian(plan, channel, device_claim)
         return guardian.run().status
     except BaseException as error:
@@ -92,7 +93,7 @@ def main(file: int, job_file: int) -> int:
 def _outcome_of(error: BaseException, channel: MessageSocket) -> Outcome:
     """The outcome where an error has ended the guardian before it guards, or in doing so."""
     for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
+        calls.handle_signal(number, signal.SIG_IGN)
     if not isinstance(error, Interrupted):
         return Outcome(Failed.of(error))
     channel.send("notice", text=text_of(error))
@@ -151,8 +152,8 @@ class Guardian:
     def run(self) -> Outcome:
         """Carry out the run, from the fork of the control process to the last reset."""
         for number in SIGNALS:
-            signal.signal(number, self._ask)
-        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
+            calls.handle_signal(number, self._ask)
+        calls.handle_signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
         flush()
         self._run_state.hold(Who.GUARDIAN)
         if why := self._watcher.make():
@@ -167,6 +168,7 @@ class Guardian:
                 self._plan, self._device_claim, self._run_state, self._channel, guardian, frames, self._end, kept
             )
             carry_out(lambda: drive_and_report(control, self._traces))
+        tell_who(self._channel, "control", pid)
         self._watcher.forked()
         self._control = ControlWatch(pid, self._run_state, self._traces.fileno())
         self._end.resetter.stand_by()
@@ -181,12 +183,12 @@ class Guardian:
 
     @property
     def is_driving(self) -> bool:
-        """Whether the control process may use the devices."""
+        """True if the control process may use the devices."""
         return self._run_state.admitted
 
     def give_up(self, outcome: Outcome) -> Outcome:
-        """The end when the guardian has failed and nobody is left to reset the machine: the outcome that was settled,
-        if there is one. Else no actuator counts as reached, and the record of the start stands."""
+        """Return the outcome when the guardian has failed and no other process can reset the machine: the outcome that
+        was settled, if there is one. Otherwise no actuator counts as reached, and the record of the start remains."""
         settled = Outcome.decode(self._run_state.settled())
         if settled is not None:
             return settled
@@ -197,11 +199,11 @@ class Guardian:
 
     @property
     def is_followed(self) -> bool:
-        """Whether a process lives that takes over when this one ends."""
+        """True if a process lives that takes over when this one ends."""
         return self.is_driving and any(map(self._run_state.is_able, FOLLOWERS))
 
     def _guard(self) -> Outcome:
-        """Watch the control process to its end, reset the machine where that is needed, record and tell it."""
+        """Watch the control process to its end, reset the machine if necessary, and record and report the outcome."""
         assert self._control is not None
         try:
             outcome = self._keep(self._control)
@@ -213,7 +215,7 @@ class Guardian:
         return outcome
 
     def _take_over(self) -> None:
-        """Go on in the standby guardian, when the guardian is dead. An outcome that was settled is only told."""
+        """Take over in the standby guardian when the guardian is dead. An outcome that was settled is only reported."""
         with suppress(Exception):
             realtime.prepare_guardian(self._process.priority, self._process.cpu)
         self._is_standby = True
@@ -240,7 +242,7 @@ class Guardian:
     # While it runs -------------------------------------------------------------------------------------
 
     def _watch(self, control: ControlWatch) -> str:
-        """Watch until the control process is gone (""), or hangs: then how, in words."""
+        """Watch until the control process has ended (""), or hangs: then return how, as text."""
         share = ProcessorShare(control.process, self._core, self._say)
         silence = HangDetector(self._run_state, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
         while not self._run_state.gone(LOOK_INTERVAL):
@@ -251,7 +253,8 @@ class Guardian:
         return ""
 
     def _look_around(self) -> None:
-        """The steps between two looks at the control process. If nobody can ask for a stop, the guardian does."""
+        """Carry out the steps between two looks at the control process. If no client can ask for a stop, the guardian
+        does."""
         self._deaf_looks = 0 if self._try(self._listen) else self._deaf_looks + 1
         if self._deaf_looks == MAX_DEAF_LOOKS:
             self._ask(signal.SIGTERM)
@@ -281,11 +284,11 @@ class Guardian:
             tell_who(self._channel, "reserve", pid)
 
     def _try(self, step: Callable[[], object]) -> bool:
-        """Whether a step succeeded. A failure is told once."""
+        """Carry out a step. Return True if it succeeded. A failure is reported once."""
         try:
             step()
         except Exception as error:
-            self._say(f"the {self._end.title} failed in a step and goes on: {text_of(error)}")
+            self._say(f"the {self._end.title} failed in a step and continues: {text_of(error)}")
             return False
         return True
 
@@ -303,7 +306,7 @@ class Guardian:
         """Requests to stop: from the starter, by its end, from a client, by a signal."""
         while (message := self._channel.receive()) is not None:
             for file in message["files"]:
-                os.close(file)
+                calls.close(file)
             if message["kind"] == "stop":
                 if self._stop_signal is not None and self._run_state.stage is Stage.STARTING:
                     self._insist()
@@ -317,8 +320,8 @@ class Guardian:
         self._pass_on()
 
     def _insist(self) -> None:
-        """A stop is asked for once more while the control process connects: a further signal ends code that does not
-        end by itself (`umo.cycle.insisting`). It is of another kind: of two of one kind that wait, one is lost."""
+        """Repeat the request to stop while the control process connects: a further signal ends code that does not end
+        by itself (`umo.cycle.insisting`). It is another signal, because of two equal pending signals one is lost."""
         assert self._control is not None
         self._control.process.send(signal.SIGINT)
 

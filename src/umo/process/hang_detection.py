@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from umo.cycle.stage import Stage
-from umo.presentation.durations import duration
+from umo.duration import duration
 from umo.process.processor_share import ProcessorShare
 from umo.process.run_state import RunState
 
@@ -12,8 +12,8 @@ LOOK_INTERVAL = 0.02
 MIN_SILENT_LOOKS = 3
 """The minimum number of looks without a sign of life before the control process counts as hung."""
 STARVED_LIMITS = 3
-"""The number of hang limits after which a control process is ended that others kept from running: nobody controls the
-machine meanwhile."""
+"""The number of hang limits after which a control process is ended that other processes prevented from running, because
+nothing controls the machine during this time."""
 STARTING_LIMIT = 30.0
 """Timeout in s of a step of connecting, in addition to two periods."""
 REPORTING_LIMIT = 5.0
@@ -29,8 +29,8 @@ def guardian_limit(hang: float) -> float:
 
 
 class HangDetector:
-    """How long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s. The
-    time for which other processes kept it from running is not counted, up to `STARVED_LIMITS` times the limit."""
+    """Measures how long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s.
+    Time in which other processes kept it from running is not counted, up to `STARVED_LIMITS` times the limit."""
 
     def __init__(self, run_state: RunState, share: ProcessorShare, hang: float, period: float) -> None:
         self._run_state = run_state
@@ -40,7 +40,7 @@ class HangDetector:
         self._beat = self._looks = 0
 
     def look(self) -> str:
-        """One look, every `LOOK_INTERVAL` s: empty, or in words that the control process hangs."""
+        """Check once, every `LOOK_INTERVAL` s. Return a text if the control process hangs, otherwise empty."""
         run_state, share = self._run_state, self._share
         if self._beat != run_state.last_beat:
             self._beat, self._looks = run_state.last_beat, 0

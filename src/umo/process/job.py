@@ -19,7 +19,7 @@ from umo.errors import DeclarationError
 from umo.objects import actions_of, numbers_of
 from umo.process.source_files import source_files
 from umo.process.station import declared, find
-from umo.user_code import told_as
+from umo.user_code import raise_as
 from umo.wiring import Wired, distribute_options, resolve
 from umo.wiring.json_values import as_plain
 
@@ -42,9 +42,9 @@ class Job:
     options: dict[str, Any] = field(default_factory=dict)
     acknowledge: bool = False
     manual: bool = False
-    """Whether it starts in manual mode: the application waits until the mode is automatic."""
+    """True if it starts in manual mode: the application waits until the mode is automatic."""
     fresh: bool = False
-    """Whether it starts without the kept values of the last run."""
+    """True if it starts without the kept values of the last run."""
     until: float | None = None
     """Time in s on the machine's clock at which it is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))
@@ -80,7 +80,7 @@ def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
     if script is None or not Path(script).is_file():
         raise DeclarationError(
             f"{name} was defined interactively: the control process cannot import it; "
-            "put machine and application into a module or a station (`umo new DIR`)"
+            "put machine and application into a module or a station (`umo new station DIR`)"
         )
     return f"{MAIN_MODULE}:{name}", str(Path(script).resolve())
 
@@ -141,7 +141,7 @@ def functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | Non
 
 def _import(text: str, script: str | None) -> Any:
     name, _, attribute = text.partition(":")
-    with told_as(DeclarationError, f"{text} cannot be imported"):
+    with raise_as(DeclarationError, f"{text} cannot be imported"):
         if name == MAIN_MODULE and getattr(sys.modules.get(MAIN_MODULE), "__file__", None) != script:
             import runpy
 

@@ -1,4 +1,4 @@
-"""What a run is, as plain data, to run the same again. It stands in the frames' description as `about["job"]`."""
+"""The facts of a run as plain data, to repeat it. They are in the frames' description as `about["job"]`."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ import numpy as np
 from umo.errors import text_of
 from umo.process.job import Plan
 from umo.process.source_files import later_files
+from umo.system.packages import umo_version
 from umo.system.processes import HASH_SEED
 from umo.wiring.json_values import as_plain
 
 
 def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-    """The facts about a run. `kept`: what it has taken over from the last run, by section. What is no plain data (a
-    driver that is an object) is there in words. Nothing raises: where they cannot be told there is only `error`."""
+    """The facts about a run. `kept`: what it has taken over from the last run, by section. Values that are not plain
+    data (a driver that is an object) are given as text. Nothing raises: where they cannot be told there is only
+    `error`."""
     try:
         return _facts(plan, kept)
     except Exception as error:  # as of options that refer to themselves
@@ -30,8 +32,6 @@ def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dic
 
 
 def _facts(plan: Plan, kept: Mapping[str, Any]) -> dict[str, Any]:
-    from importlib.metadata import version  # a sixth of what importing umo took
-
     job, shares = plan.job, plan.shares
     facts = {
         "station": plan.name,
@@ -53,7 +53,7 @@ def _facts(plan: Plan, kept: Mapping[str, Any]) -> dict[str, Any]:
         "until": job.until,
         "kept": kept,
         "versions": {
-            "umo": version("umo"),
+            "umo": umo_version(),
             "python": platform.python_version(),
             "numpy": np.__version__,
             "platform": f"{sys.platform} {platform.release()} {platform.machine()}",

@@ -13,22 +13,21 @@ from __future__ import annotations
 import errno
 import mmap
 import os
-import select
 import signal
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
-from umo.frames import Reader
+from umo.errors import text_of
 from umo.process import kept_file
 from umo.process.alarm_history import AlarmHistory, utc_of
+from umo.process.frames import Reader
 from umo.process.kept_file import KeptValues
 from umo.process.kept_sections import sections_of
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.system.processes import Child, ProcessHandle, adjust_oom_score, name_process
 
 INTERVAL = 0.5
@@ -42,20 +41,19 @@ OOM_SCORE_CHANGE = 600
 """Change of the keeper's score, from the guardian's: where memory runs out, it goes before all that resets."""
 NO_FOLDER = "nothing is kept: there is no folder for what outlives a run"
 HELD_BY_ANOTHER = -1
-"""In place of an error number: another run of this station with this wiring holds the file."""
+"""In place of an error number: another run of this station with this wiring uses the file."""
 
 
-class Told(IntEnum):
-    """What the keeper tells, in shared memory."""
+class KeeperMessage(IntEnum):
+    """The keeper's messages in shared memory."""
 
     BEGUN, ERROR, FINISHED, HISTORY_ERROR, NEXT_EVENT = range(5)
-    """Whether there is a keeper whose end nobody has seen; the number of the error of the last write, 0: it went well;
-    whether it has come to its end; the same of the history of alarms, and the number of the first event that it has not
-    looked at."""
+    """Cells: 1 if there is a keeper whose end nobody has noticed; the number of the error of the last write, 0 without
+    one; 1 at its end; the error of the history of alarms; the number of the first event that it has not read."""
 
 
 class Keeper:
-    """The keeper of one run, for its guardian and the standby guardian. `say` tells the user what went wrong."""
+    """The keeper of one run, for its guardian and the standby guardian. `say` prints failures for the user."""
 
     def __init__(
         self,
@@ -74,10 +72,10 @@ class Keeper:
         self._core = core
         self._child: Child | None = None
         """The keeper, as the process that has forked it knows it."""
-        self._cells = memoryview(mmap.mmap(-1, 8 * len(Told))).cast("q")
+        self._cells = memoryview(mmap.mmap(-1, 8 * len(KeeperMessage))).cast("q")
         self._next_fork, self._pause = 0.0, FIRST_PAUSE
         self._keeps: bool | None = None
-        """Whether there is something to keep; None before there are frames."""
+        """True if there is something to keep; None before there are frames."""
 
     # The guardian ----------------------------------------------------------------------------------------
 
@@ -88,33 +86,33 @@ class Keeper:
             return
         if self.path is None:
             self._say(NO_FOLDER)
-        elif self._cells[Told.BEGUN]:
-            if (error := self._cells[Told.ERROR]) != 0:
-                self._say(f"{_told(error)}; it is tried again; the file of before stands: {self.path}")
+        elif self._cells[KeeperMessage.BEGUN]:
+            if (error := self._cells[KeeperMessage.ERROR]) != 0:
+                self._say(f"{_told(error)}; it is tried again; the earlier file remains: {self.path}")
             self._tell_history("it is tried again")
-            if not self._has_ended() or self._cells[Told.FINISHED]:
+            if not self._has_ended() or self._cells[KeeperMessage.FINISHED]:
                 return
-            self._cells[Told.BEGUN] = 0
+            self._cells[KeeperMessage.BEGUN] = 0
             self._say("the process that keeps values was killed or stopped; another one takes its place")
-        elif monotonic() >= self._next_fork:
-            self._next_fork = monotonic() + self._pause
+        elif calls.now() >= self._next_fork:
+            self._next_fork = calls.now() + self._pause
             self._pause = min(2 * self._pause, MAX_PAUSE)
             self._fork(reader)
 
     def finish(self, reader: Reader | None) -> str:
-        """At the end, when the machine has been reset: wait for the last values. In words why they are not written, or
-        "". A keeper that is late is ended: it must not write over what a later run keeps."""
+        """Wait for the last values at the end, when the machine has been reset. Return why they were not written, or
+        "". A late keeper is ended: it must not overwrite what a later run keeps."""
         if reader is None or not self._has_something(reader):
             return ""
         if self.path is None:
             return NO_FOLDER
-        until = monotonic() + LAST_TIMEOUT
+        until = calls.now() + LAST_TIMEOUT
         for _ in range(2):  # the second takes the place of one that was killed
-            if not self._cells[Told.FINISHED] and self._has_ended():
+            if not self._cells[KeeperMessage.FINISHED] and self._has_ended():
                 self._fork(reader)
-            self._run_state.wait(self._has_ended, until - monotonic())
+            self._run_state.wait(self._has_ended, until - calls.now())
         self._tell_history("its last changes are missing")
-        finished, error = self._cells[Told.FINISHED], self._cells[Told.ERROR]
+        finished, error = self._cells[KeeperMessage.FINISHED], self._cells[KeeperMessage.ERROR]
         self._end()
         if finished and not error:
             return ""
@@ -122,7 +120,7 @@ class Keeper:
         return f"the last kept values were not written: {why}; {self.path} has those of before"
 
     def _tell_history(self, consequence: str) -> None:
-        if (error := self._cells[Told.HISTORY_ERROR]) != 0:
+        if (error := self._cells[KeeperMessage.HISTORY_ERROR]) != 0:
             self._say(f"the history of alarms cannot be written: {os.strerror(error)}; {consequence}")
 
     def _has_something(self, reader: Reader) -> bool:
@@ -131,19 +129,19 @@ class Keeper:
         return self._keeps
 
     def _fork(self, reader: Reader) -> None:
-        self._cells[Told.FINISHED] = self._cells[Told.ERROR] = 0
+        self._cells[KeeperMessage.FINISHED] = self._cells[KeeperMessage.ERROR] = 0
         try:
             pid = self._run_state.fork(Who.KEEPER)
         except OSError as error:
-            self._say(f"nothing is kept: {error.strerror}; it is tried again")
+            self._say(f"nothing is kept: {text_of(error)}; it is tried again")
             return
         if pid == 0:
             assert self.path is not None
             _work(self.path, self._title, reader, self._cells, self._core)
-        self._child, self._cells[Told.BEGUN] = Child(pid), 1
+        self._child, self._cells[KeeperMessage.BEGUN] = Child(pid), 1
 
     def _has_ended(self) -> bool:
-        """Whether it serves no longer. One that was stopped by a signal is ended."""
+        """True if it serves no longer. One that was stopped by a signal is ended."""
         process = self._process
         if process is None or process.ended:
             return True
@@ -154,7 +152,7 @@ class Keeper:
 
     @property
     def _process(self) -> ProcessHandle | None:
-        """Of another guardian's keeper the lock proves which process it is."""
+        """Return the process. For another guardian's keeper the lock proves which process it is."""
         if self._child is not None and self._child.is_own:
             return self._child
         return self._run_state.process(Who.KEEPER)
@@ -176,10 +174,10 @@ def _told(error: int) -> str:
 
 
 def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int | None) -> None:
-    """In the child; never returns."""
+    """Write kept values, in the child; never returns."""
     try:
         for number in STOP_SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            calls.handle_signal(number, signal.SIG_IGN)
         assert reader.ends is not None
         _close_all_but(reader.ends.alive)
         realtime.drop_realtime(
@@ -189,9 +187,9 @@ def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int |
         adjust_oom_score(OOM_SCORE_CHANGE)
         name_process("umo keeper")
         keep(reader, Writer(path, title, cells), writer_is_gone)
-        cells[Told.FINISHED] = 1
+        cells[KeeperMessage.FINISHED] = 1
     finally:
-        os._exit(0)
+        calls.exit_now(0)
 
 
 ALIVE = 3
@@ -201,22 +199,19 @@ ALIVE = 3
 def _close_all_but(alive: int) -> None:
     """The frames stay mapped. Nothing is printed: a terminal or a pipe of the starter's would be held."""
     os.dup2(alive, ALIVE)
-    null = os.open(os.devnull, os.O_RDWR)
+    null = calls.open(os.devnull, os.O_RDWR)
     for standard in range(ALIVE):
         os.dup2(null, standard)
-    os.closerange(ALIVE + 1, os.sysconf("SC_OPEN_MAX"))
+    calls.close_from(ALIVE + 1)
 
 
 def writer_is_gone(within: float) -> bool:
-    """Wait up to so many s for the end of the process that writes the frames; whether it has ended."""
-    poll = select.poll()
-    poll.register(ALIVE, 0)  # POLLHUP comes unasked
-    return bool(poll.poll(within * 1e3))
+    """Wait up to this time in s for the end of the process that writes the frames. Return True if it has ended."""
+    return bool(calls.ready(ALIVE, within, 0))
 
 
 class Writer:
-    """Writes what is kept of a frame, if it has changed since the last one that was written, and the changes of
-    alarms."""
+    """Writes the kept data of a frame, if they have changed since the last write, and the changes of alarms."""
 
     def __init__(
         self,
@@ -226,7 +221,7 @@ class Writer:
         write: Callable[[Path, bytes], object] = kept_file.write,
     ) -> None:
         self._path, self._title, self._cells, self._write = path, title, cells, write
-        self._history = AlarmHistory(cells[Told.NEXT_EVENT])
+        self._history = AlarmHistory(cells[KeeperMessage.NEXT_EVENT])
         self._written: dict[str, Any] | None = None
         self._lock = -1
 
@@ -241,10 +236,10 @@ class Writer:
         try:
             self._history.take(reader, frame)
         except OSError as error:
-            self._cells[Told.HISTORY_ERROR] = error.errno or errno.EIO
+            self._cells[KeeperMessage.HISTORY_ERROR] = error.errno or errno.EIO
             return
-        self._cells[Told.NEXT_EVENT] = self._history.next
-        self._cells[Told.HISTORY_ERROR] = 0
+        self._cells[KeeperMessage.NEXT_EVENT] = self._history.next
+        self._cells[KeeperMessage.HISTORY_ERROR] = 0
 
     def _keep(self, reader: Reader, frame: Any) -> None:
         snapshot = {name: section(frame) for name, section in sections_of(reader.layout).items()}
@@ -257,31 +252,32 @@ class Writer:
         )  # fmt: skip
         try:
             if not self._is_ours():
-                self._cells[Told.ERROR] = HELD_BY_ANOTHER
+                self._cells[KeeperMessage.ERROR] = HELD_BY_ANOTHER
                 return
             self._write(self._path, kept_file.dump(values))
         except OSError as error:
-            self._cells[Told.ERROR] = error.errno or errno.EIO
+            self._cells[KeeperMessage.ERROR] = error.errno or errno.EIO
             return
         self._written = snapshot
-        self._cells[Told.ERROR] = 0
+        self._cells[KeeperMessage.ERROR] = 0
 
     def _is_ours(self) -> bool:
-        """Whether this process has the lock of the file, which it then keeps to its end."""
+        """True if this process has the lock of the file, which it then keeps to its end."""
         if self._lock < 0:
             file = kept_file.lock_file(self._path)
             if not kept_file.take_lock(file):
-                os.close(file)
+                calls.close(file)
                 return False
             self._lock = file
         return True
 
 
 def keep(
-    reader: Reader, writer: Writer, is_gone: Callable[[float], bool], now: Callable[[], float] = monotonic
+    reader: Reader, writer: Writer, is_gone: Callable[[float], bool], now: Callable[[], float] | None = None
 ) -> None:
     """Write until the run has ended, then the last frame. `is_gone` waits so many s at most for the writer's end. The
     time that the disk takes does not delay the next look, unless it is longer than `INTERVAL`."""
+    now = now or calls.now
     gone, due = False, now()  # the first at once: it may take the place of a keeper that was killed
     while not gone:
         gone = is_gone(max(0.0, due - now())) or reader.is_finished

@@ -11,15 +11,15 @@ import errno
 import hashlib
 import json
 import os
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 from umo.errors import UmoError
-from umo.system import folders
+from umo.system import calls, folders
 from umo.system.device_record import state_folder
 from umo.system.file_locks import lock_within
 
@@ -66,7 +66,7 @@ class KeptValues:
 
 
 class FileSystem(Protocol):
-    """What writing needs of the operating system (`os`); tests give another one."""
+    """The functions of the operating system that writing needs (`calls`). Tests replace them."""
 
     def open(self, path: Path, flags: int, mode: int = ...) -> int: ...
     def write(self, file: int, data: bytes, /) -> int: ...
@@ -99,7 +99,7 @@ def load(data: bytes) -> KeptValues:
         content = json.loads(data.decode("ascii"))["content"]
         whole = encode(content) == data
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise KeptFileError("it is torn, or not a file of kept values") from None
+        raise KeptFileError("it is incomplete, or not a file of kept values") from None
     if not whole or not isinstance(content, dict):
         raise KeptFileError("it is damaged: its checksum does not fit")
     if content.pop("version", None) != VERSION:
@@ -114,14 +114,14 @@ def load(data: bytes) -> KeptValues:
         alarms, states = (values.sections.get(name, {}).values() for name in (ALARMS, STATES))
         if not all(type(number) is int for number in alarms) or not all(isinstance(name, str) for name in states):
             raise TypeError
-        time.localtime(float(values.utc)), int(values.period), int(values.pid)
+        datetime.fromtimestamp(float(values.utc)), int(values.period), int(values.pid)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise KeptFileError("it is not a file of kept values") from None
     return values
 
 
 def read(path: Path) -> KeptValues | None:
-    """None if there is no file. KeptFileError if it cannot be read, or is not whole."""
+    """Return the kept values, or None if there is no file. KeptFileError if it cannot be read, or is not complete."""
     try:
         file = folders.open_own(path)
     except FileNotFoundError:
@@ -138,7 +138,7 @@ def read(path: Path) -> KeptValues | None:
     return load(data)
 
 
-def write(path: Path, data: bytes, system: FileSystem = os) -> None:
+def write(path: Path, data: bytes, system: FileSystem = calls) -> None:
     """Replace the file, whole or not at all, also when the computer goes down. OSError: the old file stands."""
     if len(data) > MAX_BYTES:
         raise OSError(errno.EFBIG, f"more than {MAX_BYTES} bytes of kept values")
@@ -162,14 +162,14 @@ def write(path: Path, data: bytes, system: FileSystem = os) -> None:
 
 def set_aside(path: Path, now: float) -> Path:
     """Give a file that cannot be used another name; OSError where that cannot be."""
-    aside = path.with_name(f"{path.stem}.aside-{time.strftime('%Y%m%dT%H%M%S', time.gmtime(now))}")
+    aside = path.with_name(f"{path.stem}.aside-{datetime.fromtimestamp(now, UTC):%Y%m%dT%H%M%S}")
     number = 0
     while (new := aside.with_name(f"{aside.name}-{number}" if number else aside.name)).exists():
         number += 1
-    path.rename(new)
+    calls.replace(path, new)
     for old in sorted(path.parent.glob(f"{path.stem}.aside-*"))[:-MAX_ASIDE]:
         with suppress(OSError):
-            old.unlink()
+            calls.unlink(old)
     return new
 
 
@@ -188,19 +188,20 @@ def all_kept(station: str) -> Iterator[tuple[Path, KeptValues | KeptFileError]]:
 
 @contextmanager
 def locked(path: Path, within: float) -> Iterator[bool]:
-    """Keep others from writing a file; whether that was possible within some s: its keeper holds this lock."""
+    """Return a context in which no other process writes the file. It yields True if this process has the lock, and
+    False if it did not get it within `within` s, because a run that keeps its values in the file holds it."""
     file = lock_file(path)
     try:
         yield take_lock(file, within)
     finally:
-        os.close(file)
+        calls.close(file)
 
 
 def lock_file(path: Path) -> int:
     """The descriptor whose lock is that of the file of kept values."""
     folders.checked(path.parent)
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
-    return os.open(lock_of(path), flags, MODE)
+    return calls.open(lock_of(path), flags, MODE)
 
 
 def lock_of(path: Path) -> Path:
@@ -208,7 +209,7 @@ def lock_of(path: Path) -> Path:
 
 
 def take_lock(file: int, within: float = 0.0) -> bool:
-    """Whether it is ours, now or within some s. The kernel gives it back when this process ends."""
+    """True if it is ours, now or within some s. The kernel gives it back when this process ends."""
     try:
         return lock_within(file, within)
     except OSError:

@@ -1,7 +1,6 @@
-"""What is kept of a frame, by sections: numbers, alarms, states.
+"""The kept data of a frame, by sections: numbers, alarms, states.
 
-A section is a function of a frame that returns plain data. All sections of a file are of one frame.
-"""
+A section is a function of a frame that returns plain data. All sections of a file are from the same frame."""
 
 from __future__ import annotations
 
@@ -11,8 +10,8 @@ from math import isfinite
 from typing import Any
 
 from umo.cycle.restoring import MAX_EXACT
-from umo.frames.layout import Layout
-from umo.presentation.described import Described
+from umo.objects.presentation.described import Described
+from umo.process.frames.layout import Layout
 from umo.process.kept_file import ALARMS, NUMBERS, STATES
 
 Section = Callable[[Any], dict[str, Any]]

@@ -1,9 +1,8 @@
-"""What a run takes over from the last run of its station and wiring, and what is told of it."""
+"""The values that a run takes over from the last run of its station and wiring, and the notices about them."""
 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ from umo.errors import text_of
 from umo.process import kept_file
 from umo.process.job import Plan
 from umo.process.kept_file import KeptFileError, KeptValues
+from umo.system import calls
 
 LOCK_TIMEOUT = 2.0
 """Timeout in s at the start for the keeper of an earlier run, which may still write the last values of that one."""
@@ -36,8 +36,8 @@ def title_of(plan: Plan) -> KeptValues:
 
 
 def take_over(plan: Plan, say: Say) -> Sections:
-    """What the last run has kept, by section, for one in real time. Nothing raises: what cannot be read costs its
-    values, and is kept aside."""
+    """Return what the last run in real time has kept, by section. It raises nothing: a section that cannot be read is
+    set aside, and its values are lost."""
     path = file_of(plan)
     try:
         if path is None or not (path.exists() or kept_file.lock_of(path).exists()):  # nothing was ever kept
@@ -80,11 +80,11 @@ def _read(plan: Plan, path: Path, say: Say, *, aside: bool) -> Sections:
 
 
 def _aside(path: Path) -> Path:
-    return kept_file.set_aside(path, time.time())
+    return kept_file.set_aside(path, calls.wall_time())
 
 
 def tell(connection: connect[Any]) -> Iterator[str]:
-    """Of a machine that is connected: add an event for each kept value that was not taken; what the user is told."""
+    """Add an event of the connected machine for each kept value that was not used; yields the notices for the user."""
     refused = connection.not_restored
     for number, (path, why) in enumerate(refused.items()):
         connection.machine.events.add(Event(connection.machine.clock.now, path, f"its kept value is not taken: {why}"))

@@ -70,18 +70,18 @@ class Outcome:
     stopped_by: int | None = None
     """The signal that requested the stop."""
     stopped_who: str = ""
-    """Client that has requested it: the page, `umo stop`, a program that is attached."""
+    """Client that has requested it: the page, `umo do STATION stop`, a program that is attached."""
     time_over: bool = False
-    """Whether its time limit (`umo run --until`) ended it."""
+    """True if its time limit (`umo run --until`) ended it."""
     driven: bool = False
-    """Whether the machine was connected whole: every object initialised."""
+    """True if the machine was connected whole: every object initialised."""
     unsafe: bool = False
-    """Whether the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
+    """True if the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
     reports: dict[str, Any] = field(default_factory=dict)
     """Reports of the drivers on their circuits or plants, by the driver's name, as plain data."""
     unkept: str = ""
-    """Why the last kept values were not written, in words; empty: they were, or nothing is kept."""
+    """The reason why the last kept values were not written, as text; empty if they were, or nothing is kept."""
     simulated: float = 0.0
     """Time on the cycle's clock at the end, s."""
     result: Any = None
@@ -89,7 +89,7 @@ class Outcome:
 
     @property
     def outputs(self) -> str:
-        """Where a run that ended safely has left its outputs, in words."""
+        """Return where a run that ended safely has left its outputs, as text."""
         if self.driven:
             return "every actuator is at its default"
         return "it had not started: its outputs are as they were, or at their defaults where it had reached them"
@@ -109,12 +109,12 @@ class Outcome:
 
     @property
     def stopper(self) -> str:
-        """The client or the signal that has requested the stop; "": none has."""
+        """Return the client or the signal that has requested the stop; "" if none has."""
         return "" if self.stopped_by is None else printable(self.stopped_who) or signal_name(self.stopped_by)
 
     def dump(self) -> dict[str, Any]:
-        """As plain data, at most `MAX_BYTES` bytes as JSON, whatever the application returned. Long texts are cut, and
-        of very many unreached actuators only the first are named."""
+        """Return the outcome as plain data, at most `MAX_BYTES` bytes as JSON, for any result of the application. Long
+        texts are cut, and if there are very many unreached actuators, only the first are named."""
         for most, longest in BOUNDS:
             data = vars(self) | {
                 "failure": self.failure and asdict(self.failure.cut(longest)),
@@ -131,7 +131,7 @@ class Outcome:
 
     @classmethod
     def decode(cls, text: bytes) -> Outcome | None:
-        """None if it is not an outcome."""
+        """Return the outcome in a text, or None if it has none."""
         try:
             outcome = cls.load(json.loads(text))
             return outcome if isinstance(outcome.status, int) else None
@@ -156,7 +156,7 @@ def plain_reports(reports: Mapping[str, Any], longest: int = MAX_LENGTH) -> dict
 
 
 def status_of(failure: BaseException) -> int:
-    """A user's mistake is one before the run; what is raised in the run is a failure of it."""
+    """Return the exit status: a user's mistake counts before the run, an error in the run as its failure."""
     if isinstance(failure, StopError):
         return ExitStatus.UNREACHED
     if isinstance(failure, Interrupted):
@@ -166,8 +166,8 @@ def status_of(failure: BaseException) -> int:
 
 
 def message_of(failure: BaseException) -> str:
-    """What, when and where, in one line; in a second one what else failed. The mistakes in a wiring or in recipes, and
-    the devices that stand stopped, have a line each."""
+    """Return what, when and where in one line, and other failures in a second one. Mistakes in a wiring or in recipes,
+    and devices that stand stopped, have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)

@@ -1,7 +1,7 @@
 """The share of a processor that a control process has, as its guardian sees it and sees to it.
 
-A control process that works for long without a sign of life gives way to those of other stations; one that is kept from
-running may run on every core. So a station that loops for ever takes nothing from the others for longer than `OVERLONG`
+A control process that works for long without a sign of life loses its priority over those of other stations; one that
+cannot run may use every core. So a station that loops for ever takes nothing from the others for longer than `OVERLONG`
 and a look.
 """
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from time import monotonic
 
+from umo.system import calls
 from umo.system.processes import ProcessHandle, running_on, state, title_of
 
 OVERLONG = 0.04
@@ -20,7 +20,7 @@ OVERLONG = 0.04
 
 class ProcessorShare:
     """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None, until
-    it is let onto every core. What is done for it is told by `say`."""
+    it is let onto every core. `say` prints what was done for it."""
 
     def __init__(self, process: ProcessHandle, core: int | None, say: Callable[[str], object]) -> None:
         self._process, self._pid = process, process.pid
@@ -30,7 +30,7 @@ class ProcessorShare:
         """The cores that it may use, but for being pinned."""
         self._file: int | None = None
         with suppress(OSError):
-            self._file = os.open(f"/proc/{process.pid}/schedstat", os.O_RDONLY)
+            self._file = calls.open(f"/proc/{process.pid}/schedstat", os.O_RDONLY)
         self._last: tuple[float, float, float] | None = None
         self._priority = 0
         """Priority before it gave way; 0 if it has not."""
@@ -40,14 +40,14 @@ class ProcessorShare:
 
     @property
     def kept_waiting(self) -> float:
-        """s for which others had the processor, as far as that is certain: on a core of its own somebody must be known
-        who had it. 0 for a control process that had worked for long itself."""
+        """Return the time in s for which others had the processor, as far as certain: on a reserved core the other
+        process must be known. 0 for a control process that had worked for long itself."""
         certain = not self._priority and self._core is None
         return self._waited if certain else 0.0
 
     @property
     def by_whom(self) -> str:
-        """Who had the processor, in words."""
+        """Return which processes had the processor, as text."""
         return self._occupant or "other processes had the processors"
 
     def begin(self) -> None:
@@ -80,11 +80,11 @@ class ProcessorShare:
             return None
         with suppress(OSError, ValueError):
             ran, waited, _ = os.pread(self._file, 64, 0).split()
-            return monotonic(), int(ran) * 1e-9, int(waited) * 1e-9
+            return calls.now(), int(ran) * 1e-9, int(waited) * 1e-9
         return None
 
     def _give_way(self) -> None:
-        """From now on it is an ordinary process: the devices, too, may be served by such ones of this computer."""
+        """Become an ordinary process, so that processes which serve the devices on this computer can run."""
         with suppress(OSError):
             priority = os.sched_getparam(self._pid).sched_priority
             if priority:

@@ -9,12 +9,10 @@ calls go through the transfer stage.
 from __future__ import annotations
 
 import os
-import select
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import inf
-from time import monotonic, sleep
 from types import FrameType
 from typing import Literal
 
@@ -26,7 +24,7 @@ from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
 from umo.process.reset_state import Reached, ResetState
-from umo.system import realtime
+from umo.system import calls
 from umo.system.processes import Child, carry_out, name_process
 from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import some
@@ -65,7 +63,7 @@ class Resetter:
         wired: Wired,
         guard: Callable[[], object] = lambda: None,
         give_up: Callable[[Sequence[str]], object] = lambda paths: None,
-        fork: Callable[[bool], int] = lambda first: os.fork(),
+        fork: Callable[[bool], int] = lambda first: calls.fork(),
         end: Callable[[Child, float], object] = Child.end,
     ) -> None:
         """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
@@ -81,15 +79,18 @@ class Resetter:
         self.in_reserve: Callable[[], bool] = lambda: False
         """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
         to wait any longer."""
+        self.takes_place: Callable[[float], bool] = lambda within: True
+        """Function that is called in the child on standby until it says that this is the one that waits: the one before
+        may not have begun yet. It waits up to so many s for that."""
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.path for wire in self._wires]
         self._state = ResetState(self.paths)
         self._attempt_number = 0
         self._attempts = Attempts()
         self._is_last = False
-        """Whether the time is over: the timeouts are those of the wiring."""
+        """True if the time is over: the timeouts are those of the wiring."""
         self._tries_all = False
-        """Whether every actuator is tried, also after a timeout of its driver."""
+        """True if every actuator is tried, also after a timeout of its driver."""
         self._results: dict[int, tuple[Reached, str]] = {}
         """The result of the last attempt that came to an actuator, with the cause."""
         self._untried_cause = "its driver did not answer in time"
@@ -106,12 +107,12 @@ class Resetter:
 
     def stand_by(self, first: bool = True) -> None:
         """Fork the child of the first attempt now, or of the next one. OSError where it cannot be had."""
-        pipe = self._waiting_pipe, self._start_pipe = os.pipe()
+        pipe = self._waiting_pipe, self._start_pipe = calls.pipe()
         try:
             self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
         except OSError:
             for file in pipe:
-                os.close(file)
+                calls.close(file)
             raise
 
     @property
@@ -120,19 +121,19 @@ class Resetter:
         return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
-        """Whether another child stands by in the place of one that was killed or stopped by a signal. OSError where it
-        cannot be had: that is tried again `FORK_PAUSE` s later. Where the one before has failed by itself, the next one
-        would too: a child is forked when it is needed."""
+        """True if another child has replaced one that was killed or stopped by a signal. OSError where it cannot be
+        had: that is tried again `FORK_PAUSE` s later. Where the one before has failed by itself, the next one would
+        too: a child is forked when it is needed."""
         child = self._reserve
         if child is not None and (child.ended or child.was_stopped):
             self.dismiss()
             for file in (self._waiting_pipe, self._start_pipe):
-                os.close(file)
+                calls.close(file)
             has_failed = child.status is not None and os.WIFEXITED(child.status)
             self._next_fork = inf if has_failed else 0.0
-        if monotonic() < self._next_fork:
+        if calls.now() < self._next_fork:
             return False
-        self._next_fork = monotonic() + FORK_PAUSE
+        self._next_fork = calls.now() + FORK_PAUSE
         self.stand_by()
         self._next_fork = inf
         return True
@@ -154,7 +155,7 @@ class Resetter:
         is_dead: Callable[[], bool] = lambda: True,
         said: Callable[[str], object] = lambda text: None,
     ) -> dict[str, str]:
-        """Bring every actuator to its default, in stop order; what was not reached, with the cause.
+        """Bring every actuator to its default, in stop order. Return those not reached, with the cause.
 
         There are attempts for `lasting` s, then as long as one reaches anything that none has reached before; for what
         no attempt came to, up to as long again; and last of all one with the timeouts of the wiring, which is made
@@ -162,13 +163,12 @@ class Resetter:
         begins, or answers for a part of it.
 
         `is_dead` says whether the old process is gone for certain: then everything is reset once more, and a last
-        time when a request that was still under way has been carried out.
-        """
-        until = monotonic() + lasting
+        time when a request that was still under way has been carried out."""
+        until = calls.now() + lasting
         told = False
         while due := self._due():
             progress = self._run(due, is_dead)
-            if monotonic() >= until and not progress:
+            if calls.now() >= until and not progress:
                 break
             if (left := self._left()) and not told:
                 told = True
@@ -184,7 +184,7 @@ class Resetter:
         until = inf
         while progress and self._due():
             self._prepare_next(is_dead)
-            until = min(until, monotonic() + lasting)
+            until = min(until, calls.now() + lasting)
             untried = [number for number in self._due() if number not in self._results]
             self._tries_all = True
             progress = bool(untried) and self._run(untried, is_dead, until)
@@ -195,10 +195,10 @@ class Resetter:
         """Between two attempts."""
         if left := self._left():
             self._give_up(list(left))
-        until = monotonic() + ATTEMPT_PAUSE
-        while monotonic() < until:
+        until = calls.now() + ATTEMPT_PAUSE
+        while calls.now() < until:
             is_dead()
-            sleep(0.01)
+            calls.sleep(0.01)
 
     def _due(self) -> list[int]:
         """The actuators that are to be reset, by number."""
@@ -216,8 +216,8 @@ class Resetter:
     # The guardian's side -------------------------------------------------------------------------------
 
     def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> bool:
-        """One attempt: in one child, and in one more for each driver that hung or crashed before. Whether it has
-        reached anything that none had reached before."""
+        """Make one attempt: in one child, and in one more for each driver that hung or crashed before. Return True if
+        it has reached an actuator that none had reached before."""
         self._state.clear()
         limit = CALL_MARGIN + 2 * max(map(self._timeout, self._timeouts), default=0.0)
         for group in self._groups(numbers):
@@ -235,7 +235,7 @@ class Resetter:
         return self._attempts.add(n for n in numbers if self._result(n)[0] in (Reached.ONCE, Reached.YES))
 
     def _groups(self, numbers: list[int]) -> list[list[int]]:
-        """In stop order; what failed before comes last, so that it does not keep the others from being tried."""
+        """Return the groups in stop order. Those that failed before come last, so that they do not delay the others."""
         groups: dict[int, list[int]] = {0: []}
         for number in sorted(numbers, key=lambda number: (self._misses[number], number)):
             driver = id(self._wires[number].driver)
@@ -261,12 +261,12 @@ class Resetter:
         with suppress(OSError):
             self.stand_by(first=False)
         self._child = child
-        os.write(pipe[0], b"!")
+        calls.write(pipe[0], b"!")
         for file in pipe:
-            os.close(file)
+            calls.close(file)
 
-    def _fork(self, work: Callable[[int], int], fork: Callable[[], int] = lambda: os.fork()) -> Child:
-        """A child that does this work; it is told the pid of this process."""
+    def _fork(self, work: Callable[[int], int], fork: Callable[[], int] = lambda: calls.fork()) -> Child:
+        """Fork a child that does this work. It gets the pid of this process."""
         guardian = os.getpid()
         pid = fork()
         if pid == 0:
@@ -277,16 +277,17 @@ class Resetter:
         """Until the child ends; end it when one of its calls does not return, or at `until`."""
         assert self._child is not None
         child, self._child = self._child, None
-        why, given_up = "", inf
-        while not child.ended and monotonic() < given_up:  # else it cannot be killed: blocked in a kernel call
+        why = ""
+        while not child.ended and not why:
             if is_dead():
                 self._state.declare_dead()
             silent = self._state.silence > limit
-            if not why and (silent or monotonic() > until):
+            if silent or calls.now() > until:
                 why = f"a call did not return within {limit:g} s" if silent else NO_TIME
-                given_up = monotonic() + DEATH_TIMEOUT
-                child.send(signal.SIGKILL)
-            sleep(LOOK_INTERVAL)
+            else:
+                calls.sleep(LOOK_INTERVAL)
+        if why:
+            self._end(child, DEATH_TIMEOUT)
         status = child.status or 0
         if status and not why:
             why = _ending(os.WTERMSIG(status)) if os.WIFSIGNALED(status) else "the reset failed"
@@ -294,27 +295,27 @@ class Resetter:
             self._blame(why)
 
     def _blame(self, why: str) -> None:
-        """The call that was under way did it; what comes after it was not tried."""
+        """Attribute the failure to the call in progress; calls after it were not tried."""
         self._untried_cause = why
         if self._state.at >= 0:
             self._stuck_drivers.add(id(self._wires[self._state.at].driver))
             self._state.note(self._state.at, Reached.NO, why)
 
     def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float, until: float) -> None:
-        """No child can be had: in this process, up to `until`. A call that does not return, or is under way then, is
-        interrupted by an alarm."""
+        """Reset in this process, until `until`, because no child can be forked. A call that does not return, or is
+        still running then, is interrupted by an alarm."""
 
         def interrupt(number: int, frame: FrameType | None) -> None:
             silent = f"a call did not return within {limit:g} s"
-            raise DeviceTimeout(silent if monotonic() < until else NO_TIME)
+            raise DeviceTimeout(silent if calls.now() < until else NO_TIME)
 
         def look() -> None:
-            left = until - monotonic()
-            signal.setitimer(signal.ITIMER_REAL, min(limit, left) if left > 0 else limit, limit)
+            left = until - calls.now()
+            calls.set_alarm(min(limit, left) if left > 0 else limit, limit)
             if is_dead():
                 self._state.declare_dead()
 
-        before = signal.signal(signal.SIGALRM, interrupt)
+        before = calls.handle_signal(signal.SIGALRM, interrupt)
         try:
             self._bring_to_defaults(numbers, look, until)
         except _TimeIsOver:
@@ -322,8 +323,8 @@ class Resetter:
         except BaseException as error:
             self._blame(text_of(error))
         finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            signal.signal(signal.SIGALRM, before)
+            calls.set_alarm(0)
+            calls.handle_signal(signal.SIGALRM, before)
 
     def _timeout(self, name: str) -> float:
         """The timeout of a driver in this attempt, s: it grows, up to UNCONTROLLED_TIMEOUT."""
@@ -335,33 +336,34 @@ class Resetter:
     # In the child --------------------------------------------------------------------------------------
 
     def _as_child(self, guardian: int, work: Callable[[int], int]) -> int:
-        """It does not end by a signal that asks the run to stop."""
+        """Fork a child that is not ended by a signal that asks the run to stop."""
         name_process("umo reset")
         for number in STOP_SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            calls.handle_signal(number, signal.SIG_IGN)
         return work(guardian)
 
     def _wait_for_work(self, guardian: int) -> int:
-        """Until the guardian lets it begin; it outlives the guardian meanwhile, for the case that nobody else does."""
-        os.close(self._start_pipe)
-        spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
-        start = select.poll()
-        start.register(self._waiting_pipe, select.POLLIN)
-        begins = False
-        while not begins:
-            if start.poll(RESERVE_INTERVAL * 1e3):
-                begins = bool(os.read(self._waiting_pipe, 1))
-                if not begins:  # the guardian is gone
-                    start.unregister(self._waiting_pipe)
-            elif self.in_reserve():
+        """Wait until the guardian lets it begin. It survives the guardian, in case no other process does."""
+        calls.close(self._start_pipe)
+        spares = [calls.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
+        while not self.takes_place(RESERVE_INTERVAL):  # one that was stopped may never begin
+            if self.in_reserve():
                 return 0
+        while not calls.ready(self._waiting_pipe, RESERVE_INTERVAL):
+            if self.in_reserve():
+                return 0
+        if not calls.read(self._waiting_pipe, 1):  # the guardian is gone
+            calls.sleep(RESERVE_INTERVAL)
+            while not self.in_reserve():
+                calls.sleep(RESERVE_INTERVAL)
+            return 0
         for file in spares:
-            os.close(file)
+            calls.close(file)
         return self._work(guardian, range(len(self._wires)))
 
     def _work(self, guardian: int, numbers: Sequence[int]) -> int:
-        """It ends with the guardian from now on: another one would reset as well."""
-        realtime.die_with_parent(guardian, signal.SIGKILL)
+        """Work until the guardian ends: another one would reset as well."""
+        calls.die_with_parent(guardian, signal.SIGKILL)
         with suppress(Exception):
             self._guard()
         self._bring_to_defaults(numbers, lambda: None)
@@ -393,16 +395,16 @@ class Resetter:
                     segments.close(name)
 
     def _reset_opened(self, numbers: list[int], call: Callable[[], object], until: float) -> list[int]:
-        """Initialise, reset once the old process is dead, and again when what was under way is done; those that were
-        reached."""
+        """Initialise, reset once the old process is dead, and again after operations in progress. Return the outputs
+        that were reached."""
         reached = self._pass(numbers, "initialize", until)
         while not self._state.dead:
             call()
             _look_at_time(until)
-            sleep(LOOK_INTERVAL)
+            calls.sleep(LOOK_INTERVAL)
         reached = self._pass(reached, "reset", until)
         if reached:
-            wait_for(settling(self._wired), sleep, call)
+            wait_for(settling(self._wired), calls.sleep, call)
             reached = self._pass(reached, "reset", until, Reached.YES)
         self._state.begin(-1)  # whatever happens from here on, they are at their defaults
         return reached
@@ -434,8 +436,8 @@ class Resetter:
         until: float,
         reached: Reached = Reached.ONCE,
     ) -> list[int]:
-        """One segment for each; those that were reached. This counts only if the old process is dead. What was not
-        tried, as its driver had timed out, stays so."""
+        """Carry out one segment for each output, and return those that were reached. This counts only if the old
+        process is dead. An output that was not tried, because its driver had timed out, counts as not reached."""
         done = []
 
         def begin(number: int) -> None:
@@ -454,12 +456,12 @@ class Resetter:
 
 
 def _look_at_time(until: float) -> None:
-    if monotonic() > until:
+    if calls.now() > until:
         raise _TimeIsOver
 
 
 def _ending(number: int) -> str:
-    """How a signal ended the process that resets, in words: somebody sent it, or a driver crashed."""
+    """Return how a signal ended the process that resets, as text: it was sent, or a driver crashed."""
     what = "the process that resets was killed" if number in (signal.SIGKILL, *SIGNALS) else "the driver crashed"
     return f"{what} ({signal_name(number)})"
 

@@ -9,7 +9,7 @@ import mmap
 from collections.abc import Sequence
 from enum import IntEnum
 
-from umo.process.run_state import clock
+from umo.system import calls
 
 BEAT, AT, DEAD = range(3)
 HEADER = 64
@@ -47,7 +47,7 @@ class ResetState:
     # The child -----------------------------------------------------------------------------------------
 
     def beat(self) -> None:
-        self._cells[BEAT] = clock()
+        self._cells[BEAT] = calls.boottime_ns()
 
     def begin(self, number: int) -> None:
         """A call for this actuator begins; -1: for none of them."""
@@ -62,7 +62,7 @@ class ResetState:
 
     @property
     def dead(self) -> bool:
-        """Whether the old control process has ended for certain."""
+        """True if the old control process has ended for certain."""
         return bool(self._cells[DEAD])
 
     # The guardian --------------------------------------------------------------------------------------
@@ -73,7 +73,7 @@ class ResetState:
     @property
     def silence(self) -> float:
         """Seconds since the last call began."""
-        return (clock() - self._cells[BEAT]) * 1e-9
+        return (calls.boottime_ns() - self._cells[BEAT]) * 1e-9
 
     @property
     def at(self) -> int:

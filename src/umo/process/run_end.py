@@ -16,9 +16,8 @@ from umo.process.outcome import Failed, Outcome
 from umo.process.reset import DEATH_TIMEOUT, Resetter, summary
 from umo.process.run_state import RunState, Who
 from umo.process.workers import Workers
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.system.device_record import DeviceClaim
-from umo.system.processes import name_process
 from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable
 
@@ -54,7 +53,8 @@ class RunEnd:
         self.resetter = Resetter(
             plan.machine, plan.wired, self._begin_reset, workers.end_those_of, self._fork_reserve, run_state.end_process
         )
-        self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
+        self.resetter.takes_place = self._takes_place
+        self._spares = [calls.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
         """Work for the standby guardian from now on, which calls this."""
@@ -62,20 +62,22 @@ class RunEnd:
         self.resetter.hand_over()
 
     def _fork_reserve(self, first: bool) -> int:
-        """Fork the child that waits to reset; 0 in the child. One that is not the first waits for its lock itself: the
-        one before has it until it has begun, and the reset is not kept waiting by that."""
+        """Fork the child that waits to reset; 0 in the child. One that is not the first waits for its lock itself
+        (`_takes_place`): the reset is not kept waiting by that."""
         if first:
             return self._run_state.fork(Who.RESERVE)
-        pid = os.fork()
+        pid = calls.fork()
         if pid == 0:
-            os.setsid()
-            name_process("umo reset")
-            while not self._run_state.hold(Who.RESERVE):
-                pass
+            calls.new_session()
         return pid
 
+    def _takes_place(self, within: float) -> bool:
+        """Take the lock in the child that waits to reset. Return True if it has it. Its predecessor keeps the lock
+        until it has begun."""
+        return self._run_state.holds(Who.RESERVE) or self._run_state.hold(Who.RESERVE, within)
+
     def _begin_reset(self) -> None:
-        """In the child that resets."""
+        """Begin the reset, in the child that resets."""
         if self._run_state.holds(Who.RESERVE):  # another one waits from now on
             self._run_state.release(Who.RESERVE)
         self._run_state.hold(Who.RESET)
@@ -105,18 +107,18 @@ class RunEnd:
         return outcome
 
     def _reset(self, is_dead: Callable[[], bool], said: Callable[[str], object]) -> dict[str, str]:
-        """Reset every actuator, in stop order; what was not reached, with the cause."""
+        """Reset every actuator, in stop order. Return those not reached, with the cause."""
         self._run_state.conclude()
         self._device_claim.hold.used_here()
         while self._spares:
             with suppress(OSError):  # control code may have closed it
-                os.close(self._spares.pop())
+                calls.close(self._spares.pop())
         self._run_state.wait(lambda: self._run_state.gone(0.0, Who.RESET), DEATH_TIMEOUT)  # the child of a dead one
         lasting = self._plan.wired.process.reset_for
         return self.resetter.reset(lasting, is_dead=is_dead, said=said)
 
     def tell(self, outcome: Outcome) -> None:
-        """Record and tell how the run ended. The standby guardian does it again if the guardian is killed meanwhile."""
+        """Record and report how the run ended. The standby guardian repeats it if the guardian is killed meanwhile."""
         failure = outcome.failure
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
         with suppress(Exception):
@@ -140,12 +142,21 @@ class RunEnd:
             self._watcher.finish(self._run_state.wait)
         self._channel.send("ended", outcome=outcome.dump())
         self._run_state.note_told()
+        with suppress(Exception):
+            self._end_reserve()
         tell_final_message(self._channel, self._plan.name, outcome)
+
+    def _end_reserve(self) -> None:
+        """End the child that waits to reset, after the report. A stopped child would hold the devices; if it belongs to
+        another guardian, its lock proves which process it is."""
+        if not self._run_state.holds(Who.RESERVE):
+            self._run_state.end(Who.RESERVE, DEATH_TIMEOUT)
 
 
 def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> None:
-    """If the process that started the run has ended, say on stderr how the run did. It waits for no terminal, and is
-    called when the machine has been reset and everything is recorded; no error of it changes how the run ended."""
+    """Print on stderr how the run ended, if the process that started it has ended. It waits for no terminal, and is
+    called when the machine has been reset and everything is recorded; an error here does not change how the run
+    ended."""
     with suppress(Exception):
         if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):
             how = f"the run has ended; {outcome.outputs}" if outcome.failure is None else outcome.failure.message

@@ -8,29 +8,17 @@ with its own can spoil it.
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import mmap
 import os
-import select
-import signal
-import time
 from collections.abc import Callable
 from enum import IntEnum
 
 from umo.cycle.stage import Stage
 from umo.errors import UmoError
+from umo.system import calls
 from umo.system.processes import STOPPED, Child, ProcessHandle, start_of, state, wait_until
 from umo.system.shared_cells import HEAD, SharedText
-
-MUTEX_BYTES = 64
-"""Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
-CLOCK_MONOTONIC = 1
-TRY_PAUSE = 0.001
-"""Time in s until a lock is tried again, where it cannot be waited for by the monotonic clock."""
-PROCESS_SHARED = ROBUST = 1
-CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
-"""Clock of the signs of life: it goes on while the computer is suspended."""
 
 
 class Who(IntEnum):
@@ -48,7 +36,7 @@ class Who(IntEnum):
 
 
 FOLLOWERS = (Who.STANDBY, Who.RESERVE)
-"""Those that take the guardian's place."""
+"""The processes that take the guardian's place."""
 
 
 STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, EXCUSED, TOLD = range(8)
@@ -82,25 +70,16 @@ def worker(number: int) -> int:
     return len(Who) + number
 
 
-class _Timespec(ctypes.Structure):
-    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
-
-
-def clock() -> int:
-    """ns on the clock of the signs of life."""
-    return time.clock_gettime_ns(CLOCK)
-
-
 class RunState:
-    """Made by the guardian before it forks. `workers`: the number of worker processes."""
+    """Made by the guardian before it forks. `workers`: the number of worker processes. The clock of the signs of life
+    goes on while the computer is suspended (`calls.boottime_ns`)."""
 
     def __init__(self, workers: int = 0) -> None:
-        self._libc = ctypes.CDLL(None, use_errno=True)
         count = len(Who) + workers
         first = PIDS_AT + 2 * 8 * count
-        self._memory = mmap.mmap(-1, first + MUTEX_BYTES * count)  # anonymous and shared
-        places = range(first, first + MUTEX_BYTES * count, MUTEX_BYTES)
-        self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
+        places = range(first, first + calls.MUTEX_BYTES * count, calls.MUTEX_BYTES)
+        self._memory = mmap.mmap(-1, places.stop)  # anonymous and shared
+        self._locks = [calls.make_mutex(self._memory, at) for at in places]
         self._held: dict[int, int] = {}
         """The locks that this process holds, each with its pid: a process that is forked holds none of them."""
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
@@ -108,12 +87,6 @@ class RunState:
         self._pids, self._starts = numbers[:count], numbers[count:]
         self._report = SharedText(self._memory, REPORT_AT, REPORT_BYTES)
         self._outcome = SharedText(self._memory, OUTCOME_AT, REPORT_BYTES)
-        attributes = ctypes.create_string_buffer(64)
-        self._libc.pthread_mutexattr_init(attributes)
-        self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
-        self._libc.pthread_mutexattr_setrobust(attributes, ROBUST)
-        for lock in self._locks:
-            self._libc.pthread_mutex_init(ctypes.byref(lock), attributes)
         self.watch()
         self.enter(Stage.STARTING)
 
@@ -122,36 +95,34 @@ class RunState:
     def fork(self, who: int) -> int:
         """Fork a process in a session of its own, that holds its lock when this returns in its parent; 0 in the child.
         OSError where no process or pipe can be had, or the process does not come to hold its lock: it is ended."""
-        held, holding = os.pipe()
+        held, holding = calls.pipe()
         try:
-            pid = os.fork()
+            pid = calls.fork()
         except OSError:
-            os.close(held)
-            os.close(holding)
+            calls.close(held)
+            calls.close(holding)
             raise
         if pid:
-            os.close(holding)
+            calls.close(holding)
             why = self._not_holding(pid, held)
-            os.close(held)
+            calls.close(held)
             if why:
                 self.end_process(Child(pid), END_TIMEOUT)
                 raise NotBegun(f"a process that was forked {why}")
             return pid
-        os.close(held)
-        os.setsid()  # a signal to the group or session of another does not reach it
+        calls.close(held)
+        calls.new_session()
         self.hold(who)
-        os.close(holding)
+        calls.close(holding)
         return 0
 
     def _not_holding(self, pid: int, held: int) -> str:
-        """Wait until a child holds its lock and closes its end of the pipe, or is dead already; "". Else why it is no
-        longer waited for, in words. The guardian, which waits here, gives its signs of life."""
-        ready = select.poll()
-        ready.register(held, 0)  # POLLHUP comes unasked
-        begun = able = time.monotonic()
-        while not ready.poll(FORK_LOOK_INTERVAL * 1e3):
+        """Wait until a child holds its lock and closes its end of the pipe, or is dead, and return "". Otherwise return
+        why it is no longer waited for. The waiting guardian gives signs of life."""
+        begun = able = calls.now()
+        while not calls.ready(held, FORK_LOOK_INTERVAL, 0):
             self.watch()
-            now = time.monotonic()
+            now = calls.now()
             able = able if state(pid) in STOPPED else now
             if now - able >= STOPPED_TIMEOUT:
                 return "was stopped by a signal before it had begun"
@@ -161,10 +132,10 @@ class RunState:
                 return "was ended before it had begun: the machine is to be reset"
         return ""
 
-    def hold(self, who: int) -> bool:
-        """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
-        that cannot be killed; whether it was taken."""
-        taken = self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
+    def hold(self, who: int, within: float = HOLD_LIMIT) -> bool:
+        """Take a lock: from now on the others detect the death of this thread. Wait up to `within` s for a former
+        holder, which may be impossible to kill. Return True if it was taken."""
+        taken = self._take(who, within)
         if taken:  # numbers are written by the holder of the lock alone
             self._pids[who] = 0
             self._starts[who] = start_of(os.getpid())
@@ -175,10 +146,10 @@ class RunState:
         """Give a lock back that this process has taken."""
         self._held.pop(who, None)
         self._pids[who] = 0
-        self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
+        calls.unlock_mutex(self._locks[who])
 
     def holds(self, who: int) -> bool:
-        """Whether this process holds that lock."""
+        """True if this process holds that lock."""
         return self._held.get(who) == os.getpid()
 
     def process(self, who: int) -> ProcessHandle | None:
@@ -193,50 +164,38 @@ class RunState:
         return handle if is_holder and not self.gone(TEST_TIME, who) and int(self._pids[who]) == pid else None
 
     def is_able(self, who: int) -> bool:
-        """Whether the holder of a lock lives and can act: it was neither stopped nor killed."""
+        """True if the holder of a lock lives and can act: it was neither stopped nor killed."""
         process = self.process(who)
         return process is not None and not (process.is_stopped or process.is_killed)
 
     def end(self, who: int, within: float) -> bool:
-        """Kill the holder of a lock, if there is one, and wait up to `within` s for its end; whether it has ended."""
+        """Kill the holder of a lock, if there is one, and wait up to `within` s. Return True if it has ended."""
         process = self.process(who)
         return self.wait(lambda: self.gone(0.0, who), within) if process is None else self.end_process(process, within)
 
     def end_process(self, process: ProcessHandle, within: float) -> bool:
-        """Kill a process, and wait up to `within` s for its end; whether it has ended."""
-        process.send(signal.SIGKILL)
-        return self.wait(lambda: process.ended, within)
+        """Kill a process, and wait up to `within` s. Return True if it has ended."""
+        return process.end(within, self.watch)
 
     def wait(self, is_so: Callable[[], bool], within: float) -> bool:
-        """Wait up to `within` s until this is so; whether it is. The only way in which a guardian waits for another
-        process, or whoever takes its place: it gives its signs of life meanwhile."""
+        """Wait up to `within` s until this is True, and return whether it is. A guardian, or its successor, waits for
+        another process only in this way: it gives signs of life during the wait."""
         return wait_until(is_so, within, self.watch)
 
     def gone(self, within: float, who: int = Who.CONTROL) -> bool:
-        """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""
-        if not self._is_ours(who, self._lock_until(who, within)):
+        """Wait up to `within` s for the holder of a lock to die. Return True if it has died, or if the lock was never
+        held."""
+        if not self._take(who, within):
             return False
-        self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
+        calls.unlock_mutex(self._locks[who])
         return True
 
-    def _is_ours(self, who: int, answer: int) -> bool:
+    def _take(self, who: int, within: float) -> bool:
+        """Wait up to `within` s for a lock. Return True if it is taken."""
+        answer = calls.lock_mutex(self._locks[who], within)
         if answer == errno.EOWNERDEAD:
-            self._libc.pthread_mutex_consistent(ctypes.byref(self._locks[who]))
             self._pids[who] = 0  # of the dead process
-        elif answer not in (0, errno.ETIMEDOUT):
-            raise OSError(answer, f"the lock of process {who} of the run failed")
         return answer != errno.ETIMEDOUT
-
-    def _lock_until(self, who: int, within: float) -> int:
-        """The answer of a lock, by the monotonic clock. glibc before 2.30 waits by the wall clock only, which may be
-        set back by a day: the lock is tried again and again there."""
-        mutex, lock = ctypes.byref(self._locks[who]), getattr(self._libc, "pthread_mutex_clocklock", None)
-        until = time.monotonic() + within
-        if lock is not None:
-            return int(lock(mutex, CLOCK_MONOTONIC, ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))))
-        while (answer := int(self._libc.pthread_mutex_trylock(mutex))) == errno.EBUSY and time.monotonic() < until:
-            time.sleep(TRY_PAUSE)
-        return errno.ETIMEDOUT if answer == errno.EBUSY else answer
 
     # The control process -------------------------------------------------------------------------------
 
@@ -246,14 +205,14 @@ class RunState:
 
     def beat(self) -> float:
         """A sign of life, in every period while running; s since the one before."""
-        cells, now = self._cells, time.clock_gettime_ns(CLOCK)
+        cells, now = self._cells, calls.boottime_ns()
         before = cells[BEAT]
         cells[BEAT] = now
         return (now - before) * 1e-9
 
     @property
     def admitted(self) -> bool:
-        """Whether the control process may begin: every process that can reset the machine is there."""
+        """True if the control process may begin: every process that can reset the machine is there."""
         return bool(self._cells[ADMITTED])
 
     @property
@@ -264,7 +223,7 @@ class RunState:
     @property
     def unwatched(self) -> float:
         """Seconds since the guardian last looked."""
-        return (clock() - self._cells[WATCH]) * 1e-9
+        return (calls.boottime_ns() - self._cells[WATCH]) * 1e-9
 
     @property
     def asked(self) -> int:
@@ -279,7 +238,7 @@ class RunState:
 
     def watch(self) -> None:
         """The guardian's own sign of life."""
-        self._cells[WATCH] = clock()
+        self._cells[WATCH] = calls.boottime_ns()
 
     def admit(self) -> None:
         self._cells[ADMITTED] = 1
@@ -290,7 +249,7 @@ class RunState:
 
     @property
     def last_watch(self) -> int:
-        """Time of the guardian's last sign of life, in ns on `clock`."""
+        """Time of the guardian's last sign of life, in ns on `calls.boottime_ns`."""
         return int(self._cells[WATCH])
 
     def ask(self, number: int) -> None:
@@ -306,40 +265,41 @@ class RunState:
 
     @property
     def last_beat(self) -> int:
-        """Time of the last sign of life, in ns on `clock`."""
+        """Time of the last sign of life, in ns on `calls.boottime_ns`."""
         return int(self._cells[BEAT])
 
     @property
     def silence(self) -> float:
         """Seconds since the last sign of life."""
-        return (clock() - self._cells[BEAT]) * 1e-9
+        return (calls.boottime_ns() - self._cells[BEAT]) * 1e-9
 
     def reported(self) -> bytes:
         """The report of the control process at its end."""
         return _get(self._report)
 
     def conclude(self) -> None:
-        """The guardian resets, or records and tells the end, from now on: its signs of life may be far apart."""
+        """Note that the guardian resets, records or reports the end from now on: its signs of life may be far apart."""
         self.watch()
         self._cells[CONCLUDING] = 1
 
     @property
     def concluding(self) -> bool:
-        """Whether the guardian has begun to do that."""
+        """True if the guardian has begun to do that."""
         return bool(self._cells[CONCLUDING])
 
     def settle(self, text: bytes) -> None:
-        """The machine is reset, with this outcome. It stands if the guardian dies before it is recorded and told."""
+        """The machine is reset, with this outcome. It remains if the guardian dies before it is recorded and
+        printed."""
         _put(self._outcome, text)
         self.conclude()
 
     def note_told(self) -> None:
-        """The end is recorded and told: nobody follows any more."""
+        """The end is recorded and printed: no process takes over any more."""
         self._cells[TOLD] = 1
 
     @property
     def told(self) -> bool:
-        """Whether the end is recorded and told."""
+        """True if the end is recorded and reported."""
         return bool(self._cells[TOLD])
 
     def settled(self) -> bytes:

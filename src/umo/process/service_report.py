@@ -1,4 +1,4 @@
-"""What a guardian tells the service manager: that the machine runs, how, that it lives, that it stops.
+"""The messages of a guardian to the service manager: that the machine runs, its state, that it lives, that it stops.
 
 Sent by the guardian, and by the standby guardian once it has taken over. The sign of life for the manager's watchdog is
 passed on from the control process: one for which no new sign of life came is not sent.
@@ -9,14 +9,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from time import monotonic
 from typing import Any
 
 from umo.cycle.stage import Stage
-from umo.frames import Reader
-from umo.frames.reader import progress_of
+from umo.process.frames import RunReader
+from umo.process.frames.run_reader import progress_of
 from umo.process.run_state import RunState
-from umo.system import notify
+from umo.system import calls, notify
 from umo.system.notify import ServiceManager
 
 STATUS_INTERVAL = 1.0
@@ -33,30 +32,31 @@ class ServiceReport:
         self,
         manager: ServiceManager,
         run_state: RunState,
-        reader: Callable[[], Reader | None],
-        clock: Callable[[], float] = monotonic,
+        reader: Callable[[], RunReader | None],
+        clock: Callable[[], float] | None = None,
     ) -> None:
         self._manager = manager
         self._run_state = run_state
         self._reader = reader
-        self._clock = clock
+        self._clock = clock or calls.now
         self._is_ready = self._is_stopping = False
         self._beat = -1
         """The sign of life that was passed on last."""
         self._next_alive = self._next_status = 0.0
         self._status = ""
         self._seen: tuple[object, ...] = ()
-        """What that status was made of."""
+        """The facts from which that status was made."""
 
     @classmethod
-    def of_this_process(cls, run_state: RunState, reader: Callable[[], Reader | None]) -> ServiceReport:
-        """With the service manager that started the parent of this process, if one did. Its variables are removed."""
+    def of_this_process(cls, run_state: RunState, reader: Callable[[], RunReader | None]) -> ServiceReport:
+        """Return the report to the service manager that started the parent of this process, if one did. Its variables
+        are removed."""
         manager = ServiceManager.of_environment(os.environ, (os.getpid(), os.getppid()))
         notify.without(os.environ)
         return cls(manager, run_state, reader)
 
     def look(self) -> None:
-        """One look of the guardian's, every 20 ms while the control process runs."""
+        """Check once, every 20 ms while the control process runs, in the guardian."""
         if not self._manager.listens or self._is_stopping:
             return
         stage, now = self._run_state.stage, self._clock()
@@ -105,10 +105,11 @@ class ServiceReport:
             self._status, self._seen = text, seen
 
 
-def _told_by(reader: Reader | None, frame: Any) -> tuple[object, ...]:
-    """What the facts of the status depend on: putting them in words takes all events, which is too much for each
+def _told_by(reader: RunReader | None, frame: Any) -> tuple[object, ...]:
+    """Return the facts on which the status depends. Formatting them reads all events, which is too much for each
     second."""
     if reader is None or frame is None:
         return (reader is None,)
     columns = frame["equipment"].tobytes(), frame["alarms"].tobytes()
-    return reader.mode, progress_of(frame), reader.next_event, *columns
+    now = reader.now()
+    return now.mode, progress_of(frame), now.next_event, *columns

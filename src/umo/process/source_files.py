@@ -48,7 +48,7 @@ class ChangedFile(NamedTuple):
     """Below the folder of the station, else absolute, or relative to the current folder if that is shorter."""
     is_gone: bool
     is_read: bool = True
-    """Whether the run has read it; else its code names it, and the run may have."""
+    """True if the run has read it; else its code names it, and the run may have."""
 
 
 def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
@@ -91,14 +91,14 @@ def _folder_of(place: Path) -> Path:
 
 
 def _is_below(file: object, folder: Path, wiring: str) -> bool:
-    """Whether it is a file below a folder, by its name alone, and not the wiring."""
+    """True if it is a file below a folder, by its name alone, and not the wiring."""
     path = Path(str(file))
     return file != wiring and ".." not in path.parts and path.is_relative_to(folder)
 
 
 def changed_text(changed: Sequence[ChangedFile]) -> str:
-    """The same in words: `it runs the former control.py, which has changed on disk since the start; the next run takes
-    it as it is now`; empty: nothing has changed."""
+    """Return the same as text: `it runs the former control.py, which has changed on disk since the start; the next run
+    takes it as it is now`; empty if nothing has changed."""
     texts = []
     for is_read, runs in ((True, "runs the former"), (False, "may have read the former")):
         names = [f"{each.path} (gone)" if each.is_gone else each.path for each in changed if each.is_read is is_read]
@@ -121,7 +121,7 @@ def _modules() -> Iterator[str]:
 
 
 def _is_in(file: str, folder: Path) -> bool:
-    """Whether it is a file of the folder, and of no package that is installed in it."""
+    """True if it is a file of the folder, and of no package that is installed in it."""
     before, inside, name = file.partition(f"{folder}/")
     return bool(inside) and not before and not any(part in f"/{name}" for part in INSTALLED)
 

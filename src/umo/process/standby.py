@@ -1,23 +1,22 @@
-"""Who follows the guardian: a standby guardian, and behind it the process that waits to reset the machine.
+"""The followers of the guardian: a standby guardian, and behind it the process that waits to reset the machine.
 
-The standby guardian is forked by the guardian before anything is driven, in a session of its own, and waits until that
-one dies or gives no sign of life. The reserve, the child that waits to reset for the guardian, takes the place of both
-when they are dead, or when neither gives a sign of life. Whoever takes over is the only guardian: it has killed those
-before it and their child that resets, and waited for their end (up to 5 s: what is blocked in a kernel call cannot be
-killed).
-"""
+The standby guardian is forked by the guardian before anything is driven, in a session of its own, and waits until the
+guardian dies or gives no sign of life. The reserve, the child that waits to reset for the guardian, takes the place of
+both when they are dead, or when neither gives a sign of life. The process that takes over is the only guardian: it has
+killed its predecessors and their child that resets, and waited for their end (up to 5 s: a process that is blocked in a
+kernel call cannot be killed)."""
 
 from __future__ import annotations
 
 import os
 import signal
 from collections.abc import Callable
-from time import monotonic
 
 from umo.errors import text_of
 from umo.process.messages import MessageSocket
 from umo.process.reset import DEATH_TIMEOUT, FORK_PAUSE, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
+from umo.system import calls
 from umo.system.processes import Child, ProcessHandle, carry_out, identity, name_process
 
 LOOK_INTERVAL = 0.1
@@ -29,8 +28,8 @@ RESERVE_GRACE = 1.0
 
 
 class Silence:
-    """For how long no guardian has given a sign of life, by looks `LOOK_INTERVAL` s apart: the whole computer may stand
-    still. `limit` in s."""
+    """Measures how long no guardian has given a sign of life, by looks `LOOK_INTERVAL` s apart, because the whole
+    computer may have been suspended. `limit` in s."""
 
     def __init__(self, run_state: RunState, limit: float) -> None:
         self._run_state, self._limit = run_state, limit
@@ -46,8 +45,8 @@ class Silence:
 
 class Standby:
     """The standby guardian, and the reserve, of the process that makes this. `limit`: timeout in s for a guardian's
-    signs of life. `take_over` is carried out in the one that follows. The starter is told its pid; `say` tells the user
-    what went wrong."""
+    signs of life. `take_over` is carried out in the one that follows. The starter gets its pid; `say` prints what went
+    wrong."""
 
     def __init__(
         self,
@@ -68,11 +67,11 @@ class Standby:
         """Time at which another one is forked, if there is none."""
 
     def appoint(self) -> None:
-        """Fork it. When this returns it is on its guard; if it cannot be forked the user is told."""
+        """Fork it, and wait until it watches. If it cannot be forked, a notice is printed."""
         try:
             pid = self._run_state.fork(Who.STANDBY)
         except OSError as error:
-            self._next_fork = monotonic() + FORK_PAUSE
+            self._next_fork = calls.now() + FORK_PAUSE
             self._say(f"no standby guardian: {text_of(error)}; it is tried again")
             return
         if pid == 0:
@@ -87,12 +86,12 @@ class Standby:
                 return
             self.dismiss()
             self._say("the standby guardian was killed or stopped; another one takes its place")
-        if monotonic() >= self._next_fork:
-            self._next_fork = monotonic() + FORK_PAUSE
+        if calls.now() >= self._next_fork:
+            self._next_fork = calls.now() + FORK_PAUSE
             self.appoint()
 
     def dismiss(self) -> None:
-        """End it: the run is over, recorded and told."""
+        """End it, after the run was recorded and reported."""
         child, self._child = self._child, None
         if child is not None:
             self._run_state.end_process(child, DEATH_TIMEOUT)
@@ -104,7 +103,7 @@ class Standby:
             return 1
         name_process("umo standby")
         for number in STOP_SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            calls.handle_signal(number, signal.SIG_IGN)
         while not self._run_state.gone(LOOK_INTERVAL, Who.GUARDIAN) and self._silence.look() <= 0:
             pass
         self._make_sure()
@@ -113,13 +112,15 @@ class Standby:
 
     def _make_sure(self) -> None:
         """End the guardian, and wait for it and its child: only the control process may still write to a device."""
-        self._guardian.send(signal.SIGKILL)
-        self._run_state.wait(lambda: self._guardian.ended and self._run_state.gone(0.0, Who.RESET), DEATH_TIMEOUT)
+        until = calls.now() + DEATH_TIMEOUT
+        self._run_state.end_process(self._guardian, DEATH_TIMEOUT)
+        self._run_state.wait(lambda: self._run_state.gone(0.0, Who.RESET), until - calls.now())
 
     # The reserve ---------------------------------------------------------------------------------------
 
     def follow_both(self) -> bool:
-        """One look of the reserve, every `LOOK_INTERVAL` s. True: the run has ended, by its work or without it."""
+        """Check once, every `LOOK_INTERVAL` s, in the reserve. Return True if the run has ended, by itself or by the
+        reserve."""
         run_state = self._run_state
         both_dead = run_state.gone(0.0, Who.GUARDIAN) and self._standby_is_out()
         if run_state.told or (both_dead and not run_state.admitted):  # nothing was driven
@@ -136,7 +137,7 @@ class Standby:
         return True
 
     def _standby_is_out(self) -> bool:
-        """Whether the standby guardian is dead, or was killed or stopped by a signal when it is its turn."""
+        """True if the standby guardian is dead, or was killed or stopped by a signal when it is its turn."""
         if self._run_state.gone(0.0, Who.STANDBY):
             return True
         process = self._run_state.process(Who.STANDBY)

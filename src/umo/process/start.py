@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -12,25 +11,24 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from math import inf
 from pathlib import Path
-from time import monotonic
 from types import TracebackType
 from typing import Any
 
 from umo.cycle.stage import Progress, Stage
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.exit_status import ExitStatus
-from umo.frames import Reader
-from umo.frames.memory import RunDescriptors
-from umo.frames.reader import progress_of
 from umo.objects import Compound
-from umo.presentation.html_table import html_table, never_raises
+from umo.objects.presentation.html_table import html_table, never_raises
+from umo.process.frames import Reader
+from umo.process.frames.memory import RunDescriptors
+from umo.process.frames.run_reader import progress_of
+from umo.process.frames.search import station_name
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.remote.search import station_name
-from umo.system import descriptors, notify
+from umo.system import calls, descriptors, notify
 from umo.system.device_record import INSPECT
-from umo.system.processes import ENDED, HASH_SEED, STOPPED, ProcessHandle, known
+from umo.system.processes import ENDED, HASH_SEED, STOPPED, Child, ProcessHandle, known, wait_until
 from umo.system.realtime import Refusal
 from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import some
@@ -45,14 +43,17 @@ run can be replayed."""
 CONTROL = "control process"
 GUARDIANS = ("guardian", "standby guardian", "reset process")
 """The processes each of which can stop and reset the machine."""
-NAMES = {"running": CONTROL, "standby": "standby guardian", "reserve": "reset process"}
-"""What the process is that a message of this kind tells of."""
+NAMES = {"control": CONTROL, "running": CONTROL, "standby": "standby guardian", "reserve": "reset process"}
+"""The process that a message of this kind is about."""
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
 START_STOP_TIMEOUT = 10.0
 """Timeout in s for a guardian to stop that was asked to before it guards: a station's code may pass over that."""
 GUARDIAN_END_TIMEOUT = 2.0
 """Timeout in s for the end of a guardian that has told the outcome."""
+UNKNOWN_TIMEOUT = 2.0
+"""Timeout in s, when all processes that the starter knows have ended, for those that it has not been told of: a worker
+that still resets its device, or a process that was stopped by a signal before anything was driven."""
 STANDBY_END_TIMEOUT = 1.0
 """Timeout in s for the end of a standby guardian that has told the outcome."""
 
@@ -85,8 +86,8 @@ def start(
     file, or its contents. `options` are passed to the application and the drivers, as on the command
     line. `acknowledge` starts a machine whose last run ended unsafely. `manual`: in manual mode, in which the
     application waits (`umo.attach`). `fresh`: without the kept values of the last run. Linux only (DriverError
-    elsewhere). What the other process finds, such as an option that nobody takes or a mistake in the wiring, is raised
-    by `wait`, as RunFailed.
+    elsewhere). If the other process finds a mistake, such as an unknown option or a mistake in the wiring, `wait`
+    raises RunFailed.
     """
     if callable(station):
         machine, script = reference(station)
@@ -124,11 +125,15 @@ class Started:
         self._others: dict[str, ProcessHandle] = {}
         """The other processes of the run, by what they are."""
         self._stop_asked = False
-        """Whether a stop was asked for."""
+        """True if a stop was asked for."""
         self._start_limit = inf
         """Time at which a guardian that was asked to stop, and has not forked anything, is killed."""
+        self._give_up = inf
+        """Time at which the wait ends, because all known processes have ended."""
         self._next_look = 0.0
         """Time of the next look for stopped processes."""
+        self._guardian_has_ended = False
+        """True if it was waited for, when it had told the outcome."""
         self._lock = threading.RLock()
         self._name = job.name
         text = job.dump()
@@ -140,22 +145,19 @@ class Started:
             file.write(text)
             file.seek(0)
             files = [there.fileno(), file.fileno()]
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # for the guardian, until it handles them
+            before = calls.mask_signals(signal.SIG_BLOCK, SIGNALS)  # for the guardian, until it handles them
             try:
                 self._guardian = self._begun(files, environ, job)
             finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        self._others["guardian"] = ProcessHandle(self._guardian.pid)
+                calls.mask_signals(signal.SIG_SETMASK, before)
+        self._others["guardian"] = self._guardian
 
-    def _begun(self, files: list[int], environ: dict[str, str], job: Job) -> subprocess.Popen[bytes]:
-        """The process of the guardian, which inherits these files: its end of the channel, and the job."""
-        return subprocess.Popen(
-            [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)],
-            pass_fds=files,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
-            env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
-        )
+    def _begun(self, files: list[int], environ: dict[str, str], job: Job) -> Child:
+        """The process of the guardian, which inherits these files: its end of the channel, and the job. It has a
+        session of its own: Ctrl-C at the terminal is for the starter to pass on."""
+        words = [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)]
+        path = {"PYTHONPATH": os.pathsep.join(filter(None, job.path))}
+        return Child(calls.start_program(words, files, FIXED_HASHES | environ | path | ONE_THREAD))
 
     @property
     def guardian(self) -> int:
@@ -202,40 +204,49 @@ class Started:
             while self._outcome is None and (message := self._channel.receive(timeout)) is not None:
                 timeout = 0.0
                 self._note(message)
-            if self._outcome is None and self._channel.ended:
+            if self._outcome is None and (self._channel.ended or self._nobody_is_left()):
                 objects = () if self.frames is None else self.frames.layout.described.objects
                 actuators = [each.path for each in objects if each.is_actuator]
                 self._outcome = vanished(
                     self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None
                 )
             if self._outcome is None:
-                if monotonic() > self._start_limit and not self._is_under_way:
-                    self._guardian.kill()
+                if calls.now() > self._start_limit and not self._is_under_way:
+                    self._guardian.send(signal.SIGKILL)
                 self._look_for_stopped()
-            elif self._guardian.returncode is None:
+            elif not self._guardian_has_ended:
                 self._end_of_guardian()
                 self._channel.peer_is_gone(STANDBY_END_TIMEOUT)  # the standby guardian holds the devices until it ends
 
     @property
     def _is_under_way(self) -> bool:
-        """Whether the guardian has begun to guard; before that nothing is driven."""
+        """True if the guardian has begun to guard; before that nothing is driven."""
         return bool(self.standby or self.reserve or self.pid)
 
+    def _nobody_is_left(self) -> bool:
+        """True if all known processes have ended, and other holders of the channel have had time to end, too."""
+        if all(process.ended for process in self._others.values()):
+            self._give_up = min(self._give_up, calls.now() + UNKNOWN_TIMEOUT)
+        else:
+            self._give_up = inf
+        return calls.now() > self._give_up
+
     def _end_of_guardian(self) -> int:
-        """The exit status of a guardian that has told the outcome, or has closed its end of the channel. One that does
-        not end then was stopped by a signal, and is killed: it has nothing left to do."""
-        for _ in range(2):
-            with suppress(subprocess.TimeoutExpired):
-                return self._guardian.wait(GUARDIAN_END_TIMEOUT)
-            self._guardian.kill()
-        return -signal.SIGKILL  # blocked in a call of the kernel: it ends after that
+        """Return the exit status of a guardian that has reported the outcome, or has closed its end of the channel. If
+        it does not end then, it was stopped by a signal and is killed: it has nothing left to do."""
+        guardian = self._guardian
+        ended = wait_until(lambda: guardian.ended, GUARDIAN_END_TIMEOUT) or guardian.end(GUARDIAN_END_TIMEOUT)
+        self._guardian_has_ended = ended
+        if not ended:
+            return -signal.SIGKILL  # blocked in a call of the kernel: it ends after that
+        return 0 if guardian.status is None else os.waitstatus_to_exitcode(guardian.status)
 
     def _look_for_stopped(self) -> None:
         """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
         go on as soon as a stop is asked for."""
-        if monotonic() < self._next_look:
+        if calls.now() < self._next_look:
             return
-        self._next_look = monotonic() + STOPPED_LOOK_INTERVAL
+        self._next_look = calls.now() + STOPPED_LOOK_INTERVAL
         states = {name: process.state for name, process in self._others.items()}
         if any(states.get(name, "X") not in STOPPED + ENDED for name in GUARDIANS):
             return
@@ -254,11 +265,11 @@ class Started:
 
     def wait(self, timeout: float | None = None) -> Outcome:
         """Wait for the end and return the outcome. TimeoutError after `timeout` s; RunFailed if the run failed."""
-        until = None if timeout is None else monotonic() + timeout
+        until = None if timeout is None else calls.now() + timeout
         while self._outcome is None:
-            if until is not None and monotonic() >= until:
+            if until is not None and calls.now() >= until:
                 raise TimeoutError(f"the machine is still running after {timeout:g} s")
-            self.poll(0.1 if until is None else max(0.0, min(0.1, until - monotonic())))
+            self.poll(0.1 if until is None else max(0.0, min(0.1, until - calls.now())))
         if self._outcome.failure is not None:
             raise RunFailed(self._outcome)
         return self._outcome
@@ -268,8 +279,8 @@ class Started:
         self._stop_asked = True
         self._channel.send("stop", signal=number)
         if not self._is_under_way:  # it may be at work in the station's own code, and does not listen
-            self._start_limit = min(self._start_limit, monotonic() + START_STOP_TIMEOUT)
-            self._guardian.send_signal(number)
+            self._start_limit = min(self._start_limit, calls.now() + START_STOP_TIMEOUT)
+            self._guardian.send(number)
 
     def stop(self) -> Outcome:
         """Stop safely, wait for the end and return the outcome."""
@@ -279,7 +290,7 @@ class Started:
         return self._outcome
 
     def keep_black_box(self) -> None:
-        """Write the last periods to a file, for `umo why`."""
+        """Write the last periods to a file, for `umo show why`."""
         self._channel.send("keep")
 
     def __enter__(self) -> Started:
@@ -317,13 +328,13 @@ class Started:
         elif kind == "ended":
             self._outcome = Outcome.load(message["outcome"])
         for file in message["files"]:
-            os.close(file)
+            calls.close(file)
 
 
 def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool) -> Outcome:
-    """The outcome where nobody told it: from the guardian's exit status, and from what the control process told of its
-    own end, if it did. `actuators`: those of the machine, as far as they are known; `name`: its station. `running`:
-    whether the machine had been started."""
+    """The outcome if no process has reported it: from the guardian's exit status, and from the control process's own
+    report, if there is one. `actuators`: those of the machine, as far as they are known; `name`: its station.
+    `running`: whether the machine had been started."""
     if status < 0 and left is not None:
         what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; {INSPECT}"
         if left.failure is None:

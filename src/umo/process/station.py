@@ -16,14 +16,14 @@ from umo.errors import DeclarationError, UmoError, text_of
 from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of, registered
 from umo.text import did_you_mean, in_brackets, shown_place
-from umo.user_code import definition, is_interrupt, told_as
+from umo.user_code import definition, is_interrupt, raise_as
 
 GROUP = "umo.stations"
 """Entry points of stations that packages install: the name, and the package that is the station's folder."""
 
 
 class StationError(UmoError, LookupError):
-    """No such station, or one that lacks what a station has."""
+    """There is no such station, or it lacks a required part."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Station:
     path: Path
 
     def module(self, name: str) -> ModuleType | None:
-        """One of its modules, None where there is none; StationError if it cannot be imported."""
+        """Return one of its modules, or None if there is none. StationError if it cannot be imported."""
         file = self.path / f"{name}.py"
         if not file.is_file():
             return None
@@ -50,8 +50,8 @@ class Station:
             raise StationError(f"{file} cannot be imported: {text_of(error)}{hint}") from error
 
     def load(self, name: str) -> Any:
-        """One of its modules, the same that the station itself imports: so its tests get its own classes
-        (`Tank = station(__file__).load("control").Tank`). StationError if there is none."""
+        """Return one of its modules, the same object that the station itself imports, so that its tests get its own
+        classes (`Tank = station(__file__).load("control").Tank`). StationError if there is none."""
         found = self.module(name)
         if found is None:
             known = [file.stem for file in sorted(self.path.glob("*.py"))]
@@ -108,7 +108,7 @@ class Station:
 
 def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
     """The machine that a function declares; DeclarationError if it fails or returns something else."""
-    with told_as(DeclarationError, f"{what} failed"), heard():
+    with raise_as(DeclarationError, f"{what} failed"), heard():
         root = make(**options)
     if not isinstance(root, Compound):
         raise DeclarationError(f"{what} returned {root!r}, not a Compound{_instead(root)}")
@@ -122,7 +122,7 @@ def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) ->
 
 
 def _instead(root: object) -> str:
-    """What to write where a machine was expected."""
+    """Return what to write where a machine was expected."""
     if root is None:
         return ": write `return` before the machine"
     if isinstance(root, type) and issubclass(root, Compound):
@@ -137,11 +137,11 @@ def shipped() -> dict[str, Path]:
 
 def packaged(name: str) -> Path | None:
     """The folder of the station of this name that ships with umo, or that an installed package registers (entry points
-    of the group `umo.stations`: the name, and the station's package); None: there is none."""
+    of the group `umo.stations`: the name, and the station's package), or None if there is none."""
     if (folder := shipped().get(name)) is not None:
         return folder
     for point in registered(GROUP, name=name):
-        with told_as(StationError, f"the installed station {name!r} ({point.value}) cannot be imported"):
+        with raise_as(StationError, f"the installed station {name!r} ({point.value}) cannot be imported"):
             spec = importlib.util.find_spec(point.value)
         for place in (spec.submodule_search_locations or ()) if spec else ():
             if (Path(place) / MARK).is_file():
@@ -158,7 +158,7 @@ def find(name: str | Path) -> Station:
         return Station(text, folder)
     known = shipped()
     if path.is_dir():
-        raise StationError(f"{text} is not a station: it has no {MARK} (`umo new DIR` makes one)")
+        raise StationError(f"{text} is not a station: it has no {MARK} (`umo new station DIR` makes one)")
     if path.is_file() and (path.parent / MARK).is_file():
         raise StationError(f"{text} is a file of a station: give its folder, {path.parent}")
     near = did_you_mean(text, [*known, *(each.parent.name for each in Path().glob(f"*/{MARK}"))])

@@ -10,16 +10,15 @@ from __future__ import annotations
 import signal
 from collections.abc import Sequence
 from functools import partial
-from time import monotonic, monotonic_ns, sleep
 
 from umo.cycle.attempts import Attempts
 from umo.cycle.stage import Stage
 from umo.drivers.faults.wrapper import Injection
-from umo.drivers.off_cycle import NEVER, OffCycle
+from umo.drivers.off_cycle import NO_TIME, OffCycle
 from umo.drivers.off_cycle.shared_memory import Cell
 from umo.process.reset import ATTEMPT_PAUSE, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.system.processes import name_process
 
 REQUEST_INTERVAL = 0.0005
@@ -32,7 +31,7 @@ class MachineTime:
     """The machine's time, by which injected faults act, as the control process gives it."""
 
     def __init__(self) -> None:
-        self.ns = NEVER
+        self.ns = NO_TIME
 
     @property
     def now(self) -> float:
@@ -61,7 +60,7 @@ class WorkerProcess:
         self._injection = injection
         self._time = MachineTime()
         self._lost = True
-        """Whether the control process is gone."""
+        """True if the control process is gone."""
         for proxy in proxies:
             proxy.server.on_call = self._beat
             proxy.server.in_charge = partial(self._runs, proxy)
@@ -77,7 +76,7 @@ class WorkerProcess:
         name_process("umo worker")
         realtime.drop_realtime(niceness=0)
         for number in STOP_SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            calls.handle_signal(number, signal.SIG_IGN)
         self._beat()
         for proxy, each, watchdog in zip(self._proxies, defaults, watchdogs, strict=False):
             proxy.server.begin_anew(each, watchdog, hold)
@@ -89,9 +88,9 @@ class WorkerProcess:
         return 0
 
     def _reset_alone(self) -> None:
-        """Nobody else is left who could: for `reset_for`, and as long as an attempt reaches anything new."""
-        self._set_fault_time(NEVER)
-        until, attempts = monotonic() + self._reset_for, Attempts()
+        """Reset because no other process can: for `reset_for`, and as long as an attempt reaches something new."""
+        self._set_fault_time(NO_TIME)
+        until, attempts = calls.now() + self._reset_for, Attempts()
         due = list(zip(self._proxies, self._orders, strict=True))
         while due:
             left, reached = [], set[tuple[int, str]]()
@@ -100,16 +99,16 @@ class WorkerProcess:
                 reached.update((id(proxy), text) for text in order if text not in failed)
                 if failed:
                     left.append((proxy, order))
-            if not attempts.add(reached) and monotonic() > until:
+            if not attempts.add(reached) and calls.now() > until:
                 break
             due = left
             if due:
-                sleep(ATTEMPT_PAUSE)
+                calls.sleep(ATTEMPT_PAUSE)
         for proxy in self._proxies:
             proxy.server.perform({"call": "close"})
 
     def _beat(self) -> None:
-        now = monotonic_ns()
+        now = calls.now_ns()
         for proxy in self._proxies:
             proxy.exchange.cells[Cell.BEAT] = now
 
@@ -128,11 +127,12 @@ class WorkerProcess:
             server.work()
 
     def _runs(self, proxy: OffCycle) -> bool:
-        """Whether the control process still runs the machine, and has not asked for anything else."""
+        """True if the control process still runs the machine, and has not asked for anything else."""
         return proxy.exchange.asked() is None and not self._run_state.gone(0.0) and not self._control_hangs
 
     def _is_left_alone(self) -> bool:
-        """Wait until something may be due. Whether nobody is left who controls the machine or could reset it."""
+        """Wait until something may be due. Return True if no process is left that controls the machine or could reset
+        it."""
         run_state = self._run_state
         self._lost = run_state.gone(self._slice())
         if not self._lost and not self._control_hangs:
@@ -140,7 +140,7 @@ class WorkerProcess:
         if all(run_state.gone(0.0, who) for who in (Who.GUARDIAN, Who.STANDBY, Who.RESERVE)):
             return True
         if self._lost:
-            sleep(REQUEST_INTERVAL)
+            calls.sleep(REQUEST_INTERVAL)
         return False
 
     @property
@@ -154,8 +154,8 @@ class WorkerProcess:
         return max(0.0, min(ORDER_INTERVAL, *(proxy.server.seconds_left() for proxy in cyclic)))
 
     def _set_fault_time(self, ns: int) -> None:
-        """Faults act in this process; the control process tells of them."""
+        """Set the time for faults, which act in this process as the control process requests."""
         if self._injection is not None:
             self._time.ns = ns
-            self._injection.clock = None if ns == NEVER else self._time
+            self._injection.clock = None if ns == NO_TIME else self._time
             self._injection.tells = False

@@ -10,7 +10,6 @@ import os
 import signal
 from collections.abc import Callable, Collection, Sequence
 from math import inf
-from time import monotonic, monotonic_ns
 from typing import Any
 
 from umo.cycle.segments import UNCONTROLLED_TIMEOUT
@@ -23,7 +22,7 @@ from umo.objects.stop_order import stop_sequence
 from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_state import RunState, worker
 from umo.process.worker import WorkerProcess
-from umo.system import realtime
+from umo.system import calls, realtime
 from umo.system.processes import Child, carry_out
 from umo.system.signal_handling import signal_name
 from umo.text import some
@@ -34,7 +33,7 @@ FIRST_PAUSE, MAX_PAUSE = 0.05, 0.5
 others are replaced at once."""
 FIRST_HOLD, MAX_HOLD = 0.1, 5.0
 """Time in s for which a worker keeps its outputs at their defaults, from the second replacement on: it doubles."""
-CALM = 60.0
+STABLE_TIME = 60.0
 """Time in s that a worker has to live for the next replacement to count as the first one."""
 
 
@@ -61,7 +60,7 @@ class _Link(Worker):
         return self._run_state.gone(0.0, self._who)
 
     def silence(self) -> float:
-        return float(monotonic_ns() - self._cells[Cell.BEAT]) * 1e-9
+        return float(calls.now_ns() - self._cells[Cell.BEAT]) * 1e-9
 
 
 class _Group:
@@ -74,7 +73,7 @@ class _Group:
         self.child: Child | None = None
         """Its process, as the guardian that has forked it knows it."""
         self.ended_for = ""
-        """Why it was killed, in words; "": it was not."""
+        """The reason why it was killed, as text; "" if it was not."""
         self.given_up = inf
         """Time in s from which it counts as blocked in the kernel, once it was killed."""
         self.begun = 0.0
@@ -94,7 +93,7 @@ class _Group:
     @property
     def silence(self) -> float:
         beat: int = self.proxies[0].exchange.cells[Cell.BEAT]
-        return (monotonic_ns() - beat) * 1e-9
+        return (calls.now_ns() - beat) * 1e-9
 
     @property
     def initialized(self) -> list[int]:
@@ -102,15 +101,15 @@ class _Group:
         return [int(proxy.exchange.cells[Cell.INITIALIZED]) for proxy in self.proxies]
 
     def begin(self) -> None:
-        """It has a moment for its first sign of life."""
-        self.begun, self.generations = monotonic(), self.initialized
+        """Begin the time within which the first sign of life must come."""
+        self.begun, self.generations = calls.now(), self.initialized
         for proxy in self.proxies:
-            proxy.exchange.cells[Cell.BEAT] = monotonic_ns()
+            proxy.exchange.cells[Cell.BEAT] = calls.now_ns()
 
     def note_end(self) -> None:
-        """It has ended: when is the next one forked, and for how long does that keep its outputs at their defaults?"""
-        now = monotonic()
-        if now - self.begun > CALM:
+        """Note its end, and compute when the next one is forked and how long its outputs remain at their defaults."""
+        now = calls.now()
+        if now - self.begun > STABLE_TIME:
             self.hold = 0.0
         if all(now > before for now, before in zip(self.initialized, self.generations, strict=True)):
             self.next_fork, self.pause = now, FIRST_PAUSE
@@ -124,7 +123,7 @@ class _Group:
 
 
 class Workers:
-    """The workers of one run. `say` tells the user what happened to one."""
+    """The workers of one run. `say` prints what happened to one."""
 
     def __init__(
         self,
@@ -173,8 +172,8 @@ class Workers:
             if why:
                 names = some([f"driver {name}" for name in group.names])
                 self._say(f"the worker process of {names} {why}{self._consequence(group)}")
-            if group.child is None and self._run_state.stage is Stage.RUNNING and monotonic() >= group.next_fork:
-                group.next_fork = monotonic() + MAX_PAUSE  # where it cannot be forked
+            if group.child is None and self._run_state.stage is Stage.RUNNING and calls.now() >= group.next_fork:
+                group.next_fork = calls.now() + MAX_PAUSE  # where it cannot be forked
                 self._fork(group, replaces=True)
                 group.lengthen()
 
@@ -185,8 +184,8 @@ class Workers:
         return f"; its outputs are brought to their defaults{stay}"
 
     def _ending(self, group: _Group) -> str:
-        """How it has ended, or was ended, in words; "" as long as it serves, or is not dead yet: nobody else may open
-        its device before."""
+        """Return how it has ended, or was ended, as text; "" while it serves, or is not dead yet: until then no other
+        process may open its device."""
         child = group.child
         if child is None:
             return ""
@@ -195,13 +194,13 @@ class Workers:
             group.note_end()
             return why
         if group.ended_for:
-            if monotonic() > group.given_up:
+            if calls.now() > group.given_up:
                 names = some([f"driver {name}" for name in group.names])
                 self._say(f"the worker process of {names} cannot be killed: it is blocked in a call of the kernel")
         elif child.was_stopped or group.silence > group.limit:
             silent = f"gave no sign of life for {group.limit:g} s"
             group.ended_for = "was stopped by a signal" if child.was_stopped else silent
-            group.given_up = monotonic() + DEATH_TIMEOUT
+            group.given_up = calls.now() + DEATH_TIMEOUT
             child.send(signal.SIGKILL)
         return ""
 
@@ -215,13 +214,13 @@ class Workers:
                 self._kill(group)
 
     def dismiss(self) -> None:
-        """Every actuator is at its default, or could not be reached."""
+        """Dismiss the workers, when every actuator is at its default or could not be reached."""
         for group in self._groups:
             self._kill(group)
 
     def _kill(self, group: _Group) -> None:
-        """Nobody uses its device any more when this returns, unless it is blocked in a call of the kernel. Of a worker
-        of another guardian's the lock proves which process it is."""
+        """Kill a worker. When this returns, it no longer uses its device, unless it is blocked in a call of the kernel.
+        For a worker of another guardian the lock proves which process it is."""
         who = worker(group.number)
         if group.child is not None and group.child.is_own:
             self._run_state.end_process(group.child, DEATH_TIMEOUT)
@@ -231,6 +230,6 @@ class Workers:
 
 
 def _how(status: int | None) -> str:
-    """How a worker has ended by itself."""
+    """Return how a worker has ended by itself."""
     killed = status is not None and os.WIFSIGNALED(status)
     return f"was killed ({signal_name(os.WTERMSIG(status))})" if killed and status is not None else "has ended"

@@ -1,6 +1,2 @@
-"""Recordings: every period of a run, its events and commands in an MCAP file, bit by bit."""
-
-from umo.recording.block import BlackBox, Block, TakenCommand
-from umo.recording.recording import LostFrames, Recording
-
-__all__ = ["BlackBox", "Block", "LostFrames", "Recording", "TakenCommand"]
+"""Runs that are kept, and looked at again: recordings with the exact values of every period, replay, tables, and
+samples against time (`recording.scope`). What a run publishes while it runs is in `umo.process.frames`."""

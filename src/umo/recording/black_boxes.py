@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.errors import text_of
-from umo.frames.layout import USAGE, Layout
-from umo.frames.reader import Frames
-from umo.latency.blackbox import KEPT_PERIODS, MISSED_PERIOD, aftermath
-from umo.latency.causes import explain_all, sentences
+from umo.process.frames.blackbox import KEPT_PERIODS, MISSED_PERIOD, aftermath
+from umo.process.frames.causes import explain_all, sentences
+from umo.process.frames.layout import USAGE, Layout
+from umo.process.frames.run_reader import Frames
 from umo.recording.block import BlackBox, Block
 
 INTERVAL = 10.0
@@ -24,7 +24,7 @@ INTERVAL = 10.0
 MAX_LINES = 3
 """Missed periods that are explained, the last ones."""
 FIELDS = ("number", "time", "missed", "began", "wake", "execution", *(name for name, *_ in USAGE), "counted", "phases")
-"""What the cause of a missed period is found from."""
+"""The fields from which the cause of a missed period is found."""
 
 
 class _Window(NamedTuple):

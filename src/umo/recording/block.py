@@ -1,6 +1,6 @@
 """Blocks of consecutive frames, with all that belongs to them, as two messages of a recording.
 
-`umo/exact` has what replay needs, `umo/columns` the rest; together they give the frames back bit by bit, without
+`umo/exact` has what replay needs, `umo/columns` the rest; together they give exactly the same frames back, without
 checksums. Each begins with the length of a description in JSON, 4 bytes, and this description; then come the columns
 (`umo.recording.column_coding`). Entries of the journal and commands stand behind those of `umo/exact`.
 """
@@ -18,9 +18,10 @@ import numpy as np
 
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError
-from umo.frames.layout import ENTRY, Layout
-from umo.frames.reader import Entries, Frames, NumberedEvent
 from umo.objects.scaling import to_values
+from umo.process.frames.layout import ENTRY, Layout
+from umo.process.frames.reader import Entries
+from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.column_coding import decode, encoded
 
 MADE_ANEW = ("sequence", "checksum", "entries_checksum")
@@ -29,7 +30,7 @@ EXACT = (
     "number", "time", "missed", "utc", "utc_error", "taken", "journal", "entries", "entries_lost", "sampled", "updated",
     "raws",
 )  # fmt: skip
-"""What replay needs of a frame."""
+"""The fields of a frame that a replay needs."""
 FIELDS = tuple(ENTRY.names or ())
 MAX_FRAMES = 64 << 20
 """Bytes of the frames of a block, and of its entries, at most."""
@@ -83,15 +84,15 @@ class Block:
     commands_lost: int = 0
     """Number of commands of these frames that were written over before they were copied."""
     events: list[NumberedEvent] = field(default_factory=list)
-    """The events that were told up to these frames."""
+    """The events up to these frames."""
     live: Mapping[str, Any] = field(default_factory=dict)
-    """What the ring said beside the frames: `mode`, `holder` of the lease, `tunables` where they have changed."""
+    """Data of the ring other than frames: `mode`, `holder` of the lease, `tunables` if they have changed."""
     boxes: Sequence[BlackBox] = ()
     """The black boxes of which the last frame is one of these."""
     events_lost: int = 0
-    """Number of events, told up to these frames, that were written over before they were copied."""
+    """Number of events up to these frames that were overwritten before they were copied."""
     is_full: bool = True
-    """Whether the columns that replay does not need are there; else their numbers are 0 and NaN."""
+    """True if the columns that replay does not need are there; else their numbers are 0 and NaN."""
 
     @property
     def first(self) -> int:
@@ -225,7 +226,7 @@ def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memory
 
 
 def events_lost_of(about: Mapping[str, Any]) -> int:
-    """How many events are missing in a message `umo/exact`, in its description."""
+    """Return how many events are missing, from the description in a message `umo/exact`."""
     return int(about.get("events_lost", 0))
 
 

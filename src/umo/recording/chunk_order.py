@@ -41,12 +41,13 @@ def in_order(file: McapReader) -> array[int]:
 
 
 def damaged(error: Exception) -> str:
-    """Why a chunk is passed over that cannot be read."""
+    """Return why a chunk that cannot be read is skipped."""
     return f"a chunk is damaged, {error if type(error) is ValueError else text_of(error)}"
 
 
 def first_of(exact: memoryview) -> int:
-    """The number of the first frame of a block; that of no block if it is damaged, which is told when it is read."""
+    """The number of the first frame of a block; a number of no block if it is damaged, which is reported when it is
+    read."""
     with suppress(ValueError, LookupError, TypeError, OverflowError):
         first = int(headed(exact)[0]["first"])
         return first if 0 <= first < MAX_FIRST else -1

@@ -1,4 +1,4 @@
-"""Columns of frames as bytes that compress well: differences over time, byte by byte. They come back bit by bit.
+"""Columns of frames as bytes that compress well: differences over time, byte by byte. They come back unchanged.
 
 A column of n rows and k numbers: the first row; one bit for each of the k, whether it changes; then, for each that
 does, the differences from row to row, folded to small positive numbers, their lowest bytes first.

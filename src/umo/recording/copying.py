@@ -45,7 +45,7 @@ def _new(path: Path, like: McapReader, first: Metadata, last: Callable[[], Metad
 
 
 def _metadata(file: McapReader) -> Metadata:
-    """Those of a file, without what it says of its periods."""
+    """Return the metadata of a file, without the description of its periods."""
     return [each for each in file.metadata.items() if each[0] not in (EXTENT, DAMAGE)]
 
 
@@ -59,9 +59,9 @@ class _Joined:
         self.time: float | None = None
         """Time of the first frame of the last block, s."""
         self.ended = False
-        """Whether the end of the run was seen."""
+        """True if the end of the run was seen."""
         self.more_damage: list[str] = []
-        """What is damaged beside places of the files, in sentences."""
+        """Sentences about damage other than places of the files."""
 
     def chunks(self) -> Iterator[PackedChunk]:
         for file in self._files:
@@ -77,7 +77,7 @@ class _Joined:
 
     @property
     def damage(self) -> list[str]:
-        """What is damaged, in sentences, as far as the files were read."""
+        """Return the damage, in sentences, as far as the files were read."""
         return [*(text for file in self._files for text in self._told(file)), *self.more_damage]
 
     @staticmethod
@@ -101,8 +101,8 @@ class _Joined:
 
     @property
     def extent(self) -> Extent | None:
-        """What the files have said of themselves, where they have: so it stays known what is missing. Else what was
-        seen."""
+        """Return the extent that the files declare, so that it stays known what is missing; otherwise the extent that
+        was read."""
         told = [Extent.read(file.metadata[EXTENT]) for file in self._files if EXTENT in file.metadata]
         if len(told) < len(self._files) or None in told:
             return self.seen
@@ -113,14 +113,14 @@ class _Joined:
 
     @property
     def metadata(self) -> Metadata:
-        """What the new file says of its periods, and of those that are missing."""
+        """Metadata of the new file about its periods and the missing ones."""
         extent = self.extent
         told = [] if extent is None else [(EXTENT, extent.texts)]
         return told + ([(DAMAGE, damage_texts(damage))] if (damage := self.damage) else [])
 
 
 def join(parts: Sequence[Path], path: Path) -> None:
-    """All parts as one file, each as far as it is sound. OSError, FramesError."""
+    """Write all parts to one file, each as far as it is undamaged. OSError, FramesError."""
     files = [McapReader(parts[0])]
     for part in parts[1:]:
         with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing

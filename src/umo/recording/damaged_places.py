@@ -1,4 +1,4 @@
-"""The damaged places of a file: so many singly that they take little memory, and whether there are more."""
+"""The damaged places of a file: a limited number, so that they take little memory, and whether there are more."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 MAX_PLACES = 1000
-"""Places that are told singly, the first that are found."""
+"""Number of places that are listed, the first that are found."""
 
 
 class Damaged(NamedTuple):
@@ -18,7 +18,7 @@ class Damaged(NamedTuple):
 
 
 class DamagedPlaces:
-    """Each place once, in the order in which they were found."""
+    """The damaged places, each once, in the order in which they were found."""
 
     def __init__(self) -> None:
         self._why: dict[int, str] = {}
@@ -37,7 +37,7 @@ class DamagedPlaces:
         return (Damaged(at, why) for at, why in self._why.items())
 
     def sentences(self, name: str, stop: int) -> Iterator[str]:
-        """What is damaged in the file of this name before the offset `stop`."""
+        """Return sentences on the damage in the file of this name before the offset `stop`."""
         yield from (f"{name}, at byte {at:,}: {why}" for at, why in self._why.items() if at < stop)
         if self._has_more:
             yield f"{name}: more places are damaged than these {MAX_PLACES:,}"

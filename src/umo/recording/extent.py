@@ -1,4 +1,4 @@
-"""Which periods a file has: written into it when it is closed, so that its readers know what is missing."""
+"""The extent of a file: its periods, written into it when it is closed, so that readers know what is missing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ EXTENT = "umo/periods"
 """Name of the metadata record that says it."""
 
 FOLLOWED = "followed"
-"""What stands in it of a file after which another one was begun."""
+"""Its content for a file after which another one was begun."""
 
 DAMAGE = "umo/damage"
 """Name of the metadata record that says, in sentences, what was damaged in the files that this one was made of."""
@@ -20,7 +20,7 @@ MAX_TOLD = 100
 
 
 def not_closed(name: str, time: float | None) -> str:
-    """What is told of a file that was not closed. `time`: that at which its last block begins, s; None: it has none."""
+    """The text about a file that was not closed. `time`: that at which its last block begins, s; None: it has none."""
     last = "it has no periods" if time is None else f"what followed its block of {time:g} s is not in it"
     return f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}"
 
@@ -41,7 +41,7 @@ class Extent(NamedTuple):
     stop: int
     """Number of the frame that follows the last one."""
     periods: int
-    """How many there are; fewer than from `first` to `stop`, where some were lost while it was recorded."""
+    """Number of periods; fewer than from `first` to `stop` if some were lost while it was recorded."""
     time: float
     """Time of the last one, s on the machine's clock."""
 
@@ -51,7 +51,7 @@ class Extent(NamedTuple):
 
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> Extent | None:
-        """None: it is malformed."""
+        """Return the extent in these texts, or None if it is malformed."""
         try:
             return cls(int(texts["first"]), int(texts["stop"]), int(texts["periods"]), float(texts["time"]))
         except (KeyError, ValueError):

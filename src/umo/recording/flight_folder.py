@@ -1,7 +1,6 @@
 """Folders of flight recorders: the files of each while it runs, and who writes them.
 
-Whoever wants what one has makes one file of its files, which it can at any time: `save`. A folder whose recorder
-was killed is kept, among the last few.
+`save` makes one file of its files, at any time. A folder whose recorder was killed is kept, among the last few.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ class FlightFolder:
     path: Path
     station: str
     pid: int
-    """Of the control process that is recorded."""
+    """The pid of the recorded control process."""
     recorder: tuple[int, str]
-    """Pid of the recorder, and what tells it from later processes of the same pid."""
+    """Pid of the recorder, and what distinguishes it from later processes with the same pid."""
 
     @property
     def file(self) -> Path:
@@ -49,12 +48,12 @@ class FlightFolder:
 
     @property
     def is_written(self) -> bool:
-        """Whether its recorder still lives."""
+        """True if its recorder still lives."""
         pid, process = self.recorder
         return identity(pid) == process
 
     def save(self, path: Path) -> None:
-        """All that it has as one file. OSError, FramesError."""
+        """Save all of it as one file. OSError, FramesError."""
         if not (parts := self.parts):
             raise FramesError(f"the flight recorder of {self.station} has nothing yet")
         join(parts, path)
@@ -68,7 +67,7 @@ def place() -> Path:
     try:
         return folders.checked(folders.checked(folders.own(folders.lasting(), 0o755) / "flights"))
     except OSError as error:
-        raise FramesError(f"no folder for flight recorders: {error}") from None
+        raise FramesError(f"the folder for flight recorders cannot be used: {error}") from None
 
 
 def new(station: str, pid: int, recorder: int) -> FlightFolder:
@@ -88,7 +87,7 @@ def new(station: str, pid: int, recorder: int) -> FlightFolder:
 
 
 def all_folders() -> list[FlightFolder]:
-    """All, the oldest first."""
+    """Return all folders, the oldest first."""
     found = []
     for file in place().glob(f"*/{ABOUT}"):
         try:
@@ -105,5 +104,7 @@ def find(name: str) -> FlightFolder:
     fitting = [each for each in known if name in (each.station, str(each.pid))]
     if not fitting:
         names = ", ".join(dict.fromkeys(each.station for each in known)) or "none"
-        raise FramesError(f"no flight recorder of {name!r} (umo run --last 10min); there are those of: {names}")
+        raise FramesError(
+            f"no flight recorder of {name!r} (umo run --last 10min); there are flight recorders of: {names}"
+        )
     return max(fitting, key=lambda each: (each.is_written, known.index(each)))

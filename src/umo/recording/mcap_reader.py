@@ -45,7 +45,7 @@ PIECE = 1 << 20
 SECTOR = 4096
 """Bytes that cannot be read together where one cannot."""
 COMPRESSION = b"\x04\0\0\0zstd"
-"""How the name of the compression stands in a chunk, behind 28 bytes of its body."""
+"""The name of the compression in a chunk, after 28 bytes of its body."""
 HELD = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
 
 
@@ -69,7 +69,7 @@ class Unreadable(ValueError):
 
 
 class McapReader:
-    """Reads a file as far as it is sound; FramesError if it is no recording at all."""
+    """Reads the sound parts of a file; FramesError if it is not a recording."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -82,7 +82,7 @@ class McapReader:
             except Unreadable as error:
                 raise FramesError(f"{path}, at byte 0: {error}") from None
             if magic != mcap_records.MAGIC:
-                raise FramesError(f"{path} is not a recording: it is no MCAP file")
+                raise FramesError(f"{path} is not a recording: it is not an MCAP file")
             self._begin()
         except BaseException:
             self.close()
@@ -95,7 +95,7 @@ class McapReader:
         self.chunks: array[int] = array("q")
         """Offsets of the chunks, in the order in which they lie in the file."""
         self.damaged = DamagedPlaces()
-        """What is damaged, as far as it was read."""
+        """The damage found so far."""
         self.counts: dict[int, int] = {}
         """The number of messages of each channel, where the file is closed."""
         self.end = len(mcap_records.MAGIC)
@@ -103,7 +103,7 @@ class McapReader:
         self._held = 0
         try:
             self.is_whole = self._read_summary()
-            """Whether it was closed, and its summary is sound."""
+            """True if it was closed and its summary is undamaged."""
         except Unreadable as error:
             self.damaged.add(error.at, str(error))
         if not self.is_whole:
@@ -174,7 +174,7 @@ class McapReader:
             head = self.head(place.at)
             length = head.begin + head.length + mcap_records.HEAD.size
             if (head.first, head.last, head.size, length) != (place.first, place.last, place.size, place.length):
-                raise ValueError("it is another one than the summary says")
+                raise ValueError("it is not the one that the summary names")
         except ValueError as error:
             self.damaged.add(place.at, str(error))
         else:
@@ -224,7 +224,7 @@ class McapReader:
         return opcode in (*HELD, Opcode.CHUNK, Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.DATA_END, Opcode.FOOTER)
 
     def _is_message_index(self, at: int, length: int) -> bool:
-        """Whether its length is that of its rows: else a chunk may lie in what it says that it is."""
+        """True if its length is that of its rows: else a chunk may lie in what it says that it is."""
         head = self._at(at + mcap_records.HEAD.size, mcap_records.MESSAGE_INDEX.size)
         if len(head) < mcap_records.MESSAGE_INDEX.size:
             return False
@@ -251,7 +251,7 @@ class McapReader:
     # Reading -------------------------------------------------------------------------------------------
 
     def _at(self, at: int, length: int) -> bytes:
-        """Bytes at an offset, as far as they are there. Unreadable."""
+        """Return the bytes at an offset that are in the file. Unreadable if there are none."""
         if self._file < 0:
             raise FramesError(f"{self.path} was closed")
         end, data = min(at + length, self.size), b""
@@ -310,8 +310,8 @@ class McapReader:
 
     @property
     def is_sound(self) -> bool:
-        """Whether all of a closed file is as it was written, by the checksum of its data; reads all of it. Files of umo
-        0.2 have no such checksum, and count as sound."""
+        """True if a closed file is unchanged since it was written, by the checksum of its data; reads all of it. Files
+        of umo 0.2 have no such checksum, and count as sound."""
         with suppress(ValueError):
             end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
             if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
@@ -324,7 +324,7 @@ class McapReader:
         """The head of the chunk at an offset. ValueError if it is damaged."""
         found = next(self._records(at, self.size), None)
         if found is None or found[1] != Opcode.CHUNK:
-            raise ValueError("there is no whole chunk")
+            raise ValueError("there is no complete chunk")
         begin = memoryview(self._at(at + mcap_records.HEAD.size, mcap_records.CHUNK_HEAD_BYTES))
         try:
             head = mcap_records.read_chunk(begin, found[2])
@@ -335,7 +335,7 @@ class McapReader:
         return head
 
     def raw(self, at: int) -> bytes:
-        """The chunk at an offset as it stands in the file. ValueError if its head is damaged."""
+        """Return the chunk at an offset as stored in the file. ValueError if its head is damaged."""
         head = self.head(at)
         return self._at(at, mcap_records.HEAD.size + head.begin + head.length)
 
@@ -349,7 +349,7 @@ class McapReader:
         return content
 
     def is_readable(self, at: int) -> bool:
-        """Whether the chunk at an offset is sound."""
+        """True if the chunk at an offset is sound."""
         try:
             self.chunk(at)
         except ValueError:
@@ -371,7 +371,7 @@ class McapReader:
 
 
 def _opened(path: Path) -> int:
-    """A descriptor of a file. FramesError where it cannot be opened, or is no file."""
+    """A descriptor of a file. FramesError where it cannot be opened, or is not a file."""
     try:
         try:
             file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
@@ -385,7 +385,7 @@ def _opened(path: Path) -> int:
         raise FramesError(f"{path}: {error.strerror}") from None
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
-        raise FramesError(f"{path} is not a recording: it is no file")
+        raise FramesError(f"{path} is not a recording: it is not a file")
     return file
 
 
@@ -409,7 +409,7 @@ def content_of(head: ChunkHead, data: bytes) -> bytes:
         if stated == head.size:
             return bytes(zstandard.ZstdDecompressor().decompress(data)) if stated else b""
         if stated >= 0:
-            raise ValueError("its content has another size than it says")
+            raise ValueError("its content has another size than its head says")
         with zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(data) as stream:
             return bytes(stream.read(head.size + 1))
     except (zstandard.ZstdError, MemoryError) as error:

@@ -63,7 +63,7 @@ class Schema(NamedTuple):
 
 
 class ChunkIndex(NamedTuple):
-    """Where a chunk lies, and of what time its messages are."""
+    """The place of a chunk, and the times of its messages."""
 
     first: int
     last: int
@@ -150,8 +150,8 @@ def statistics(
 
 
 def closing(at: int, checksum: int, groups: Sequence[tuple[Opcode, bytes]]) -> bytes:
-    """All that follows the data of a file: their end at this offset, the summary, footer and magic. `checksum`: CRC-32
-    of all that stands before."""
+    """Return what follows the data of a file: their end at this offset, the summary, footer and magic. `checksum`:
+    CRC-32 of everything before."""
     end = record(Opcode.DATA_END, struct.pack("<I", checksum))
     start = at + len(end)
     offsets, place = [], start
@@ -179,10 +179,10 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
 
 
 def read_part(body: memoryview, at: int) -> tuple[memoryview, int]:
-    """What follows its length at an offset, and where it ends. ValueError if it is not there as a whole."""
+    """Return the part after its length at an offset, and where it ends. ValueError if it is not complete."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if end > len(body):
-        raise ValueError("a length is greater than what it is in")
+        raise ValueError("a length exceeds its record")
     return body[at + 4 : end], end
 
 
@@ -206,7 +206,7 @@ def read_metadata(body: memoryview) -> tuple[str, dict[str, str]]:
     name, at = read_string(body, 0)
     texts, end = read_mapping(body, at)
     if end != len(body):
-        raise ValueError("a length is less than what it is of")
+        raise ValueError("a length is too short for its fields")
     return name, texts
 
 
@@ -251,7 +251,7 @@ def read_chunk(body: memoryview, length: int) -> ChunkHead:
 
 
 class ChunkPlace(NamedTuple):
-    """What the summary of a file says of a chunk."""
+    """The place of a chunk, as in the summary of a file."""
 
     first: int
     last: int

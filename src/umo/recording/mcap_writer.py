@@ -1,5 +1,5 @@
 """An MCAP file to which chunks are added, each brought to the disk at once; summary and footer follow when it is
-closed. Whoever is killed in between leaves a file without them, of which umo reads all chunks."""
+closed. A process that is killed before leaves a file without them; umo still reads all its chunks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LIBRARY = "umo"
 LEVEL = 3
 """Level of compression of zstd."""
 MODE = 0o600
-"""Of the file: it has the text of the wiring and the commands of clients with their keys."""
+"""Mode of the file, which has the text of the wiring and the commands of clients with their keys."""
 LARGE = 4 << 20
 """Bytes of a chunk above which time counts more than size: its level is 1."""
 
@@ -102,7 +102,7 @@ class McapWriter:
         return self._span or (0, 0)
 
     def pack(self, parts: Sequence[Messages]) -> PackedChunk:
-        """One chunk with these messages, for `add`."""
+        """Return one chunk with these messages, for `add`."""
         content = b"".join([part.data for part in parts])
         compressed = self._compressors[len(content) > LARGE].compress(content)
         first, last = min(part.first for part in parts), max(part.last for part in parts)
@@ -129,7 +129,7 @@ class McapWriter:
         self._counts, self._span = counts, span
 
     def _append(self, data: bytes, end: bytes = b"") -> None:
-        """Write data behind those that are there, and `end` behind them. What fits only in part is taken back."""
+        """Append data, and `end` behind them. If they fit only in part, they are removed again."""
         view, at = memoryview(data + end), self.end
         try:
             while view:
@@ -144,8 +144,8 @@ class McapWriter:
         self.end += len(data)
 
     def close(self, metadata: Sequence[tuple[str, dict[str, str]]] = ()) -> None:
-        """Write these metadata, summary and footer. Where there is no room for them (OSError) the file keeps its
-        chunks, and is not whole. A second call does nothing."""
+        """Write these metadata, summary and footer. If there is no room for them (OSError), the file keeps its chunks
+        and remains incomplete. A second call does nothing."""
         if self._file < 0:
             return
         try:
@@ -190,7 +190,7 @@ class McapWriter:
 
 
 def repacked(record: bytes, content: bytes) -> PackedChunk:
-    """A chunk of another file with the same channels, of this content; its index is made anew."""
+    """A chunk of another file with the same channels, of this content; its index is made again."""
     head = mcap_records.read_chunk(memoryview(record)[mcap_records.HEAD.size :], len(record) - mcap_records.HEAD.size)
     rows: dict[int, bytearray] = {}
     times, at, before = [], 0, mcap_records.MESSAGE.size + mcap_records.HEAD.size

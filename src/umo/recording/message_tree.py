@@ -1,5 +1,6 @@
 """The type of the message `machine`: nested like the tree of the machine, states as enums. Parts that are
-alike have one type. Every message has the same bytes but for its numbers: numpy fills a second of them at once."""
+alike have one type. All messages have the same bytes except their numbers: numpy fills the messages of a second
+together."""
 
 from __future__ import annotations
 
@@ -11,9 +12,9 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2 as pb
 
-from umo.frames.layout import Layout
-from umo.presentation.described import Described
-from umo.presentation.value_text import span
+from umo.objects.presentation.described import Described
+from umo.objects.presentation.value_text import span
+from umo.process.frames.layout import Layout
 
 PACKAGE, ROOT = "umo", "Machine"
 MAX_ENUM = 126
@@ -105,7 +106,7 @@ def _run(part: Sequence[Leaf]) -> EvenRun:
 
 
 class MessageTree:
-    """The descriptor of the message, its bytes with all numbers 0, and where each number stands in it."""
+    """The descriptor of the message, its bytes with all numbers 0, and the place of each number in it."""
 
     def __init__(self, leaves: Sequence[tuple[str, Leaf]]) -> None:
         self._file = pb.FileDescriptorProto(name="machine.proto", package=PACKAGE, syntax="proto3")
@@ -160,7 +161,7 @@ class MessageTree:
         return f"{self._types[key]}.State"
 
     def _fill(self, part: _Part, at: int) -> bytes:
-        """The bytes of a part, which begin at this offset; notes where its numbers stand."""
+        """Return the bytes of a part, which begin at this offset, and note the places of its numbers."""
         data = bytearray()
         for number, each in enumerate(part.names.values(), 1):
             if isinstance(each, _Part):

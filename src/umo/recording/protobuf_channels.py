@@ -1,4 +1,5 @@
-"""The channels of a recording for other people's tools: the machine, its events, alarms, commands and progress."""
+"""The channels of a recording for Foxglove, PlotJuggler and Rerun: the machine, its events, alarms, commands and
+progress."""
 
 from __future__ import annotations
 
@@ -13,8 +14,8 @@ from google.protobuf import descriptor_pb2 as pb
 from google.protobuf import descriptor_pool, message_factory
 
 from umo.cycle.events import ALARM
-from umo.frames.layout import Layout
-from umo.frames.reader import progress_of
+from umo.process.frames.layout import Layout
+from umo.process.frames.run_reader import progress_of
 from umo.recording.block import BlackBox, Block, TakenCommand
 from umo.recording.mcap_records import HEAD, MESSAGE, McapChannel, Opcode, Schema, message
 from umo.recording.mcap_writer import Messages
@@ -42,7 +43,7 @@ SELDOM = {
 BEGIN = HEAD.size + MESSAGE.size
 """Offset of a message in its record."""
 HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<u8", "<u8"], "offsets": [11, 15, 23]})
-"""What differs in the head of a record."""
+"""The fields that differ in the heads of records."""
 UNITS = "units"
 """Name of the metadata record with unit and range of each number, by path."""
 MAX_UNITS = 2000
@@ -51,7 +52,7 @@ the file, at its beginning and in its end."""
 
 
 class ProtobufChannels:
-    """Makes their messages. One for each run: it knows what was told last."""
+    """Makes their messages. One for each run: it knows the last messages."""
 
     def __init__(self, layout: Layout, rate: float = inf) -> None:
         """`rate`: messages of the machine a second of its time; as many again where states change in between."""
@@ -95,7 +96,7 @@ class ProtobufChannels:
         return [self._machine(block, times), *(_few(channel, each) for channel, each in parts if each)]
 
     def _machine(self, block: Block, times: npt.NDArray[np.int64]) -> Messages:
-        """The values of the periods that are told."""
+        """The values of the periods that get a message."""
         frames, runs = block.frames, self._tree.runs
         states = {run: _states(frames[run.column][:, run.places], run) for run in runs if run.states}
         told = self._told(block, list(states.values()))
@@ -132,7 +133,7 @@ class ProtobufChannels:
         return bytes(self._kinds["Event"](**told).SerializeToString())
 
     def _command(self, command: TakenCommand) -> bytes:
-        """As it came, without the key of the lease."""
+        """Return a command as it came, without the key of the lease."""
         try:
             told = dict(json.loads(command.data))
             told.pop("key", None)
@@ -170,7 +171,7 @@ def _states(values: npt.NDArray[Any], run: EvenRun) -> npt.NDArray[np.uint8]:
 
 
 def _template(tree: MessageTree) -> npt.NDArray[np.uint8]:
-    """A whole record as bytes: numpy would leave out what is no field."""
+    """A whole record as bytes: numpy would leave out what is not a field."""
     data = HEAD.pack(Opcode.MESSAGE, MESSAGE.size + len(tree.template))
     data += MESSAGE.pack(MACHINE, 0, 0, 0) + tree.template
     return np.frombuffer(data, np.uint8)

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from umo.cycle.events import CommandState
-from umo.frames import Reader
-from umo.frames.reader import NumberedEvent
+from umo.process.frames import Reader
+from umo.process.frames.run_reader import NumberedEvent
 from umo.recording.black_boxes import BlackBoxes
 from umo.recording.block import Block
 from umo.recording.recording_file import CHUNK_TIME
@@ -29,13 +29,13 @@ LONGEST_PAUSE, SHORTEST_PAUSE = 0.05, 0.002
 LONGEST_COLLECTION = 0.25
 """s between two looks at the frames."""
 UNKNOWN_END = "it ended without a word"
-"""Why a run has failed that has told no end."""
+"""The reason for a failed run without a last event."""
 SHARE_OF_RING = 0.2
 """Share of a ring that is filled between two looks, at most."""
 
 
 class Target(Protocol):
-    """Takes blocks; OSError where it cannot."""
+    """Accepts blocks. OSError if it cannot store them."""
 
     def add(self, blocks: Sequence[Block]) -> None:
         """Write them at once."""
@@ -58,14 +58,14 @@ class Recorder:
         self._pending: list[Block] = []
         self._next_write = clock() + WRITE_PAUSE
         self.first: int | None = None
-        """Number of the first frame that was recorded; None: none was."""
+        """Number of the first frame that was recorded, or None if none was."""
         self.periods = 0
         """Number of frames that were recorded."""
         self.lost = 0
         """Number of frames that were written over before they were read."""
         self.entries_lost = self.commands_lost = self.events_lost = 0
         self.end: NumberedEvent | None = None
-        """The last event of the run, once it was told."""
+        """The last event of the run, when it exists."""
         self._period, slots = float(reader.about.get("period") or 0.001), reader.slots
         share = SHARE_OF_RING * slots * self._period
         self.pause: float = min(max(share, SHORTEST_PAUSE), LONGEST_PAUSE)
@@ -75,16 +75,16 @@ class Recorder:
 
     @property
     def has_ended(self) -> bool:
-        """Whether no frame follows. To be asked before a look."""
+        """True if no frame follows. To be asked before a look."""
         return self._reader.is_finished or not self._reader.alive
 
     @property
     def failed(self) -> bool:
-        """Whether the run is over, and has failed or could not tell its end."""
+        """True if the run is over, and has failed or has no last event."""
         return self.has_ended and (self.end is None or self.end.event.state is CommandState.FAILED)
 
     def look(self) -> None:
-        """Take what is new; write it if it is time. OSError where it cannot be written."""
+        """Read new frames, and write them if it is time. OSError if they cannot be written."""
         now = self._clock()
         if self._thread is not None and now < self._next_collection:
             self._collector.copy()
@@ -97,7 +97,7 @@ class Recorder:
             self._write(self._taken())
 
     def _is_due(self, now: float) -> bool:
-        """Whether a whole second is there, which is a chunk; in virtual time many come between two looks."""
+        """True if a whole second is ready, which is a chunk; in virtual time many come between two looks."""
         if self._thread is None:
             return now >= self._next_write
         return self._seconds_of(self._pending) >= 1 or now >= self._next_write + WRITE_PAUSE
@@ -108,8 +108,8 @@ class Recorder:
         return int((span + self._period / 2) // CHUNK_TIME)
 
     def _taken(self) -> list[Block]:
-        """What is to be written of the pending blocks: whole seconds if there are any. Something stays, as events that
-        are told after the last frame belong to it."""
+        """The part of the pending blocks to write: whole seconds if there are any. Something always remains, because
+        events after the last frame belong to it."""
         blocks, taken = self._pending, list[Block]()
         seconds = 0 if self._thread is None else self._seconds_of(blocks)
         if seconds < 1:
@@ -128,7 +128,7 @@ class Recorder:
         return taken
 
     def _is_free(self, size: int) -> bool:
-        """Whether the last write has ended; it is waited for if too much is held. OSError if it failed."""
+        """True if the last write has ended; it is waited for if too much is held. OSError if it failed."""
         if self._writing is not None and (self._writing.done() or size >= MAX_WAITING):
             self._settle()
         return self._writing is None
@@ -144,7 +144,7 @@ class Recorder:
             self._pending.append(block)
 
     def finish(self) -> None:
-        """Take and write the rest. OSError where it cannot be written."""
+        """Read and write the rest. OSError if it cannot be written."""
         self._collect()
         self._settle()
         if self._pending:
@@ -159,7 +159,7 @@ class Recorder:
 
     @property
     def _reason(self) -> str:
-        """Why the run has failed; empty: it has not."""
+        """Return why the run has failed; empty if it has not."""
         if not self.failed:
             return ""
         return UNKNOWN_END if self.end is None else self.end.event.text

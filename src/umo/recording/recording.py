@@ -1,4 +1,4 @@
-"""A recording: what a run was, its frames bit by bit, its events and the commands of its clients."""
+"""A recording: what a run was, its exact frames, its events and the commands of its clients."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from umo.errors import FramesError, text_of
-from umo.frames.layout import Layout
-from umo.frames.reader import Frames, NumberedEvent
+from umo.process.frames.layout import Layout
+from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.block import BlackBox, Block, TakenCommand, block_of, checked_text, headed
 from umo.recording.chunk_order import COLUMNS, EXACT, REPEATED, damaged, in_order
 from umo.recording.extent import DAMAGE, EXTENT, FOLLOWED, Extent, not_closed
@@ -37,11 +37,11 @@ METADATA = "umo"
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
 EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
 SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
-"""What is kept from period 0 on, also where the rest of old files is not."""
+"""Topics that are kept from period 0 on, even if the rest of old files is not."""
 MALFORMED = "its description is malformed"
-"""Why a file does not say what was run."""
+"""The reason why a file does not say what was run."""
 MAX_GAPS = 10_000
-"""Gaps that are told singly, the first ones."""
+"""Number of gaps that are listed, the first ones."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,14 @@ class LostFrames:
 
 
 class _Place(NamedTuple):
-    """Where a chunk lies."""
+    """The place of a chunk."""
 
     file: McapReader
     at: int
 
 
 class _Places(Sequence[_Place]):
-    """Where the chunks of all files lie, in order: each takes 12 bytes of memory."""
+    """The places of the chunks of all files, in order. Each takes 12 bytes of memory."""
 
     def __init__(self, files: Sequence[McapReader]) -> None:
         self._files, self._file_of, self._offsets = files, array("I"), array("q")
@@ -74,17 +74,17 @@ class _Places(Sequence[_Place]):
         return len(self._offsets)
 
     def __getitem__(self, number: Any) -> Any:
-        """One place, by its number."""
+        """Return one place, by its number."""
         return _Place(self._files[self._file_of[number]], self._offsets[number])
 
     def starting(self, number: int) -> Iterator[_Place]:
-        """Those from a number on."""
+        """The places from a number on."""
         return (self[each] for each in range(number, len(self)))
 
 
 class Recording:
     """A file that `umo run --record` has written, with its later parts where it was rotated. It can be read while it
-    is written: it has then what was there when it was opened. FramesError if it is no recording.
+    is written: it has then what was there when it was opened. FramesError if it is not a recording.
 
         with Recording("run.mcap") as recording:
             for block in recording.blocks():
@@ -96,7 +96,7 @@ class Recording:
         self.path, self._later = Path(path), later
         self._files = [McapReader(self.path)]
         self._unread: list[str] = []
-        """Why later parts are not read."""
+        """The reasons why later parts are not read."""
         try:
             self.about_file, self.layout = _described(self._files[0])
             for part in later_parts(self.path, int(self.about_file.get("part", "1"))) if later else ():
@@ -132,8 +132,8 @@ class Recording:
 
     @property
     def job(self) -> dict[str, Any]:
-        """What was run: station, wiring with its text, options, versions (`umo.process.job_facts`). Where that is
-        malformed, or there was an error, only `error`."""
+        """Return the job: station, wiring with its text, options, versions (`umo.process.job_facts`). If it is
+        malformed or could not be made, it has only `error`."""
         job: Any = self.about.get("job", {})
         if _is_table(job) and all(_is_table(job.get(name, {})) for name in ("options", "wiring", "versions")):
             given = job.get("options", {}).get("given", {})
@@ -142,17 +142,18 @@ class Recording:
 
     @property
     def is_whole(self) -> bool:
-        """Whether every file was closed; `umo record --repair` closes one that was cut, or of a killed recorder."""
+        """True if every file was closed; `umo recording repair` closes one that was cut, or of a killed recorder."""
         return all(file.is_whole for file in self._files)
 
     @cached_property
     def complete(self) -> bool:
-        """Whether it has all frames, entries, commands and events from its first frame on, up to the end of the run."""
+        """True if it has all frames, entries, commands and events from its first frame on, up to the end of the run."""
         return not self.damage and self._scan.is_exact and not self.lost and self.ended
 
     @cached_property
     def damage(self) -> list[str]:
-        """What is damaged, and what is missing by it, in sentences; empty: nothing. Reads all of it once."""
+        """Return the damage, and what is missing because of it, in sentences; empty if there is none. The whole
+        recording is read once."""
         _ = self._scan
         told = [*self._unread, *(text for file in self._files for text in self._damage_of(file))]
         last = self._files[-1]
@@ -177,7 +178,7 @@ class Recording:
 
     @cached_property
     def ended(self) -> bool:
-        """Whether the end of the run is in it."""
+        """True if the end of the run is in it."""
         return self._scan.end is not None
 
     @cached_property
@@ -187,7 +188,7 @@ class Recording:
 
     @cached_property
     def replayable_from(self) -> str | None:
-        """None: it can be replayed from period 0 on; else why it cannot."""
+        """Return why it cannot be replayed from period 0 on, or None if it can."""
         head = next(self._heads(), None)
         if head is None:
             return "it has no periods"
@@ -246,8 +247,8 @@ class Recording:
 
     @cached_property
     def black_boxes(self) -> list[BlackBox]:
-        """Where periods were missed and why, one in 10 s at most, and how a run ended that has failed; in order. Of
-        more than some 10,000 the last ones; `black_box_count` counts all."""
+        """Return where periods were missed and why, at most one box in 10 s, and how a failed run ended; in order. Of
+        more than some 10,000 boxes only the last ones; `black_box_count` counts all."""
         return list(self._scan.kept_boxes)
 
     @property
@@ -272,7 +273,7 @@ class Recording:
 
     @property
     def block_starts(self) -> tuple[Any, Any]:
-        """Of each block its time in s on the machine's clock, and how many frames it has: two arrays."""
+        """Return two arrays: the time of each block in s on the machine's clock, and the number of its frames."""
         return np.array(self._scan.times), np.array(self._scan.counts)
 
     @property
@@ -327,7 +328,7 @@ class Recording:
 
     @property
     def _told_first(self) -> int | None:
-        """The number of the first frame that the first file had when it was closed; None: it does not say."""
+        """Return the number of the first frame that the first file had when it was closed; None if unknown."""
         extent = _extent_of(self._files[0])
         return None if extent is None else extent.first
 
@@ -339,7 +340,7 @@ class Recording:
 
     @cached_property
     def damaged_end(self) -> str:
-        """Why its end may be missing, in words; empty: nothing is known to be."""
+        """Return why its end may be missing, as text; empty if nothing indicates that."""
         if self.lost_at_end:
             return f"{self.lost_at_end} frames at its end are damaged"
         return self.damage[-1] if not self.ended and self.damage else ""
@@ -364,7 +365,7 @@ class Recording:
         return scan
 
     def _heads(self) -> Iterator[BlockHead]:
-        """What each block says of itself, without its columns."""
+        """The heads of all blocks, without their columns."""
         return (head for _, head in self._placed_heads())
 
     def _placed_heads(self) -> Iterator[tuple[_Place, BlockHead]]:
@@ -428,7 +429,7 @@ def _told_as_damaged(file: McapReader) -> Iterator[None]:
 
 
 def _extent_of(file: McapReader) -> Extent | None:
-    """Which periods a file says that it has."""
+    """Return the periods that a file declares."""
     return Extent.read(file.metadata.get(EXTENT, {}))
 
 
@@ -437,7 +438,7 @@ def _is_table(found: object) -> bool:
 
 
 def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
-    """What the file says of itself, and the layout of its frames."""
+    """Return the metadata of a file, and the layout of its frames."""
     about = file.metadata.get(METADATA)
     if about is None:
         damaged = "".join(f": at byte {each.at:,} {each.why}" for each in islice(file.damaged, 1))
@@ -467,7 +468,7 @@ def _checksum(texts: Mapping[str, str]) -> str:
 
 
 def as_first(texts: Mapping[str, str]) -> dict[str, str]:
-    """The metadata of a file that begins anew."""
+    """The metadata of a file that begins again."""
     changed = dict(texts) | {"part": "1"}
     return changed | ({"checksum": _checksum(changed)} if "checksum" in changed else {})
 

@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from umo.frames.layout import Layout
-from umo.frames.reader import Frames
+from umo.process.frames.layout import Layout
+from umo.process.frames.run_reader import Frames
 from umo.recording.block import Block, columns_message, exact_message
 from umo.recording.chunk_order import COLUMNS, EXACT
 from umo.recording.extent import EXTENT, FOLLOWED, Extent

@@ -1,4 +1,4 @@
-"""The files of one recording: a new one by size and time; what replay needs is kept of all of them."""
+"""The files of one recording: a new file begins by size and time; of all files the data for replay are kept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from umo.errors import UmoError, text_of
-from umo.frames.layout import Layout
+from umo.process.frames.layout import Layout
 from umo.recording.block import Block
 from umo.recording.copying import thin
 from umo.recording.part_names import part_name
@@ -78,7 +78,7 @@ class RecordingParts:
         last.close(followed=True)
 
     def _make_thin(self) -> None:
-        """Make the oldest full part thin if there are too many, in a thread: frames go on meanwhile."""
+        """Reduce the oldest full part if there are too many, in a thread, while frames continue."""
         full = [part for part in self._parts if not part.is_thin]
         if not full:
             return
@@ -97,8 +97,8 @@ class RecordingParts:
             self.failed = f"{part.path} keeps everything: {text_of(error)}"
 
     def close(self) -> None:
-        """No more blocks come. What threads do is finished first. OSError where the end of the last file finds no room:
-        it has all its periods, and other readers need `umo record --repair`."""
+        """Close the files. No more blocks may follow. Work of threads is finished first. OSError if the end of the last
+        file cannot be stored: the file has all its periods, but other readers need `umo recording repair`."""
         self._worker.shutdown()
         self._file.close()
 

@@ -1,4 +1,4 @@
-"""What all blocks of a recording say of themselves, read once and held in little memory."""
+"""The heads of all blocks of a recording, read once and stored compactly."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from sys import getsizeof
 from typing import Any, NamedTuple
 
 from umo.errors import FramesError
-from umo.frames.reader import NumberedEvent
+from umo.process.frames.run_reader import NumberedEvent
 from umo.recording.block import BlackBox, boxes_of, events_lost_of, events_of
 from umo.recording.chunk_order import MAX_FIRST
 
 MAX_BLOCKS = 3_000_000
 """Blocks of a recording, at most: a month of seconds."""
 MAX_KEPT = 32 << 20
-"""Bytes of events that are held, and of black boxes, about; beyond them events are read anew, and black boxes are
-those that came last."""
+"""Approximate bytes of events, and of black boxes, that are kept in memory. Beyond them events are read again, and only
+the last black boxes are kept."""
 OVERHEAD = 1 << 10
 """Bytes for which each of these counts beside its texts."""
 
 
 class BlockHead(NamedTuple):
-    """What a block says of itself, without its columns."""
+    """The head of a block, without its columns."""
 
     first: int
     periods: int
@@ -52,7 +52,7 @@ class BlockHead(NamedTuple):
 
 @dataclass
 class FileScan:
-    """What was seen of one file."""
+    """The results of scanning one file."""
 
     blocks: int = 0
     periods: int = 0
@@ -72,18 +72,18 @@ class RecordingScan:
     """Time of the first frame of each block, s."""
     files: dict[Path, FileScan] = field(default_factory=dict)
     is_exact: bool = True
-    """Whether no entry of a journal, no command and no event was lost while it was recorded."""
+    """True if no entry of a journal, no command and no event was lost while it was recorded."""
     commands: int = 0
     events: int = 0
-    """How many there are."""
+    """Number of events."""
     events_lost: int = 0
-    """How many events were written over before they were recorded."""
+    """Number of events that were overwritten before they were recorded."""
     end: NumberedEvent | None = None
     """The event of the end of the run, the last one."""
     kept_events: list[NumberedEvent] | None = field(default_factory=list)
-    """None: they are too many to be held."""
+    """None if they are too many to be stored."""
     boxes: int = 0
-    """How many black boxes there are."""
+    """Number of black boxes."""
     kept_boxes: deque[BlackBox] = field(default_factory=deque)
     """The last ones."""
     _events_size: int = 0
@@ -136,7 +136,8 @@ class RecordingScan:
         return sum(file.periods for file in self.files.values())
 
     def gaps(self, expected: int | None) -> Iterator[tuple[int, int]]:
-        """First frame and number of frames of what is missing, from the frame `expected` on; None: from the first."""
+        """Yield each gap as the number of its first missing frame and how many are missing. `expected`: the number that
+        the first frame should have; None: no frame is missing before the first one."""
         for first, count in zip(self.firsts, self.counts, strict=True):
             if expected is not None and first > expected:
                 yield expected, first - expected
@@ -144,5 +145,5 @@ class RecordingScan:
 
 
 def _size(*texts: object) -> int:
-    """Bytes of memory of what has these texts, about. A malformed one may have other things."""
+    """Return the approximate memory of an object with these texts in bytes. A malformed one may have others."""
     return OVERHEAD + sum(getsizeof(each) for each in texts)

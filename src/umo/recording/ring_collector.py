@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from umo.errors import FramesError
-from umo.frames import Reader
-from umo.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
-from umo.frames.reader import Entries, Frames, NumberedEvent
+from umo.process.frames import Reader
+from umo.process.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
+from umo.process.frames.command_queue import command_in
+from umo.process.frames.reader import Entries
+from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.block import Block, TakenCommand
-from umo.remote.queue import ENTRY as COMMAND_HEAD
-from umo.remote.queue import command_in
 
 MAX_ENTRIES = 1 << 16
 """Entries of the journal of frames that lie around none: those of a damaged frame are not asked for."""
@@ -46,7 +46,7 @@ class Collector:
         self._tunables = 0
 
     def look(self) -> list[Block]:
-        """What is new, as blocks; few frames each."""
+        """Return the new frames as blocks of a few frames each."""
         self.copy()
         frames = self._reader.read()
         if not len(frames):
@@ -57,7 +57,7 @@ class Collector:
         return [self._block(part) for part in parts]
 
     def rest(self) -> list[NumberedEvent]:
-        """The events that were told after the last block."""
+        """The events after the last block."""
         self._copy_events()
         events, self._events = self._events, []
         return events
@@ -68,7 +68,7 @@ class Collector:
         self._copy_events()
 
     def _copy_events(self) -> None:
-        stop = self._reader.next_event
+        stop = self._reader.now().next_event
         if stop <= self._event:
             return
         events = self._reader.events(self._event)  # some of them may have been told meanwhile
@@ -78,7 +78,8 @@ class Collector:
         self._event = stop
 
     def lost_events(self, is_begun_late: bool = False) -> int:
-        """How many events are missing since the last block. Those before a recording that was begun late are not."""
+        """Return how many events are missing since the last block, without those before a recording that was begun
+        late."""
         lost, self.events_lost = self.events_lost, 0
         return 0 if is_begun_late else lost
 
@@ -96,15 +97,13 @@ class Collector:
         )
 
     def _entries(self, frames: Frames) -> tuple[Entries, int]:
-        start, last = int(frames["journal"][0]), frames[-1]
-        stop = int(last["journal"]) + int(last["entries"])
-        there, entries = self._reader.entries(start, stop)
-        return entries, there - start
+        there, entries = self._reader.entries_of(frames)
+        return entries, there - int(frames["journal"][0])
 
     def _live(self) -> dict[str, Any]:
         """Mode, holder of the lease; tunable numbers if they have changed."""
-        mode, tunables = self._reader.mode, self._reader.tunables()
-        live: dict[str, Any] = {"mode": None if mode is None else int(mode), "holder": self._reader.holder}
+        now, tunables = self._reader.now(), self._reader.tunables()
+        live: dict[str, Any] = {"mode": None if now.mode is None else int(now.mode), "holder": now.holder}
         digest = zlib.crc32(np.array(list(tunables.values())).tobytes())
         if tunables and digest != self._tunables:
             self._tunables = digest
@@ -122,10 +121,12 @@ class Collector:
             return
         for number in range(max(self._seen, head - SLOTS) + 1, head + 1):
             at = QUEUE + (number - 1) % SLOTS * SLOT
-            slot = bytes(self._cells.memory[at : at + SLOT])
-            text = command_in(slot, number)
-            if text is not None or COMMAND_HEAD.unpack_from(slot)[2] <= number:  # not yet written over
-                self._copied[number] = text or b""
+            text = command_in(bytes(self._cells.memory[at : at + SLOT]), number)
+            if text is not None:
+                self._copied[number] = text
+            elif number > self._reader.taken:  # some processors show the head before the rest: it is looked at again
+                self._seen = number - 1
+                return
         self._seen = head
 
     def _commands(self, frames: Frames, first: int, lost: int) -> tuple[list[TakenCommand], int]:
@@ -150,7 +151,7 @@ class Collector:
 
 
 def joined(blocks: list[Block]) -> list[Block]:
-    """As few blocks as possible: those that follow one another without a loss are one."""
+    """Return as few blocks as possible: consecutive ones without a loss are joined."""
     groups: list[list[Block]] = []
     for block in blocks:
         follows = bool(groups) and block.first == groups[-1][-1].stop

@@ -1,1 +1,1 @@
-"""Stations that ship with umo; `umo run NAME` finds them here."""
+"""The machines that ship with umo, which `umo run NAME` finds here. They use only what is public."""

@@ -1,1 +1,1 @@
-"""Services of the operating system: scheduling, counters, folders, the holding of devices."""
+"""What the operating system offers: priorities, locks, counters, folders, clocks. Nothing here knows machines."""

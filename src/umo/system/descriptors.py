@@ -1,4 +1,4 @@
-"""Whether this process, and those that it starts, may open as many files as a run in real time needs."""
+"""Checks that this process, and those that it starts, may open as many files as a run in real time needs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NEEDED = 64
 that its drivers open."""
 
 USUAL = 1024
-"""What most systems allow."""
+"""The limit of most systems."""
 
 
 class TooFewDescriptors(UmoError, OSError):

@@ -1,8 +1,8 @@
 """Holding devices: one process at a time uses a device, for all stations, wirings, programs and users.
 
 On Linux a device is held by an abstract Unix socket of its name (unix(7)). Binding it is atomic and system-wide (within
-one network namespace), needs neither a folder nor a right, and the kernel ends it with the last process that has it
-and tells everybody which one that is. Elsewhere nothing is held: real time is for Linux.
+one network namespace), needs neither a folder nor a permission. The kernel ends it with the last process that has it,
+and says which process that is. Elsewhere nothing is held: real time is for Linux.
 """
 
 from __future__ import annotations
@@ -10,15 +10,13 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-import socket
-import struct
 import sys
-import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
 from umo.errors import DeviceHeld, UmoError
+from umo.system import calls
 from umo.text import printable, time_of_day
 
 LINUX = sys.platform.startswith("linux")
@@ -34,10 +32,10 @@ class DeviceLock:
 
     def __init__(self, devices: Iterable[str], purpose: str) -> None:
         self.devices = sorted(set(devices))
-        self._told = f"{time.time():.0f} {printable(purpose).encode('ascii', 'replace').decode()}"
-        self._sockets: list[socket.socket] = []
+        self._told = f"{calls.wall_time():.0f} {printable(purpose).encode('ascii', 'replace').decode()}"
+        self._sockets: list[calls.Socket] = []
         """One for each device, until it is released."""
-        self._notes: list[socket.socket] = []
+        self._notes: list[calls.Socket] = []
         if not LINUX:
             return
         try:
@@ -59,34 +57,30 @@ class DeviceLock:
                 self._listen(device, taken)
 
     def _bind(self, device: str) -> None:
-        taken = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._sockets.append(taken)
         try:
-            taken.bind(_name(device))
+            taken = calls.take_name(_name(device), calls.STREAM)
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
                 raise UmoError(f"{device} cannot be held: {error.strerror}") from None
             raise DeviceHeld(f"{device} is held by {holder(device)}") from None
+        self._sockets.append(taken)
         self._listen(device, taken)
 
-    def _listen(self, device: str, taken: socket.socket) -> None:
-        taken.listen(BACKLOG)
-        note = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # its name is what others read in /proc/net/unix
-        try:
-            note.bind(f"\0{_note(device, os.getpid())}{self._told}".encode()[:MAX_NAME_BYTES])
-            self._notes.append(note)
-        except OSError:  # this process has left it before
-            note.close()
+    def _listen(self, device: str, taken: calls.Socket) -> None:
+        calls.listen(taken, BACKLOG)
+        note = f"\0{_note(device, os.getpid())}{self._told}".encode()[:MAX_NAME_BYTES]
+        with suppress(OSError):  # this process has left it before
+            self._notes.append(calls.take_name(note, calls.DATAGRAM))  # others read its name in /proc/net/unix
 
 
 def is_held(device: str) -> bool:
-    return LINUX and _peer(device) is not None
+    return LINUX and calls.listener(_name(device)) is not None
 
 
 def holder(device: str) -> str:
-    """The owner of a device, its purpose and start time, as far as the kernel tells; of a machine in processes of its
-    own the pid that `umo ps` shows. Other users choose these texts."""
-    pid, uid = _peer(device) or (0, 0)
+    """The owner of a device, its purpose and start time, as far as the kernel knows; for a machine with several
+    processes the pid that `umo show stations` shows. Other users choose these texts."""
+    pid, uid = calls.listener(_name(device)) or (0, 0)
     if not pid:
         return "another process"
     what, since = _noted(device, pid)
@@ -95,20 +89,6 @@ def holder(device: str) -> str:
         who += ", which has ended; another process of that program still holds it"
     when = "" if since is None else f", since {time_of_day(since)}"
     return printable(f"{who}{f' ({what})' if what else ''}{when}")
-
-
-def _peer(device: str) -> tuple[int, int] | None:
-    """Pid and user of who listens there, by the kernel; None: nobody; 0: it cannot be asked, as too many have asked."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        probe.setblocking(False)
-        try:
-            probe.connect(_name(device))
-            pid, uid, _ = struct.unpack("3i", probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-        except ConnectionRefusedError:
-            return None
-        except OSError:
-            return 0, 0
-    return pid, uid
 
 
 def _noted(device: str, pid: int) -> tuple[str, float | None]:

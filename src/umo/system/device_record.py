@@ -23,13 +23,15 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import AcknowledgeRequired, UmoError
-from umo.system import folders
+from umo.system import calls, folders
 from umo.system.device_lock import DeviceLock, is_held
 from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
 SUFFIX = ".json"
-INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo acknowledge STATION`"
+INSPECT = (
+    "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo do STATION acknowledge`"
+)
 """Advice after an unsafe end."""
 MAX_RECORD_BYTES = 1 << 20
 MAX_TEXT_LENGTH = 2000
@@ -73,7 +75,7 @@ class Ended:
 
     @property
     def brief(self) -> str:
-        """One short line, what matters first: which machine, what was not reached, on which device, when."""
+        """Return one short line, the most important first: machine, actuators not reached, device, time."""
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
         if self.state not in ("running", "stopped"):
             return printable(f"{self.device}, how its last run ended is unknown")
@@ -105,7 +107,7 @@ class DeviceRecord:
     def __init__(self, devices: Iterable[str], station: str, wiring: str, launch: str = "") -> None:
         self._devices = sorted(set(devices))
         self._station, self._wiring, self._launch = station, wiring, launch
-        self._began = time.time()
+        self._began = calls.wall_time()
         self._seen: dict[str, list[str]] = {}
         self._former: dict[str, Ended] = {}
         """Records of this user that this run takes the place of."""
@@ -114,7 +116,8 @@ class DeviceRecord:
 
     def begin(self, acknowledged: bool) -> None:
         """Record the start of a run. AcknowledgeRequired if the last run on a device ended unsafely and was not
-        acknowledged. UmoError if the record cannot be written: an unsafe end could then not be told from a safe one."""
+        acknowledged. UmoError if the record cannot be written, because an unsafe end would then look like a safe
+        one."""
         try:
             found = {device: standing(device) for device in self._devices}
             for device, ended in found.items():
@@ -130,9 +133,11 @@ class DeviceRecord:
         try:
             for device in self._devices:
                 self._write(device, "running")
-        except OSError as error:
+        except BaseException as error:  # a signal too, which ends a start that waits for its disk
             self.abandon()
-            raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
+            if isinstance(error, OSError):
+                raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
+            raise
 
     def _find_elsewhere(self) -> list[Ended]:
         """Unsafe ends of the same launch on devices that the wiring no longer names, as where a link in /dev or the
@@ -144,7 +149,7 @@ class DeviceRecord:
         return [each for each in others if not is_held(each.device)]
 
     def _note(self, device: str, before: Iterable[Ended]) -> None:
-        """Note what stands on a device, and what is acknowledged by this run."""
+        """Note the records of a device, and which of them this run acknowledges."""
         mine = _own(device)
         self._seen[device] = [*(mine.seen if mine else []), *(ended.id for ended in before if not ended.mine)]
         if mine:
@@ -157,26 +162,26 @@ class DeviceRecord:
                 if self._seen[device]:
                     self._write(device, "ended")
                 else:
-                    (_folder() / _file(device)).unlink(missing_ok=True)
+                    calls.unlink(_folder() / _file(device))
         self._remove_elsewhere()
 
     def _remove_elsewhere(self) -> None:
-        """They were acknowledged, and this run's own records tell how it ended."""
+        """Remove records that were acknowledged: this run's own records say how it ended."""
         for ended in self._elsewhere:
             with suppress(OSError):
                 now = _own(ended.device)
                 if now is not None and now.id == ended.id:
-                    (_folder() / _file(ended.device)).unlink(missing_ok=True)
+                    calls.unlink(_folder() / _file(ended.device))
 
     def abandon(self) -> None:
-        """The machine was not driven: what stood before stands again, acknowledged or not."""
+        """The machine was not driven: restore the records from before, acknowledged or not."""
         for device in self._devices:
             with suppress(OSError):
                 path = _folder() / _file(device)
                 if device in self._former:
                     _replace(path, asdict(self._former[device]))
                 else:
-                    path.unlink(missing_ok=True)
+                    calls.unlink(path)
 
     def stopped(self, what: str, unreached: list[str]) -> None:
         """The run ended unsafely: the devices stand stopped. OSError where that cannot be written."""
@@ -185,7 +190,8 @@ class DeviceRecord:
         self._remove_elsewhere()
 
     def _write(self, device: str, state: str, what: str = "", unreached: Sequence[str] = ()) -> None:
-        ended = Ended(device, self._station, self._wiring, state, time.time(), what[:MAX_TEXT_LENGTH], list(unreached))
+        now, what = calls.wall_time(), what[:MAX_TEXT_LENGTH]
+        ended = Ended(device, self._station, self._wiring, state, now, what, list(unreached))
         ended.id, ended.seen, ended.began = secrets.token_hex(8), self._seen[device], self._began
         ended.launch = self._launch
         _replace(_folder() / _file(device), asdict(ended))
@@ -199,7 +205,7 @@ def standing(device: str) -> list[Ended]:
 
 
 def all_standing() -> list[Ended]:
-    """Every record of every user that does not tell of a safe end; those of running machines too."""
+    """Return every record of every user without a safe end, also those of running machines."""
     return [ended for ended in _all(f"*{SUFFIX}") if ended.state != "ended"]
 
 
@@ -224,7 +230,7 @@ def _all(pattern: str) -> Iterator[Ended]:
 
 
 def _read(path: Path, owner: int) -> Ended | None:
-    """None if there is nothing, or nothing of the folder's owner."""
+    """Return a record, or None if there is none that belongs to the folder's owner."""
     try:
         file = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     except FileNotFoundError:
@@ -257,7 +263,7 @@ def _unknown(device: str, path: Path, owner: int, why: str) -> Ended:
 
 
 def _id_of(path: Path) -> str:
-    """The id of a record that tells none: another one when the file was written again."""
+    """An id for a record without one: it changes when the file is written again."""
     written = 0
     with suppress(OSError):
         written = path.lstat().st_mtime_ns
@@ -299,7 +305,7 @@ class DeviceClaim:
             raise
 
     def finish(self) -> None:
-        """Every actuator is at its default, by the ordinary way."""
+        """Note that every actuator is at its default, after an ordinary end."""
         self._record.finish()
         self.hold.release()
 
@@ -309,8 +315,8 @@ class DeviceClaim:
         self.hold.release()
 
     def stopped(self, what: str, unreached: list[str]) -> str:
-        """The devices stand stopped until somebody acknowledges it. In words: what could not be written down, and what
-        is to be done; empty where no device was driven."""
+        """The devices stand stopped until somebody acknowledges it. A text: what could not be recorded, and what to do;
+        empty if no device was driven."""
         if not self._devices:
             return ""
         try:

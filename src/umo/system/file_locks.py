@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from typing import IO
 
-try:
-    import fcntl
-except ImportError:  # this platform has none
-    fcntl = None  # type: ignore[assignment]
+from umo.system import calls
 
 LOCK_PAUSE = 0.01
 """Time in s between two tries to lock a file."""
 
 
 def lock_within(file: int | IO[bytes] | IO[str], within: float, *, shared: bool = False) -> bool:
-    """Lock an open file; whether that was possible within some s. The kernel gives the lock back when the file is
-    closed, or its process ends. OSError where it cannot be locked at all."""
-    until = time.monotonic() + within
-    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-    while True:
-        try:
-            fcntl.flock(file, kind | fcntl.LOCK_NB)
-            return True
-        except BlockingIOError:
-            if time.monotonic() >= until:
-                return False
-        time.sleep(LOCK_PAUSE)
+    """Lock an open file. Return True if that was possible within this time in s. The kernel releases the lock when the
+    file is closed, or its process ends. OSError if it cannot be locked at all."""
+    until = calls.now() + within
+    while not calls.lock_file(file, shared=shared):
+        if calls.now() >= until:
+            return False
+        calls.sleep(LOCK_PAUSE)
+    return True

@@ -1,7 +1,7 @@
 """Folders that umo shares between processes, protected against other users who can write to the same place.
 
-A folder in a place that everybody may write to (/dev/shm, /var/tmp) is known by its owner, not by its name: another
-user who takes the name first changes nothing, nor does a symbolic link.
+A folder in a place that everybody may write to (/dev/shm, /var/tmp) is identified by its owner, not by its name. So
+another user who takes the name first, or a symbolic link, has no effect.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
+
+from umo.system import calls
 
 PREFIX = "umo-"
 MAX_FOLDERS = 100
@@ -66,7 +68,7 @@ def lasting() -> Path:
 
 
 def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """All users' folders in a place, by name; links and files are passed over."""
+    """All users' folders in a place, by name, without links and files."""
     try:
         names = sorted(name for name in os.listdir(place) if name.startswith(PREFIX))
     except OSError:
@@ -82,7 +84,7 @@ def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
-    """Whether this is a folder of this user's, or a file of another kind (`stat.S_ISSOCK`), and not a link to one."""
+    """True if this is a folder of this user's, or a file of another kind (`stat.S_ISSOCK`), and not a link to one."""
     try:
         status = path.lstat()
     except OSError:
@@ -90,14 +92,12 @@ def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
     return is_kind(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
 
 
-def open_own(path: Path, *, follow: bool = False, write: bool = False) -> int:
-    """A regular file of this user's, opened for reading; OSError otherwise. `follow` allows a symbolic link, `write`
-    opens it for writing too.
+def open_own(path: Path, *, follow: bool = False) -> int:
+    """A regular file of this user's, opened for reading; OSError otherwise. `follow` allows a symbolic link.
 
     What is opened is looked at, not the name: it may have changed its meaning in between. A pipe does not block.
     """
-    flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
-    flags |= os.O_RDWR if write else os.O_RDONLY
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
     file = os.open(path, flags | (0 if follow else getattr(os, "O_NOFOLLOW", 0)))
     try:
         status = os.fstat(file)
@@ -116,26 +116,26 @@ def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryI
     """A file to write, whole or not at all: it gets its name at the end of the block. OSError where that cannot be; the
     file of before stays then. `to_disk`: also when the computer goes down."""
     new = path.with_name(f".{path.name}.{os.getpid()}")
-    new.unlink(missing_ok=True)  # of a process that had this number before
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    calls.unlink(new)  # of a process that had this number before
+    file = calls.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
     try:
         with open(file, "wb") as stream:
             os.chmod(new, mode)
             yield stream
             stream.flush()
             if to_disk:
-                os.fsync(file)
-        new.replace(path)
+                calls.fsync(file)
+        calls.replace(new, path)
     except BaseException:
         with suppress(OSError):
-            new.unlink()
+            calls.unlink(new)
         raise
     if to_disk:
-        folder = os.open(path.parent, os.O_RDONLY)
+        folder = calls.open(path.parent, os.O_RDONLY)
         try:
-            os.fsync(folder)
+            calls.fsync(folder)
         finally:
-            os.close(folder)
+            calls.close(folder)
 
 
 def first_writable(places: Iterable[Path]) -> Path:

@@ -1,8 +1,8 @@
-"""The messages of a service to the service manager that started it, as of sd_notify(3), without its library.
+"""The messages of a service to the service manager that started it (sd_notify(3)), without its library.
 
 A message is a datagram of lines `NAME=value` to the socket that the environment names. Where it names none, nothing is
-sent. Nothing here waits or raises: a service manager that does not read costs its messages, never the machine. One
-that has no room for a message is told it again in the next look.
+sent. Nothing here waits or raises: a service manager that does not read costs its messages, never the machine. If it
+has no room for a message, the message is sent again at the next look.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ class ServiceManager:
 
     @property
     def listens(self) -> bool:
-        """Whether there is one to tell."""
+        """True if there is a service manager."""
         return self._socket is not None
 
     def tell(self, *lines: str) -> bool:
-        """Send one message. False: the manager has no room for it now, as at a boot, when all services speak at once.
-        Nothing is sent where it cannot be."""
+        """Send one message. Return False if the manager has no room for it now, as at a boot, when many services send
+        at once. Does nothing if it cannot be sent."""
         try:
             if self._socket is not None:
                 self._socket.sendto("\n".join(lines).encode(), self._address)

@@ -17,6 +17,20 @@ SHIPPED = Path(__file__).resolve().parents[1] / "stations"
 PREFIX = "umo_station_"
 MARK = "objects.py"
 """The file that every station's folder has."""
+DISTRIBUTION = "umo-machines"
+"""The name of umo for pip. On the package index `umo` is another project."""
+
+
+def umo_version() -> str:
+    """The version of umo that is installed, such as `0.2.0`."""
+    from importlib.metadata import version  # a sixth of what importing umo took
+
+    return version(DISTRIBUTION)
+
+
+def how_to_install(extra: str) -> str:
+    """The command that installs the packages of an extra. umo is not on a package index yet, so it names the clone."""
+    return f'pip install ".[{extra}]" in the clone of umo'
 
 
 def package_of(folder: Path) -> str:

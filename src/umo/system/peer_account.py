@@ -1,7 +1,7 @@
 """The account at the other end of a TCP connection on this computer, as the kernel knows it.
 
 An address proves nothing: a reverse proxy, a gateway or a broker on this computer has one of this computer too, and
-speaks for others. The kernel tells whose process it is (Linux, /proc/net/tcp).
+speaks for others. The kernel says whose process it is (Linux, /proc/net/tcp).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ ESTABLISHED = "01"
 WORD = 4
 """Bytes of the pieces in which the tables write an address."""
 MAPPED = bytes(10) + b"\xff\xff"
-"""What stands before an address of IPv4 that a socket for IPv6 has."""
+"""Prefix of an IPv4 address of an IPv6 socket."""
 
 
 def peer_uid(peer: tuple[str, int], port: int) -> int | None:
     """The user (uid) whose process has a connection from `peer` (address, port) to `port` of this computer.
 
-    None: the process is on another computer, the connection has ended, the kernel does not tell, or several users have
+    None: the process is on another computer, the connection has ended, the kernel does not know, or several users have
     such a connection (to other addresses of this computer).
     """
     try:
@@ -52,7 +52,7 @@ def account_of(uid: int) -> str:
 
 
 def is_own(connection: socket.socket | TransportSocket | None) -> bool:
-    """Whether the process at the other end of a connection (TCP) is one of this user's."""
+    """True if the process at the other end of a connection (TCP) is one of this user's."""
     if connection is None:
         return False
     try:
@@ -63,8 +63,7 @@ def is_own(connection: socket.socket | TransportSocket | None) -> bool:
 
 
 def _connections(table: str, port: int, other: int) -> Iterator[tuple[bytes, int]]:
-    """Of each connection that stands, from a port to another: own address, uid. None where the kernel has no such
-    table."""
+    """The connections from one port to another: own address and uid of each. None if the kernel has no such table."""
     ports = f":{port:04X} ", f":{other:04X} "
     with suppress(OSError):
         for line in (TABLES / table).read_text().splitlines()[1:]:

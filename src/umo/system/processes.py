@@ -1,6 +1,7 @@
 """Other processes: whether they live, are stopped, or have ended; and the name of this one in lists of processes.
 
 This is the only module that sends signals to other processes and waits for children: a number alone is never enough.
+A process is ended, and waited for, by `ProcessHandle.end`.
 """
 
 from __future__ import annotations
@@ -9,15 +10,14 @@ import ctypes
 import getpass
 import os
 import re
-import select
 import signal
 import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
-from time import monotonic, sleep
 from typing import NoReturn
 
+from umo.system import calls
 from umo.text import printable
 
 HASH_SEED = "PYTHONHASHSEED"
@@ -40,7 +40,7 @@ MAX_NAME_BYTES = 15
 
 class ProcessHandle:
     """A process, known by a descriptor: no other process can take its place, as with its number (pidfd_open(2), Linux
-    5.3). Where there is no descriptor, number and start time stand for it.
+    5.3). Without a descriptor, number and start time identify it.
 
     To be made while the number is certain to be that of the process: it is this process, a child that was not waited
     for, or the parent (`parent_of_this`), or it is proved afterwards (`known`, `RunState.process`).
@@ -49,32 +49,30 @@ class ProcessHandle:
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self._file, self._maker = -1, os.getpid()
-        self._poll = select.poll()
         self._started = ""
         with suppress(OSError):
-            self._file = os.pidfd_open(pid)
-            self._poll.register(self._file, select.POLLIN)
+            self._file = calls.open_process(pid)
         if self._file < 0:
             self._started = _start_time(pid)
 
     def __del__(self) -> None:
         if self._file >= 0 and self._maker == os.getpid():
             with suppress(OSError):
-                os.close(self._file)
+                calls.close(self._file)
 
     def send(self, number: int) -> None:
         """Send a signal, if the process has not ended."""
         with suppress(ProcessLookupError):
             if self._file >= 0:
-                signal.pidfd_send_signal(self._file, number)
+                calls.signal_process(self._file, number)
             elif self._started and self._started == _start_time(self.pid):
-                os.kill(self.pid, number)
+                calls.kill(self.pid, number)
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended: its files and connections are closed then."""
+        """True if it has ended: its files and connections are closed then."""
         if self._file >= 0:
-            return bool(self._poll.poll(0))
+            return bool(calls.ready(self._file, 0.0))
         fields = _stat(self.pid)
         if len(fields) <= START or not self._started:
             return not is_used(self.pid)  # else it cannot be told
@@ -88,20 +86,21 @@ class ProcessHandle:
 
     @property
     def is_stopped(self) -> bool:
-        """Whether it was stopped by a signal, or by a debugger."""
+        """True if it was stopped by a signal, or by a debugger."""
         return self.state in STOPPED
 
     @property
     def is_killed(self) -> bool:
-        """Whether it is ending, or was killed and waits for a processor to end."""
+        """True if it is ending, or was killed and waits for a processor to end."""
         fields = _stat(self.pid)
         ending = len(fields) > FLAGS and bool(int(fields[FLAGS]) & EXITING)
         return ending or SIGKILL_PENDING.search(_status(self.pid)) is not None or self.ended
 
-    def end(self, within: float) -> bool:
-        """Kill it, and wait up to `within` s for its end; False if it has not ended: it is blocked in the kernel."""
+    def end(self, within: float, meanwhile: Callable[[], object] = lambda: None) -> bool:
+        """Kill it, and wait up to `within` s for its end; False if it has not ended: it is blocked in the kernel.
+        `meanwhile` is called between two looks."""
         self.send(signal.SIGKILL)
-        return wait_until(lambda: self.ended, within)
+        return wait_until(lambda: self.ended, within, meanwhile)
 
 
 class Child(ProcessHandle):
@@ -111,9 +110,9 @@ class Child(ProcessHandle):
     def __init__(self, pid: int) -> None:
         super().__init__(pid)
         self.status: int | None = None
-        """How it ended, as of waitpid(2); None: not yet, or that is not known."""
+        """How it ended (waitpid(2)); None if it has not, or if this is unknown."""
         self.was_stopped = False
-        """Whether it was stopped by a signal when it was looked at."""
+        """True if it was stopped by a signal when it was looked at."""
         self._waited = False
 
     def send(self, number: int) -> None:
@@ -121,11 +120,11 @@ class Child(ProcessHandle):
             super().send(number)
         elif not self._waited:
             with suppress(ProcessLookupError):
-                os.kill(self.pid, number)
+                calls.kill(self.pid, number)
 
     @property
     def is_own(self) -> bool:
-        """Whether this process waits for it."""
+        """True if this process waits for it."""
         return self._maker == os.getpid()
 
     @property
@@ -134,7 +133,7 @@ class Child(ProcessHandle):
             return super().ended
         if not self._waited:
             try:
-                pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED)
+                pid, status = calls.wait(self.pid)
             except ChildProcessError:  # the kernel has let go of it: SIGCHLD is ignored
                 self._waited = True
             else:
@@ -145,18 +144,18 @@ class Child(ProcessHandle):
 
 
 def wait_until(is_so: Callable[[], bool], within: float, meanwhile: Callable[[], object] = lambda: None) -> bool:
-    """Wait up to `within` s until this is so; whether it is. `meanwhile` is called between two looks."""
-    until = monotonic() + within
+    """Wait up to `within` s until this is True, and return whether it is. `meanwhile` is called between two looks."""
+    until = calls.now() + within
     while not is_so():
-        if monotonic() >= until:
+        if calls.now() >= until:
             return False
         meanwhile()
-        sleep(LOOK_INTERVAL)
+        calls.sleep(LOOK_INTERVAL)
     return True
 
 
 def known(pid: int, text: str) -> ProcessHandle | None:
-    """The process that had this `identity`; None: it is gone."""
+    """Return the process that had this `identity`, or None if it has ended."""
     handle = ProcessHandle(pid)
     return handle if text and identity(pid) == text else None  # it lives, so it had the number before
 
@@ -168,9 +167,9 @@ def parent_of_this(pid: int) -> ProcessHandle | None:
 
 
 def is_used(pid: int) -> bool:
-    """Whether some process has this number, perhaps another one than before: nothing may be done to it."""
+    """True if some process has this number. It may be another one than before, so nothing may be done to it."""
     try:
-        os.kill(pid, 0)
+        calls.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:  # another user's
@@ -179,17 +178,17 @@ def is_used(pid: int) -> bool:
 
 
 def wait_for_any() -> bool:
-    """Let go of the children that have ended, also of those that were adopted; whether there are others."""
+    """Release the children that have ended, also adopted ones. Returns whether there are others."""
     with suppress(ChildProcessError):
-        while os.waitpid(-1, os.WNOHANG)[0]:
+        while calls.wait(-1)[0]:
             pass
         return True
     return False
 
 
 def adjust_oom_score(change: int) -> None:
-    """Make the kernel take this process sooner, or (as far as permitted) later, when memory runs out: by so many
-    thousandths of the memory (proc_pid_oom_score_adj(5))."""
+    """Make the kernel take this process sooner, or (as far as permitted) later, when memory runs out: by thousandths of
+    the memory (proc_pid_oom_score_adj(5))."""
     file = Path("/proc/self/oom_score_adj")
     with suppress(OSError, ValueError):
         file.write_text(str(max(-1000, min(1000, int(file.read_text()) + change))))
@@ -206,11 +205,11 @@ def carry_out(work: Callable[[], int]) -> NoReturn:
             sys.excepthook(*sys.exc_info())
     finally:
         flush()
-        os._exit(status)
+        calls.exit_now(status)
 
 
 def flush() -> None:
-    """Write what was printed. Before a fork: else the child would write it again."""
+    """Write what was printed. To be called before a fork: otherwise the child would write it again."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
@@ -222,26 +221,25 @@ def state(pid: int) -> str:
 
 
 def parent_of(pid: int) -> int:
-    """The number of the parent of a process; 0 where there is none, or it cannot be told."""
+    """The number of the parent of a process; 0 if there is none, or it is unknown."""
     fields = _stat(pid)
     return int(fields[PARENT]) if len(fields) > PARENT else 0
 
 
 def _start_time(pid: int) -> str:
-    """Clock ticks since the start of the computer, as text; empty where there is no such process, or it cannot be
-    told."""
+    """Clock ticks since the start of the computer, as text; empty if there is no such process, or they are unknown."""
     fields = _stat(pid)
     return fields[START] if len(fields) > START else ""
 
 
 def start_of(pid: int) -> int:
-    """Clock ticks since the start of the computer at the start of a process; 0 where that cannot be told."""
+    """Clock ticks since the start of the computer at the start of a process; 0 if unknown."""
     return int(_start_time(pid) or 0)
 
 
 def identity(pid: int) -> str:
     """A text that no other process has, not even one that gets its number later, or after a restart of the computer;
-    empty where there is no such process, or it cannot be told."""
+    empty if there is no such process, or it is unknown."""
     with suppress(OSError):
         return f"{BOOT.read_text().strip()} {pid} {started}" if (started := _start_time(pid)) else ""
     return ""
@@ -261,7 +259,7 @@ def running_on(cores: Collection[int], but: Collection[int]) -> int | None:
 
 
 def title_of(pid: int) -> str:
-    """The station that a process drives, else its name; and its pid."""
+    """The station that a process drives, otherwise its name; and its pid."""
     words: list[str] = []
     with suppress(OSError):
         words = Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")[:-1]
@@ -271,9 +269,7 @@ def title_of(pid: int) -> str:
 
 def _stat(pid: int) -> list[str]:
     """The fields of proc_pid_stat(5) from the state on; empty where there is no such process."""
-    with suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
-    return []
+    return calls.stat_of(pid).rpartition(")")[2].split()
 
 
 def _status(pid: int) -> str:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
-import signal
-import socket
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,6 +12,7 @@ from math import floor
 from pathlib import Path
 from typing import NamedTuple
 
+from umo.system import calls
 from umo.system.processes import user_name
 
 try:
@@ -31,7 +30,6 @@ LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
 """Parts of the names of libraries of which a loop calls a small part."""
 BUSY_WAIT = 200e-6
 """s, for waking up and cache warming (docs/decisions/0018)."""
-PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
@@ -54,11 +52,11 @@ class Refusal(NamedTuple):
 
 
 def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
-    """Collector frozen and off, memory locked, SCHED_FIFO at `priority` (1 to 99), a core of its own; what was refused.
+    """Freeze the collector and switch it off, lock the memory, set SCHED_FIFO at `priority` (1 to 99), and reserve a
+    core. Return what was refused.
 
     Without `cpu` the process is pinned only under SCHED_FIFO, to an isolated core or else to the last one: without it
-    a busy neighbour on that core could not be avoided. Never raises.
-    """
+    a busy neighbour on that core could not be avoided. Never raises."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -73,7 +71,7 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
 
 def granted() -> tuple[int, int | None]:
     """The settings of this process: its priority under SCHED_FIFO, 0 without; its core if it is pinned to one and its
-    parent is not pinned to the same one, else None."""
+    parent is not pinned to the same one, otherwise None."""
     if not sys.platform.startswith("linux"):
         return 0, None
     fifo = os.sched_getscheduler(0) == getattr(os, "SCHED_FIFO", None)
@@ -88,7 +86,7 @@ def busy_wait_for(period: float) -> float:
 
 
 def default_busy_wait(period: float) -> float:
-    """The same for a process that was told nothing: 0 without SCHED_FIFO and a core of its own."""
+    """Return the default for a process without a setting: 0 without SCHED_FIFO and a reserved core."""
     priority, core = granted()
     return busy_wait_for(period) if priority and core is not None else 0.0
 
@@ -103,22 +101,15 @@ def prepare_guardian(priority: int, cpu: int | None = None) -> None:
 
 
 def leave_core(core: int | None) -> None:
-    """Run on the other cores only, as far as there are some and it is permitted. None: nothing changes."""
+    """Run on the other cores only, if there are some and it is permitted. None: nothing changes."""
     allowed = os.sched_getaffinity(0) if sys.platform.startswith("linux") else set()
     if core in allowed and len(allowed) > 1:
         with suppress(OSError):
             os.sched_setaffinity(0, allowed - {core})
 
 
-def die_with_parent(parent: int, number: int) -> None:
-    """Be sent this signal when the process `parent` (pid) ends, however it does (prctl(2)); at once if it has."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
-    if os.getppid() != parent:
-        signal.raise_signal(signal.Signals(number))
-
-
 def adopt_orphans(yes: bool) -> None:
-    """Whether the processes that descend from this one become its children when their parents end (prctl(2))."""
+    """Set whether descendants of this process become its children when their parents end (prctl(2))."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, int(yes), 0, 0, 0)
 
 
@@ -130,10 +121,9 @@ def drop_realtime(niceness: int = 10) -> None:
 
 
 def lock_memory() -> Refusal | None:
-    """No page of this process is ever taken away or first touched in the loop (mlockall(2)).
+    """Lock all memory of this process, so that no page is removed or first used in the loop (mlockall(2)).
 
-    Only where the limit is none: under a limit some later allocation would fail.
-    """
+    Only if there is no limit: with a limit a later allocation would fail."""
     what = "memory is not locked"
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if limit != resource.RLIM_INFINITY and not _capable(CAP_IPC_LOCK):
@@ -229,17 +219,13 @@ class CorePlace:
 
     def __init__(self, cpu: int | None = None) -> None:
         self.core: int | None = cpu
-        """None if no core is to be kept: there is only one."""
-        self._socket: socket.socket | None = None
+        """The core; None if no core is reserved, as there is only one."""
+        self._socket: calls.Socket | None = None
         for core, number in _places(cpu):
-            taken = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-            try:
-                taken.bind(f"\0{CORE_SOCKET_NAME} {core} {number}".encode())
-            except OSError:
-                taken.close()
-                continue
-            self.core, self._socket = core, taken
-            return
+            with suppress(OSError):
+                name = f"\0{CORE_SOCKET_NAME} {core} {number}".encode()
+                self.core, self._socket = core, calls.take_name(name, calls.DATAGRAM)
+                return
 
     def release(self) -> None:
         """Give it back. (A process that was forked keeps it until it ends or gives it back too.)"""

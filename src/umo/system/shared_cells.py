@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from mmap import mmap
+from typing import Any
 
 MASK = (1 << 64) - 1
 HEAD = struct.Struct("<QQQ")
@@ -18,15 +19,17 @@ HEAD = struct.Struct("<QQQ")
 
 
 def checksum(content: bytes | memoryview, number: int) -> int:
-    """Of a record with this number."""
+    """Return the checksum of a record with this number."""
     return zlib.crc32(content, zlib.crc32(struct.pack("<Q", number & MASK)))
 
 
 class SharedText:
-    """Bytes at one place of a shared memory, with room for `room` bytes together with their head."""
+    """Bytes at one place of a shared memory, with room for `room` bytes together with their head. Memory that cannot be
+    written, such as that of a file, is only read."""
 
-    def __init__(self, memory: mmap | bytearray, at: int, room: int) -> None:
-        self._memory, self._at, self._most = memory, at, room - HEAD.size
+    def __init__(self, memory: mmap | bytearray | bytes, at: int, room: int) -> None:
+        self._memory: Any = memory
+        self._at, self._most = at, room - HEAD.size
 
     def put(self, number: int, text: bytes) -> None:
         """Write a text of this number; ValueError if there is no room for it."""
@@ -37,7 +40,7 @@ class SharedText:
         self._memory[self._at : start] = HEAD.pack(number, len(text), checksum(text, number))
 
     def get(self) -> tuple[int, bytes] | None:
-        """The text and its number; None while none is whole."""
+        """Return the text and its number; None while none is complete."""
         start = self._at + HEAD.size
         number, size, proof = HEAD.unpack(bytes(self._memory[self._at : start]))
         if not proof or size > self._most:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from umo.system import calls
+
 Handler = Callable[[int, FrameType | None], object] | signal.Handlers
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
@@ -26,9 +28,9 @@ def signal_name(number: int) -> str:
 def handling(handler: Handler, numbers: Iterable[int]) -> Iterator[None]:
     """Have this handler called for each of these signals in the block; `signal.SIG_IGN`: they are passed over. In the
     main thread alone: ValueError in another one, as Python has it."""
-    before = {number: signal.signal(number, handler) for number in numbers}
+    before = {number: calls.handle_signal(number, handler) for number in numbers}
     try:
         yield
     finally:
         for number, former in before.items():
-            signal.signal(number, signal.SIG_DFL if former is None else former)
+            calls.handle_signal(number, signal.SIG_DFL if former is None else former)

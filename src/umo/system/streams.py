@@ -29,13 +29,14 @@ CLEAR_LINE = "\r\x1b[2K"
 
 
 MAX_WAITING = 1 << 18
-"""Number of bytes that wait for a slow reader at most."""
+"""Largest number of bytes that wait for a slow reader."""
 READER_TIMEOUT = 10.0
 """Time in s that a command which holds a machine waits for a reader that takes nothing, once for each stream."""
 RETRY_PAUSE = 0.001
 """Time in s to the next try where a stream was ready and took nothing."""
 MAX_LINE = 3000
-"""Number of bytes of a line of the log at most: a pipe that takes anything takes so much at once (PIPE_BUF is 4096)."""
+"""Largest number of bytes of a line of the log: a pipe accepts this amount completely or not at all (PIPE_BUF is
+4096)."""
 
 
 class _Stream(io.FileIO):
@@ -45,12 +46,12 @@ class _Stream(io.FileIO):
     def __init__(self, number: int, patience: float = inf) -> None:
         super().__init__(number, "w", closefd=False)
         self.patience = patience
-        """Time in s that a write waits for a reader that takes nothing; what is left over then waits in memory, and
-        nothing is waited for any more until the reader takes something. 0: no write waits; inf: each does."""
+        """Time in s for which a write waits for a reader that takes nothing. The rest then waits in memory, and no
+        further write waits until the reader takes something. 0: no write waits; inf: each does."""
         self.lost = 0
         self._waiting = bytearray()
         self._is_stalled = False
-        """Whether the reader has taken nothing for as long as is waited."""
+        """True if the reader has taken nothing for as long as is waited."""
         self._sender: tuple[Callable[[bytes], int], Callable[[], None]] | None = None
 
     def set_patience(self, seconds: float) -> None:
@@ -87,7 +88,7 @@ class _Stream(io.FileIO):
             late.discard(self)
 
     def forget_waiting(self) -> None:
-        """In a process that was forked: what waits is the other one's to send."""
+        """Discard waiting text in a forked process: the other process sends it."""
         self._waiting.clear()
         self.lost = 0
 
@@ -115,7 +116,7 @@ class _Stream(io.FileIO):
                     until = monotonic() + self.patience
 
     def _send_some(self) -> int:
-        """Send what is taken at once; the number of bytes that are left."""
+        """Send what is accepted at once. Return the number of bytes that are left."""
         if self._sender is None:
             self._sender = _sender(self.fileno())
         while self._waiting:
@@ -136,7 +137,7 @@ late: set[_Stream] = set()
 
 
 def lost_lines(count: int) -> str:
-    """The sentence that so many lines were dropped."""
+    """The sentence that this number of lines was dropped."""
     return f"{count:,} line{'s were' if count != 1 else ' was'} lost: what reads them did not take them in time"
 
 
@@ -164,7 +165,7 @@ def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:
 
 
 def is_ready(number: int, timeout: float = 0.0) -> bool:
-    """Whether a descriptor takes some bytes at once, or within so many s."""
+    """True if a descriptor accepts some bytes immediately, or within a time in s."""
     poll = select.poll()
     poll.register(number, select.POLLOUT)
     return bool(poll.poll(None if timeout == inf else timeout * 1e3))
@@ -179,8 +180,8 @@ def never_wait() -> None:
 
 
 def limit_waits(patience: float | None = None) -> None:
-    """Let writes to stdout and stderr wait so many s (None: `READER_TIMEOUT`) for a reader that takes nothing, where
-    `keep_open` has made these streams: for what holds a machine or serves others."""
+    """Let writes to stdout and stderr wait this time in s (None: `READER_TIMEOUT`) for a reader that takes nothing, if
+    `keep_open` has made these streams. For processes that run a machine or serve others."""
     for stream in (sys.stdout, sys.stderr):
         if (raw := _raw(stream)) is not None:
             with suppress(OSError, ValueError):
@@ -190,8 +191,8 @@ def limit_waits(patience: float | None = None) -> None:
 
 @contextmanager
 def without_waiting() -> Iterator[None]:
-    """In the block no write waits for its reader; what was not taken meanwhile is sent after it, within the time that
-    was set before."""
+    """Return a context in which no write waits for its reader. Text that was not accepted is sent after the context,
+    within the time set before."""
     before = [(raw, raw.patience) for raw in map(_raw, (sys.stdout, sys.stderr)) if raw is not None]
     limit_waits(0.0)
     try:
@@ -203,8 +204,8 @@ def without_waiting() -> Iterator[None]:
 
 
 def send_waiting() -> int:
-    """Send what waits, as far as it is taken now, or in time; the number of lines that were lost and could not be
-    told."""
+    """Send the waiting text as far as it is accepted now or in time. Returns the number of lines that were lost without
+    a notice."""
     return sum(_send_waiting(stream) for stream in (sys.stdout, sys.stderr))
 
 
@@ -237,8 +238,8 @@ _unlogged = 0
 
 
 def log_without_waiting(log: logging.Logger, line: str) -> None:
-    """Log a warning, unless it would have to wait for a handler's stream: then it is dropped, and the next one that is
-    taken tells their number."""
+    """Log a warning, unless it would have to wait for a handler's stream: then it is dropped, and the next accepted
+    warning has the number of dropped ones."""
     global _unlogged
     if any(_would_wait(getattr(handler, "stream", None)) for handler in _handlers(log)):
         _unlogged += 1
@@ -251,7 +252,7 @@ def log_without_waiting(log: logging.Logger, line: str) -> None:
 
 
 def _handlers(log: logging.Logger) -> list[logging.Handler]:
-    """Those that get its records."""
+    """Return the handlers that get the records of a log."""
     found: list[logging.Handler] = []
     each: logging.Logger | None = log
     while each is not None:
@@ -261,7 +262,7 @@ def _handlers(log: logging.Logger) -> list[logging.Handler]:
 
 
 def _would_wait(stream: Any) -> bool:
-    """Whether a line written to a stream may have to wait: that of a descriptor that takes nothing now."""
+    """True if a line written to a stream may have to wait: that of a descriptor that takes nothing now."""
     if stream is None or ((raw := _raw(stream)) is not None and raw.patience < inf):
         return False
     try:
@@ -271,8 +272,8 @@ def _would_wait(stream: Any) -> bool:
 
 
 def keep_open() -> None:
-    """Make stdout and stderr of this process so. A descriptor from 0 to 2 that is closed leads to nowhere from now on:
-    else the next file or connection opened would get its number, and what is printed."""
+    """Keep stdout and stderr of this process open. A descriptor from 0 to 2 that is closed leads to nowhere from now
+    on: otherwise the next file or connection opened would get its number, and what is printed."""
     with suppress(OSError):
         while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
             os.set_inheritable(file, True)
@@ -282,7 +283,8 @@ def keep_open() -> None:
 
 
 def say_without_waiting(text: str) -> None:
-    """A line on stderr if it is taken at once: nothing waits for a stopped terminal or a pipe that nobody reads."""
+    """Write a line to stderr if it is accepted at once: nothing waits for a stopped terminal or a pipe without a
+    reader."""
     with suppress(OSError):
         send, let_go = _sender(2)
         try:

@@ -16,7 +16,7 @@ SCHEDSTAT = "/proc/thread-self/schedstat"
 
 
 class Usage:
-    """Counts since it was made: the nine numbers of `layout.USAGE`; what a platform does not tell stays 0."""
+    """Counts since it was made: the nine numbers of `layout.USAGE`; numbers that a platform does not have stay 0."""
 
     def __init__(self) -> None:
         self._thread = getattr(resource, "RUSAGE_THREAD", None)

@@ -9,7 +9,7 @@ from time import monotonic_ns, time_ns
 from typing import Any
 
 UNKNOWN = -1
-"""ns: the error of a clock that is not synchronised, or of a platform that does not tell it."""
+"""ns: the error of a clock that is not synchronised, or of a platform that does not have it."""
 UNSYNCHRONISED = 0x40
 """STA_UNSYNC of `status` (adjtimex(2))."""
 

@@ -1,4 +1,5 @@
-"""For the tests of your own machine: a scripted circuit, virtual time, and the loop in one call.
+"""What the tests of users need: a scripted circuit, virtual time, the loop in one call, and the conformance kit for
+drivers. The kit for faces is in `umo.clients.faces.conformance`.
 
     def test_the_valve_closes_when_the_pressure_is_high():
         box = Scripted()

@@ -8,7 +8,7 @@ from time import monotonic
 
 from umo.drivers.streams import TimedOut
 from umo.drivers.streams.stream import Stream
-from umo.split.link_bodies import (
+from umo.generate.split.link_bodies import (
     ControllerState,
     FrameItem,
     FrameKind,
@@ -19,8 +19,8 @@ from umo.split.link_bodies import (
     request,
     welcome_of,
 )
-from umo.split.link_frames import FrameReader, framed
-from umo.split.part_plan import PartPlan
+from umo.generate.split.link_frames import FrameReader, framed
+from umo.generate.split.part_plan import PartPlan
 from umo.testing.conformance.rules import RuleBroken
 
 TRIES = 5
@@ -38,7 +38,7 @@ class LinkPeer:
         self.patience = patience
         self.session = 0
         self.number = 0
-        """Of the last frame."""
+        """The number of the last frame."""
 
     # What is said ----------------------------------------------------------------------------------------
 
@@ -110,7 +110,7 @@ class LinkPeer:
         return [state for body in self._bodies() if (state := self._states.read(body)) is not None]
 
     def _bodies(self) -> list[bytes]:
-        """What comes until one frame is whole, and what has come with it."""
+        """Return the data received until one frame is complete, and the rest."""
         deadline, found = monotonic() + self.patience, list[bytes]()
         while not found:
             try:

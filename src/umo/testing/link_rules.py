@@ -1,5 +1,5 @@
-"""The rules of the link (docs/split-protocol.md), tried on a controller: what `umo conform` does in place of the rules
-of a driver, as the outputs of a part belong to its laws and not to who writes.
+"""The rules of the link (docs/split-protocol.md), tried on a controller: what `umo device conform` does in place of the
+rules of a driver, as the outputs of a part belong to its laws and not to who writes.
 
 Nothing is driven: the host inhibits every output, so that each stays at its default while the laws run.
 """
@@ -13,11 +13,11 @@ from random import Random
 from time import monotonic
 
 from umo.drivers.streams import Lost
-from umo.split.controller_driver import Controller
-from umo.split.link_bodies import ITEM, VERSION, ControllerMode, ControllerState, FrameItem, FrameKind, item
-from umo.split.link_frames import framed
-from umo.split.link_host import LinkHost, WrongController
-from umo.split.part_plan import PartPlan
+from umo.generate.split.controller_driver import Controller
+from umo.generate.split.link_bodies import ITEM, VERSION, ControllerMode, ControllerState, FrameItem, FrameKind, item
+from umo.generate.split.link_frames import framed
+from umo.generate.split.link_host import LinkHost, WrongController
+from umo.generate.split.part_plan import PartPlan
 from umo.testing.conformance.certificate import Finding, Judgement
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.link_peer import LinkPeer

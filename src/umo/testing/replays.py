@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from umo.replay.result import Replayed
+    from umo.recording.replay.result import Replayed
 
 
 def assert_replays(
@@ -26,9 +26,9 @@ def assert_replays(
 
     `station`: the code, as the folder or name of a station, or `FILE.py:MACHINE:APPLICATION`; None: the station that
     ships with umo or is installed under the recorded name. Nothing else is imported because the recording names it.
-    `wiring`: a wiring of the station by name, or a file; None: the recorded one, as data. NotReplayable (`umo.replay`)
-    if the recording cannot be replayed. `damaged`: also of a recording of which something is missing, up to there; else
-    that is an AssertionError, as what is missing was not compared.
+    `wiring`: a wiring of the station by name, or a file; None: the recorded one, as data. NotReplayable
+    (`umo.recording.replay`) if the recording cannot be replayed. `damaged`: also of a recording of which something is
+    missing, up to there; else that is an AssertionError, as what is missing was not compared.
 
     A recording whose order of hashes was fixed to another one than this process has is replayed in a process of its
     own.
@@ -45,8 +45,8 @@ def assert_no_error(
     *,
     damaged: bool = False,
 ) -> None:
-    """Replay a recording of which `umo shrink` has left periods out: AssertionError as long as the control code of
-    today ends with an error on these inputs. Else as `assert_replays`."""
+    """Replay a recording of which `umo recording shrink` has left periods out: AssertionError as long as the control
+    code of today ends with an error on these inputs. Else as `assert_replays`."""
     result = _replayed(file, station, wiring, "assert_no_error", damaged)
     if result is not None and result.error is not None:
         raise AssertionError(str(result.error))
@@ -58,11 +58,11 @@ def _replayed(
     file: Path | str, station: Path | str | None, wiring: Path | str | None, check: str, damaged: bool
 ) -> Replayed | None:
     """The replay. None: it was made, and checked, in a process of its own."""
-    from umo.replay.code_given import CodeGiven
-    from umo.replay.opening import opened, other_hash_seed
-    from umo.replay.program import Program
-    from umo.replay.replaying import replay
-    from umo.replay.tape import NotReplayable
+    from umo.recording.replay.code_given import CodeGiven
+    from umo.recording.replay.opening import opened, other_hash_seed
+    from umo.recording.replay.program import Program
+    from umo.recording.replay.replaying import replay
+    from umo.recording.replay.tape import NotReplayable
     from umo.system.processes import HASH_SEED
 
     with opened(file) as tape:

@@ -17,7 +17,7 @@ Reading = Any
 
 @dataclass(frozen=True)
 class Call:
-    """One call of the driver: its number (from 0), the segment, and what it was given."""
+    """One call of the driver: its number (from 0), the segment, and its arguments."""
 
     number: int
     segment: str
@@ -129,7 +129,7 @@ class Scripted(Driver, HasWatchdog):
     # Inside ------------------------------------------------------------------------------------------
 
     def _call(self, segment: str, channels: Sequence[Channel] = (), raws: tuple[Any, ...] = ()) -> Any:
-        """Note the call and do what was asked for it; the reading to give instead, or None."""
+        """Note the call and carry out its script. Return the scripted reading, or None."""
         call = Call(len(self.calls), segment, tuple(channel.text for channel in channels), raws)
         self.calls.append(call)
         action = self._actions.pop(call.number, None)

@@ -1,4 +1,5 @@
-"""Wiring: which object is on which driver's channel."""
+"""The wiring file: reading it, checking it, and resolving it into objects with drivers and channels. What a driver does
+with its channels is in `umo.drivers`."""
 
 from umo.wiring.resolve import check, resolve
 from umo.wiring.run_options import distribute_options, driver_options

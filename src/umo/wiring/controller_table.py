@@ -14,7 +14,7 @@ from umo.wiring.source import CONTROLLER, WiringSource
 from umo.wiring.wired import Wire
 
 ON_CONTROLLER = "take_part"
-"""The method that a driver has on which a part can run (`umo.split.controller_driver`)."""
+"""The method that a driver has on which a part can run (`umo.generate.split.controller_driver`)."""
 
 
 def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str, Atomic]) -> dict[str, str]:
@@ -44,14 +44,14 @@ def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str
 def check_controllers(
     source: WiringSource, controllers: Mapping[str, str], drivers: Mapping[str, Driver[Any]], wires: list[Wire]
 ) -> None:
-    """Each is a controller, and has the objects of its part, and no other."""
+    """Check that each controller has the objects of its part and no others."""
     for path, name in controllers.items():
         driver = drivers.get(name)
         if driver is None:
             continue  # it is reported
         if not hasattr(bare(driver), ON_CONTROLLER):
             source.mistake(
-                f'wire."{path}".{CONTROLLER}', f'{name} is no controller: its driver needs type = "controller"'
+                f'wire."{path}".{CONTROLLER}', f'{name} is not a controller: its driver needs type = "controller"'
             )
         elif isinstance(driver, OffCycle):
             source.mistake(f"drivers.{name}.off_cycle", "a part that runs on a controller needs it on the cycle")

@@ -17,9 +17,9 @@ from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.description import described
 from umo.objects.paths import is_pattern, matches
+from umo.objects.presentation.value_text import span
 from umo.objects.scaling import to_raw
 from umo.objects.units import convert
-from umo.presentation.value_text import span
 from umo.text import did_you_mean
 from umo.wiring.wired import Wire
 
@@ -81,7 +81,7 @@ def _effects_of(
 
 
 class _Binding:
-    """One fault on one wire (None: on a whole driver): its numbers in raw integers."""
+    """One fault on one wire (None: on a whole driver), with its numbers in raw integers."""
 
     def __init__(self, fault: InjectedFault, wire: Wire | None) -> None:
         self.fault, self.wire = fault, wire
@@ -121,7 +121,7 @@ class _Binding:
         amount, shift = self._amount(wire)
         if kind == "noise":
             if amount < 0:
-                raise DeclarationError(f"a standard deviation is not negative: {self.given!r}")
+                raise DeclarationError(f"a standard deviation must not be negative: {self.given!r}")
             return Effect(**about, change=lambda raw, since, random: shift(raw, random.gauss(0.0, amount)))
         assert kind == "drift", kind
         return Effect(**about, change=lambda raw, since, random: shift(raw, amount * since))
@@ -194,7 +194,7 @@ class _Binding:
             return level
         distance, steps = self._difference(wire)
         if distance <= 0:
-            raise DeclarationError(f"a distance from the range is above 0, not {self.given!r}")
+            raise DeclarationError(f"a distance from the range must be above 0, not {self.given!r}")
         if steps:
             upwards = math.copysign(distance, wire.scale[0] * (wire.ends[1] - wire.ends[0]))
             wanted = wire.nearest(wire.calibration.maximum) + round(upwards)

@@ -1,16 +1,18 @@
-"""The keys `off_cycle`, `period` and `max_age` of a driver's table: a driver off the cycle."""
+"""The keys that any driver's table may have, and a driver off the cycle."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from umo.drivers.contract import Direction, Driver
 from umo.drivers.off_cycle import OffCycle
+from umo.duration import duration
 from umo.objects.atomic import Atomic
-from umo.presentation.durations import duration
 from umo.text import some
+from umo.wiring.settings import above_0, names_of, values_of
 from umo.wiring.source import WiringSource
 from umo.wiring.wired import Wire
 
@@ -19,37 +21,53 @@ MAX_AGE_PERIODS = 3
 """Periods of a driver off the cycle after which a value of its is STALE, by default."""
 
 
-def own_period(source: WiringSource, name: str, table: Mapping[str, Any]) -> float | None:
-    """The period in s of a driver that is off the cycle; None for any other. Contradictory keys become mistakes."""
-    key, off = f"drivers.{name}", table.get(OFF_CYCLE, False)
-    if off is not True:
-        if off is not False:
-            source.mistake(f"{key}.{OFF_CYCLE}", f"must be true or false, without quotes, not {off!r}")
-        for other in (PERIOD, MAX_AGE):
-            if other in table:
-                source.mistake(f"{key}.{other}", "is for a driver off the cycle: add off_cycle = true")
-        return None
-    if PERIOD not in table:
-        source.mistake(f"{key}.{PERIOD}", 'is missing: the time from one transfer to the next, such as "100 ms"')
-        return None
-    return source.duration(f"{key}.{PERIOD}", table[PERIOD])
+@dataclass(frozen=True)
+class DriverTable:
+    """The keys of a driver's table that are not options of its type. Times in s; None: the default."""
+
+    timeout: Annotated[float | None, above_0()] = None
+    watchdog: Annotated[float | None, above_0()] = None
+    off_cycle: bool = False
+    period: Annotated[float | None, above_0()] = None
+    max_age: Annotated[float | None, above_0()] = None
+
+
+OWN = names_of(DriverTable)
+
+
+def driver_table(source: WiringSource, name: str, table: Mapping[str, Any]) -> DriverTable:
+    """What the table of a driver says for any driver. Wrong and contradictory keys become mistakes."""
+    given = {key: table[key] for key in OWN if key in table}
+    if not given:
+        return DriverTable()
+    values, mistakes = values_of(DriverTable, given)
+    found = DriverTable(**values)
+    if found.off_cycle and PERIOD not in given:
+        mistakes.append((PERIOD, 'is missing: the time from one transfer to the next, such as "100 ms"'))
+    if not found.off_cycle:
+        without = "is for a driver off the cycle: add off_cycle = true"
+        mistakes += [(key, without) for key in (PERIOD, MAX_AGE) if key in given]
+    for key, text in mistakes:
+        source.mistake(f"drivers.{name}.{key}", text)
+    return found
 
 
 def take_off_cycle(
-    source: WiringSource, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None
+    source: WiringSource,
+    wires: list[Wire],
+    drivers: dict[str, Driver[Any]],
+    tables: Mapping[str, DriverTable],
+    timer: Atomic | None,
 ) -> None:
-    """Put what meets the image in shared memory in the place of each driver that is off the cycle."""
+    """Replace each driver that is off the cycle by a proxy that uses the image in shared memory."""
     for name, driver in drivers.items():
         if isinstance(driver, OffCycle):  # it was made in Python
             _meet(driver, [wire for wire in wires if wire.driver is driver])
             continue
-        table = source.drivers.get(name, {})
-        if table.get(OFF_CYCLE) is not True:
+        table = tables[name]
+        if not table.off_cycle or (period := table.period) is None:  # one that is missing is reported
             continue
-        period = source.duration(f"drivers.{name}.{PERIOD}", table.get(PERIOD))
-        if period is None:
-            continue  # it is reported
-        max_age = source.duration(f"drivers.{name}.{MAX_AGE}", table.get(MAX_AGE)) or MAX_AGE_PERIODS * period
+        max_age = table.max_age or MAX_AGE_PERIODS * period
         if max_age < period:
             text = f"{duration(max_age)} is less than the driver's period, {duration(period)}"
             source.mistake(f"drivers.{name}.{MAX_AGE}", text)
@@ -77,7 +95,7 @@ def _meet(proxy: OffCycle, wires: Sequence[Wire]) -> None:
 def check_shared_devices(
     source: WiringSource, drivers: Mapping[str, Driver[Any]], hardware: Mapping[str, Sequence[str]]
 ) -> None:
-    """One process holds a device: of the drivers that share one all are off the cycle, or none is."""
+    """Check that only one process uses a device: the drivers that share one must all be off the cycle, or none."""
     for device in {device for devices in hardware.values() for device in devices}:
         sharing = [name for name, devices in hardware.items() if device in devices]
         off = [name for name in sharing if isinstance(drivers.get(name), OffCycle)]

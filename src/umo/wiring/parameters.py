@@ -11,8 +11,8 @@ from umo.signature import is_converted, parameters_of
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
     """The options that the function takes; a text is converted to the Enum or Path of its parameter. OptionError for a
-    text that cannot be, or is no choice of a Literal, and for a parameter that has no default and is not given. Numbers
-    and texts are passed on as they are."""
+    text that cannot be, or is not a choice of a Literal, and for a parameter that has no default and is not given.
+    Numbers and texts are passed on as they are."""
     parameters = parameters_of(function, skip)
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in given:
@@ -22,7 +22,8 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
         return {}
     from pydantic import ValidationError
 
-    from umo.wiring.schema import mistakes_of, options_of
+    from umo.wiring.schema import options_of
+    from umo.wiring.schema_mistakes import mistakes_of
 
     checked = {
         name: each if is_converted(each.annotation) else each.replace(annotation=Any) for name, each in accepted.items()

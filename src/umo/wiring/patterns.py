@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from umo.errors import Mistake, PathError
 from umo.objects.paths import is_pattern, matches
-from umo.presentation.rows import ANY, generalised
+from umo.objects.presentation.rows import ANY, generalised
 from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
 
@@ -76,8 +76,9 @@ def _allotted(
     missing: str,
     done: str,
 ) -> dict[str, dict[str, int]]:
-    """The names that each pattern stands for, each with its number among those that match: those that have no line of
-    their own (`singles`). A pattern that matches none, or what another one stands for, is a mistake (of this `key`)."""
+    """The names that each pattern wires, each with its number among the matching names; names with a line of their own
+    (`singles`) are left out. A pattern that matches none, or what another one stands for, is a mistake (of this
+    `key`)."""
     origin: dict[str, str] = {}
     allotted: dict[str, dict[str, int]] = {}
     twice: dict[tuple[str, str], list[str]] = {}
@@ -135,5 +136,5 @@ def places_below(path: str, names: Iterable[str]) -> list[int]:
 
 
 def counted(message: str, more: int) -> str:
-    """A message that stands for more of its kind."""
+    """Return a message that represents several of its kind."""
     return message if not more else f"{message} (and {more} more)"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from umo.drivers.contract import MAX_DEFAULT_TIMEOUT
 from umo.drivers.off_cycle import OffCycle
-from umo.duration import seconds
+from umo.duration import duration, seconds
 from umo.errors import DeclarationError
-from umo.presentation.durations import duration
+from umo.wiring.settings import TakenBy, a_whole, above_0, one_of, values_of
 from umo.wiring.source import WiringSource
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 
@@ -18,26 +18,48 @@ HANG_PERIODS = 20
 AUTO = "auto"
 
 
+def _busy(value: Any) -> float | None:
+    if value == AUTO:
+        return None
+    try:
+        return seconds(value)
+    except DeclarationError:
+        raise DeclarationError(f'{value!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0') from None
+
+
+@dataclass(frozen=True)
+class ProcessTable:
+    """The permitted content of the table."""
+
+    hang_timeout: Annotated[float | None, above_0()] = None
+    reset_for: Annotated[float, above_0()] = ProcessSettings().reset_for
+    priority: Annotated[int, a_whole(1, 98)] = ProcessSettings().priority
+    cpu: Annotated[int | None, a_whole(0, 4095)] = None
+    busy_wait: Annotated[float | None, TakenBy(_busy)] = None
+    outputs: Annotated[str, one_of(AT_ONCE, AT_NEXT_TICK)] = AT_ONCE
+    compile: bool = False
+
+
 def process_of(source: WiringSource, wired: Wired) -> ProcessSettings:
     """The settings of the control process. Contradictory ones become mistakes of the wiring."""
-    table, names = source.process, [field.name for field in dataclasses.fields(ProcessSettings)]
-    for name in table.keys() - set(names):
-        source.mistake(f"process.{name}", f"unknown key{source.near(name, names)}; known: {', '.join(names)}")
-    cpu = table.get("cpu")
+    if not source.process:
+        table = ProcessTable()
+    else:
+        values, mistakes = values_of(ProcessTable, source.process)
+        for key, text in mistakes:
+            source.mistake(f"process.{key}", text)
+        table = ProcessTable(**values)
+    _check_busy_wait(source, table.busy_wait, wired)
+    if table.outputs == AT_NEXT_TICK and wired.timer is None:
+        source.mistake("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
+    hang = _hang_timeout(source, table.hang_timeout, wired)
     return ProcessSettings(
-        _hang_timeout(source, table.get("hang_timeout"), wired),
-        source.duration("process.reset_for", table.get("reset_for")) or ProcessSettings().reset_for,
-        source.whole("process.priority", table.get("priority", ProcessSettings().priority), 1, 98),
-        None if cpu is None else source.whole("process.cpu", cpu, 0, 4095),
-        _busy_wait(source, table.get("busy_wait", AUTO), wired),
-        _outputs(source, table.get("outputs", AT_ONCE), wired),
-        _compile(source, table.get("compile", False)),
+        hang, table.reset_for, table.priority, table.cpu, table.busy_wait, table.outputs, table.compile
     )
 
 
-def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
+def _hang_timeout(source: WiringSource, hang: float | None, wired: Wired) -> float:
     period, waits = wired.period or 0.0, longest_period(wired)
-    hang = source.duration("process.hang_timeout", given)
     if hang is None:
         return max(HANG_PERIODS * period, ProcessSettings().hang_timeout, 1.2 * waits)
     if hang < 2 * period:
@@ -50,36 +72,15 @@ def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
     return hang
 
 
-def _busy_wait(source: WiringSource, given: Any, wired: Wired) -> float | None:
+def _check_busy_wait(source: WiringSource, busy_wait: float | None, wired: Wired) -> None:
     """A process that never sleeps keeps others from its core, and is throttled (sched(7))."""
-    if given == AUTO:
-        return None
-    try:
-        busy_wait = seconds(given)
-    except DeclarationError:
-        source.mistake("process.busy_wait", f'{given!r} is neither "{AUTO}", nor a duration such as "120 us", nor 0')
-        return None
-    if busy_wait and wired.period is None:
+    if not busy_wait:
+        return
+    if wired.period is None:
         source.mistake("process.busy_wait", "the machine has no timer")
-    elif busy_wait > (wired.period or 0.0) / 2:
-        period = duration(wired.period or 0.0)
+    elif busy_wait > wired.period / 2:
+        period = duration(wired.period)
         source.mistake("process.busy_wait", f"{duration(busy_wait)} is more than half of the period, {period}")
-    return busy_wait
-
-
-def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
-    if given not in (AT_ONCE, AT_NEXT_TICK):
-        source.mistake("process.outputs", f'{given!r} is neither "{AT_ONCE}" nor "{AT_NEXT_TICK}"')
-        return AT_ONCE
-    if given == AT_NEXT_TICK and wired.timer is None:
-        source.mistake("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
-    return str(given)
-
-
-def _compile(source: WiringSource, given: Any) -> bool:
-    if not isinstance(given, bool):
-        source.mistake("process.compile", f"{given!r} is neither true nor false")
-    return given is True
 
 
 def remarks(wired: Wired) -> list[str]:

@@ -12,12 +12,11 @@ from functools import cached_property
 from math import gcd
 from typing import NamedTuple
 
-from umo.duration import seconds
+from umo.duration import duration, seconds
 from umo.objects import Compound, Node, atoms
-from umo.presentation.durations import duration
 
-WHOLE = -1
-"""Number in the place of a part's for what runs at the machine's own rate."""
+MACHINE_RATE = -1
+"""Stands for the number of a part if something runs at the machine's own rate."""
 MAX_PHASES = 1000
 """Number of phases among which one is chosen, at most."""
 TOLERANCE = 1e-6
@@ -42,26 +41,26 @@ class RateMap(tuple[Rate, ...]):
         return {id(rate.part): number for number, rate in enumerate(self)}
 
     def number(self, node: Node | None) -> int:
-        """The part's number; `WHOLE` if the object runs at the machine's own rate."""
+        """The part's number; `MACHINE_RATE` if the object runs at the machine's own rate."""
         while node is not None:
             if (number := self._numbers.get(id(node))) is not None:
-                return number if self[number].every > 1 else WHOLE
+                return number if self[number].every > 1 else MACHINE_RATE
             node = node._parent
-        return WHOLE
+        return MACHINE_RATE
 
     def every(self, node: Node | None) -> int:
         """The number of the machine's periods in one of the object's."""
         number = self.number(node)
-        return 1 if number == WHOLE else self[number].every
+        return 1 if number == MACHINE_RATE else self[number].every
 
 
 NO_RATES = RateMap()
-"""Those of a machine whose parts all run at its own rate."""
+"""The rates of a machine whose parts all run at its own rate."""
 
 
 def rates_of(root: Compound, period: float | None, mistake: Callable[[str], object]) -> RateMap:
-    """The parts with rates of their own, the fastest first. `period` in s, None without a timer. `mistake` is told of
-    each `every` that does not fit the period."""
+    """The parts with rates of their own, the fastest first. `period` in s, None without a timer. `mistake` is called
+    with each `every` that does not fit the period."""
     found: list[tuple[Compound, int]] = []
 
     def look_below(node: Node, every: int) -> None:

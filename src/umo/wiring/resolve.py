@@ -15,12 +15,13 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from umo.digits import number_text
 from umo.drivers import registry
 from umo.drivers.contract import INT64, MAX_DEFAULT_TIMEOUT, Channel, Direction, Driver
 from umo.drivers.faults.fault_syntax import InjectedFault
 from umo.drivers.faults.wrapper import Injection
 from umo.drivers.optional import HasWatchdog, PhysicalScale, scale_of
-from umo.duration import seconds
+from umo.duration import duration, seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
 from umo.objects import (
     Actuator,
@@ -37,37 +38,36 @@ from umo.objects.atomic import LEVEL, Calibration
 from umo.objects.compound import check_machine
 from umo.objects.linearization import fitted
 from umo.objects.numbers import MachineNumber, numbers_of
+from umo.objects.presentation.value_text import measure, span
 from umo.objects.scaling import to_raw
 from umo.objects.sensors import MAX_COUNTER, MIN_COUNTER
 from umo.objects.units import check_unit
-from umo.presentation.digits import number_text
-from umo.presentation.durations import duration
-from umo.presentation.value_text import measure, span
 from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.text import count_of
 from umo.wiring.controller_table import check_controllers, give_to_controllers
 from umo.wiring.fault_binding import inject
-from umo.wiring.linearization_table import from_table
-from umo.wiring.off_cycle_table import OFF_CYCLE, check_shared_devices, own_period, take_off_cycle
+from umo.wiring.off_cycle_table import OFF_CYCLE, DriverTable, check_shared_devices, driver_table, take_off_cycle
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
 from umo.wiring.rates import rates_of
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
+from umo.wiring.settings import a_whole
 from umo.wiring.source import SECTIONS, WiringSource, read
 from umo.wiring.wired import Parameter, Wire, Wired, mistake_of_parameters
 
 if TYPE_CHECKING:
-    from umo.wiring.schema import Entry
+    from umo.wiring.schema import Entry, LinearizationTable
 
 DEFAULT_PERIOD = "1 ms"
+SEED = a_whole(0, int(INT64.max))
 FAULT_OPTION = "--fault "
 """File of a mistake in a fault that the command line gives."""
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
-    """Every mistake in the wiring; empty if it fits the machine. Nothing is opened. Its parameters are tried on the
-    machine, which calls `setup`, and taken back."""
+    """Return every mistake in the wiring; empty if it fits the machine. Nothing is opened. Its parameters are set on
+    the machine, which calls `setup`, and reset."""
     check_machine("check", root)
     resolver = _Resolver(root, wiring, {})
     wired, mistakes = resolver.run()
@@ -100,6 +100,7 @@ class _Resolver:
         self.items = {item.path: item for item in atoms(root)}
         self.source: WiringSource = read(_all_simulated(self.items) if wiring is None else wiring)
         self.drivers: dict[str, Driver | None] = {}
+        self.tables: dict[str, DriverTable] = {}
         self.hardware: dict[str, tuple[str, ...]] = {}
         """The devices of each driver that has any."""
         self.used_places: dict[tuple[type, str, Hashable], str] = {}
@@ -123,7 +124,7 @@ class _Resolver:
             self._check_place(wire)
         self._check_rewritten([wire for wire in wires if wire.item.direction is Direction.OUTPUT])
         injection = self._inject(wires, drivers, timer)
-        take_off_cycle(self.source, wires, drivers, timer)
+        take_off_cycle(self.source, wires, drivers, self.tables, timer)
         check_shared_devices(self.source, drivers, self.hardware)
         check_controllers(self.source, controllers, drivers, wires)
         paced = bool(self.realtime) and self._pace(wires, timer)
@@ -152,26 +153,27 @@ class _Resolver:
     # Drivers -------------------------------------------------------------------------------------------
 
     def _make_drivers(self, period: float | None) -> dict[str, float]:
-        """One driver for each name that is in use or declared; the watchdogs' times by name."""
+        """Make one driver for each name that is in use or declared. Return the watchdogs' times by name."""
         watchdogs = {}
         for name in dict.fromkeys([*self.source.drivers, *(e.driver for e in self.source.entries.values())]):
             table = self.source.drivers[name] if name in self.source.drivers else self._table_of(name)
             driver = self.drivers[name] = self._make_driver(name, table) if table else None
             if driver is None:
                 continue
-            if driver.only_off_cycle and table.get(OFF_CYCLE) is not True:
+            own = self.tables[name] = driver_table(self.source, name, table)
+            if driver.only_off_cycle and not own.off_cycle:
                 text = f"must be true: {table['type']} is a driver off the cycle; give it a period too"
                 self.source.mistake(f"drivers.{name}.{OFF_CYCLE}", text)
-            own = own_period(self.source, name, table)
-            driver.period = own or self._shortest_period(name, period) or 0.0
-            timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
-            shortest = own or period or 0.1  # the machine's: no fast part waits for the device of a slow one
-            driver.timeout = timeout or min(10 * shortest, MAX_DEFAULT_TIMEOUT)
-            watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
-            if watchdog is not None and (why := _why_not_watched(driver, watchdog, table["type"])):
+            own_period = own.period if own.off_cycle else None
+            driver.period = own_period or self._shortest_period(name, period) or 0.0
+            shortest = own_period or period or 0.1  # the machine's: no fast part waits for the device of a slow one
+            driver.timeout = own.timeout or min(10 * shortest, MAX_DEFAULT_TIMEOUT)
+            if own.watchdog is None:
+                continue
+            if why := _why_not_watched(driver, own.watchdog, table["type"]):
                 self.source.mistake(f"drivers.{name}.watchdog", why)
-            elif watchdog is not None:
-                watchdogs[name] = watchdog
+            else:
+                watchdogs[name] = own.watchdog
         return watchdogs
 
     def _shortest_period(self, name: str, period: float | None) -> float | None:
@@ -187,7 +189,7 @@ class _Resolver:
         return period and period * (1 if timed else min(map(self.rates.every, outputs or items), default=1))
 
     def _table_of(self, name: str) -> Mapping[str, Any]:
-        """Of a driver that only lines of `[wire]` name."""
+        """Return the table of a driver that only lines of `[wire]` name."""
         table = registry.table_of(name)
         if table["type"] != name:
             self.source.drivers[name] = dict(table)
@@ -196,7 +198,8 @@ class _Resolver:
     def _make_driver(self, name: str, table: Mapping[str, Any]) -> Driver | None:
         from pydantic import ValidationError
 
-        from umo.wiring.schema import arguments_of, mistakes_of
+        from umo.wiring.schema import arguments_of
+        from umo.wiring.schema_mistakes import mistakes_of
 
         declared = name in self.source.drivers
         given = {key: value for key, value in table.items() if key not in RESERVED}
@@ -222,7 +225,8 @@ class _Resolver:
             signature = signature_of(cls)
             return cls(**arguments_of(cls, signature, given, self.source.file, self.options))
         except ValidationError as error:
-            for key, message in mistakes_of(error, [*signature, *RESERVED], signature):
+            types = {key: each.annotation for key, each in signature.items()}
+            for key, message in mistakes_of(error, [*signature, *RESERVED], types):
                 self.source.mistake(f"drivers.{name}.{key}", message)
         except (Exception, SystemExit) as error:  # of the driver's constructor
             self.source.mistake(f"drivers.{name}", text_of(error))
@@ -310,7 +314,7 @@ class _Resolver:
                 return
 
     def _check_rewritten(self, outputs: Sequence[Wire]) -> None:
-        """No output lies where another driver rewrites what it has written itself."""
+        """Check that no output lies where another driver rewrites its own outputs."""
         rewritten: dict[tuple[type, str, Hashable], Wire] = {}
         for wire in outputs:
             for place, circuit in product(wire.channel.rewrites, self._circuits_of(wire)):
@@ -376,16 +380,16 @@ class _Resolver:
             self.source.mistake(key, f"the default {measure(item.default, item.units)} is outside the narrowed range")
         return calibration
 
-    def _linearization(self, key: str, item: Digital, given: dict[str, Any], calibration: Calibration) -> Any:
+    def _linearization(self, key: str, item: Digital, given: LinearizationTable, calibration: Calibration) -> Any:
         """The entry's over the range of this calibration, None for an empty one; the declared one if it is faulty."""
         declared = item.linearization
-        if not given:
+        if given.is_empty:
             return None
         low, high = calibration.minimum, calibration.maximum
         if low >= high:
             return declared  # the range is reported
         try:
-            return fitted(from_table(given), item.units, low, high)
+            return fitted(given.made(), item.units, low, high)
         except DeclarationError as error:
             self.source.mistake(f"{key}.linearization", str(error))
             return declared
@@ -464,14 +468,17 @@ class _Resolver:
             return None
         if wired.period is None:
             self.source.mistake(f"{key}.period", 'is missing; give for example "1 ms"')
-        return self.source.duration(f"{key}.period", wired.period)
+        return wired.period
 
     def _inject(self, wires: list[Wire], drivers: dict[str, Driver[Any]], timer: Atomic | None) -> Injection | None:
         """Put the faults that are asked for in front of their drivers."""
         given, seed = self.given.get(FAULT, ()), self.given.get(FAULT_SEED, self.source.seed)
         given = [given] if isinstance(given, str | InjectedFault) else list(given)
         faults = [*self.source.injected, *given]
-        seed = self.source.whole("fault_seed", seed, 0, int(INT64.max))
+        try:
+            SEED.take(seed)
+        except DeclarationError as error:
+            self.source.mistake("fault_seed", str(error))
         if not faults:
             return None
         waits = bool(self.realtime) or any(wire.item is timer and wire.driver.realtime for wire in wires)
@@ -566,7 +573,7 @@ class _Resolver:
 
 
 def _is_count(wire: Wire) -> bool:
-    """Whether the value of a sensor is its raw integer, whatever that is."""
+    """True if the value of a sensor is its raw integer, whatever that is."""
     item = wire.item
     conditioned = item._incremental or item._filter is not None or item._velocity is not None
     return wire.calibration[2:] == LEVEL[2:] and not conditioned
@@ -597,7 +604,7 @@ def _all_simulated(items: Mapping[str, Atomic]) -> dict[str, Any]:
 
 
 def _why_not_watched(driver: Driver[Any], seconds: float, kind: str) -> str:
-    """Why the watchdog of a driver cannot be armed with this time; "" if it can."""
+    """Return why the watchdog of a driver cannot be armed with this time; "" if it can."""
     if not isinstance(driver, HasWatchdog):
         return f"{kind} has no watchdog of its own"
     if seconds <= driver.period:

@@ -12,10 +12,11 @@ from umo.drivers import Driver, registry
 from umo.errors import OptionError, WiringError
 from umo.signature import parameters_of, signature_of
 from umo.text import did_you_mean
+from umo.wiring.off_cycle_table import OWN
 from umo.wiring.parameters import arguments_for, flag
 from umo.wiring.source import read
 
-RESERVED = ("type", "timeout", "watchdog", "off_cycle", "period", "max_age")
+RESERVED = ("type", *OWN)
 """Keys of a driver's table that are not options of the driver."""
 REALTIME = "realtime"
 """Option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
@@ -45,8 +46,8 @@ def distribute_options(
     wiring: WiringText | None = None,
 ) -> OptionShares:
     """Hand each option to all who take one of that name: the function that makes the machine, the application (its
-    first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if nobody takes one,
-    if a required one is missing, or if a value is no choice of its parameter (`arguments_for`)."""
+    first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if an option is
+    unknown, if a required one is missing, or if its parameter does not accept the value (`arguments_for`)."""
     takers = {"machine": (machine, 0), "application": (application, 1)}
     if given:
         drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
@@ -57,7 +58,7 @@ def distribute_options(
     for name in given:
         if name not in known and complete:  # else it may be of a driver that the wiring misspells: `check` says so
             flags = ", ".join(map(flag, sorted(known))) or "none"
-            raise OptionError(f"{flag(name)}: nobody takes this option{did_you_mean(name, known)}; there are: {flags}")
+            raise OptionError(f"{flag(name)}: unknown option{did_you_mean(name, known)}; there are: {flags}")
     shares = {
         taker: {} if function is None else arguments_for(function, taker, given, skip)
         for taker, (function, skip) in takers.items()
@@ -66,7 +67,8 @@ def distribute_options(
 
 
 def driver_options(wiring: WiringText | None) -> dict[str, tuple[str, inspect.Parameter]]:
-    """All options of all drivers in use by name: the driver's type and the parameter. Faults are left to `check`."""
+    """Return all options of all drivers in use by name: the driver's type and the parameter. Mistakes are reported by
+    `check`."""
     return {} if wiring is None else _driver_options(wiring)[0]
 
 

@@ -1,35 +1,57 @@
-"""What pydantic checks of a wiring: one line of `[wire]`, and the options of a driver.
+"""The checks of a wiring by pydantic: one line of `[wire]`, and the options of a driver.
 
-Imported with the first wiring that is read, as pydantic takes longer to import than all of umo.
-"""
+Imported with the first wiring that is read, as pydantic takes longer to import than all of umo."""
 
 from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from math import inf
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, StrictStr, create_model
 
+from umo.errors import DeclarationError
+from umo.objects.linearization import Linearization, LookupTable, Polynomial
+from umo.objects.thermocouple import Thermocouple
 from umo.system.packages import station_of
-from umo.text import did_you_mean
 from umo.wiring.json_values import as_plain
+from umo.wiring.settings import above_0
 
-PLAIN_MESSAGES = {
-    "int_type": "must be a whole number",
-    "int_from_float": "must be a whole number",
-    "float_type": "must be a number",
-    "bool_type": "must be true or false",
-    "string_type": "must be a text",
-    "dict_type": "must be a table",
-    "finite_number": "must be a finite number",
-}
-"""Messages of pydantic in plain words."""
-UNQUOTED_TYPES = ("int_type", "float_type", "bool_type")
 Numeric = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class LinearizationTable(BaseModel):
+    """`{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with `domain = [from, to]` where it is needed, or
+    `{ table = [[inputs], [values]] }`; `{}`: this circuit has none."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    thermocouple: Any = None
+    polynomial: Any = None
+    table: Any = None
+    domain: Any = None
+
+    @property
+    def is_empty(self) -> bool:
+        return not self.model_fields_set
+
+    def made(self) -> Linearization:
+        """DeclarationError if it is none."""
+        given, kinds = self.model_fields_set, ("thermocouple", "polynomial", "table")
+        if len(given & {*kinds}) != 1:
+            raise DeclarationError(f"must have one of {', '.join(kinds)}")
+        if "domain" in given and "polynomial" not in given:
+            raise DeclarationError("domain is for a polynomial")
+        if "thermocouple" in given:
+            return Thermocouple(self.thermocouple)
+        if "polynomial" in given:
+            return Polynomial(self.polynomial, self.domain if "domain" in given else (-inf, inf))
+        if not isinstance(self.table, list | tuple) or len(self.table) != 2:
+            raise DeclarationError(f"table must be two lists, [[inputs], [values]], not {self.table!r}")
+        return LookupTable(*self.table)
 
 
 class Entry(BaseModel):
@@ -44,8 +66,7 @@ class Entry(BaseModel):
     """Binary objects: the electrical level is inverted."""
     resolution: Numeric | None = None
     zero_offset: Numeric | None = None
-    linearization: dict[str, Any] | None = None
-    """Linearization such as `{ thermocouple = "K" }` (`umo.objects.linearization`); `{}`: this circuit has none."""
+    linearization: LinearizationTable | None = None
     invalid_raws: list[StrictInt] | None = None
     """Digital sensors: raw values with which this circuit reports an invalid reading."""
     rollover: StrictBool | StrictInt | None = None
@@ -56,7 +77,7 @@ class Entry(BaseModel):
     """Patterns (`umo.wiring.patterns`): `{}` of the channel is (start + n) * stride + offset."""
     stride: StrictInt | None = None
     offset: StrictInt | None = None
-    period: Any = None
+    period: Annotated[float | None, above_0()] = None
     """The timer: the sampling period, s or a text such as "1 ms"."""
 
 
@@ -101,41 +122,3 @@ def arguments_of(
 
     options = options_of(cls.__name__, signature, {**given, **own})
     return {key: value if key in own else beside(value) for key, value in options.items()}
-
-
-def mistakes_of(
-    error: ValidationError, known: list[str], types: Mapping[str, inspect.Parameter] | None = None
-) -> Iterator[tuple[str, str]]:
-    """(key, message) for each key that is wrong; with dots where it is in a table within (`types`: of the options)."""
-    seen = set()
-    for detail in error.errors():
-        where = [str(part) for part in detail["loc"]]
-        key = ".".join(where)
-        if key in seen:
-            continue
-        seen.add(key)
-        if detail["type"] == "extra_forbidden":
-            names = known if len(where) == 1 else _keys_within(types or {}, where[:-1])
-            all_names = f"; known: {', '.join(names)}" if names else ""
-            yield key, f"unknown key{did_you_mean(where[-1], names)}{all_names}"
-        elif detail["type"] == "missing":
-            yield key, "is missing"
-        else:
-            message = PLAIN_MESSAGES.get(detail["type"]) or f"{detail['msg'][0].lower()}{detail['msg'][1:]}"
-            quoted = isinstance(detail["input"], str) and detail["type"] in UNQUOTED_TYPES
-            yield key, f"{message}{', without quotes' * quoted}, not {detail['input']!r}"
-
-
-def _keys_within(types: Mapping[str, inspect.Parameter], where: list[str]) -> list[str]:
-    """The keys of a table in an option, by the option's annotation, such as dict[str, SomeTypedDict] | None."""
-    found: Any = types[where[0]].annotation if where[0] in types else None
-    for name in where[1:]:
-        found = _fields(found).get(name) or next(iter(get_args(found)[-1:]), None)
-    return list(_fields(found))
-
-
-def _fields(annotation: Any) -> dict[str, Any]:
-    """The fields of a TypedDict or a dataclass, or of the one in a union."""
-    if get_origin(annotation) in (UnionType, Union):
-        return next(filter(None, map(_fields, get_args(annotation))), {})
-    return get_type_hints(annotation) if getattr(annotation, "__annotations__", None) else {}

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
-from umo.duration import seconds_of_setting
-from umo.errors import DeclarationError, Mistake, text_of
+from umo.errors import Mistake, text_of
 from umo.system.packages import package_of, station_of
 from umo.text import cut_repr, did_you_mean
 from umo.toml_lines import line_of, lines_of
@@ -32,7 +31,7 @@ class WiringSource:
 
     file: str
     text: str = ""
-    """What the file has in it."""
+    """The content of the file."""
     entries: dict[str, Entry] = field(default_factory=dict)
     refused: set[str] = field(default_factory=set)
     """Paths of the entries that are faulty."""
@@ -42,9 +41,10 @@ class WiringSource:
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
     faces: dict[str, Any] = field(default_factory=dict)
-    """The faces of the station, as written (`umo.faces.face_settings` reads them)."""
+    """The faces of the station, as written (`umo.clients.faces.face_settings` reads them)."""
     record: dict[str, Any] | None = None
-    """What is recorded of its runs, as written (`umo.recording.record_settings` reads it); None: nothing is."""
+    """The settings of recordings of its runs, as written (`umo.recording.record_settings` reads them); None if they are
+    not recorded."""
     injected: list[Any] = field(default_factory=list)
     """Faults to inject (`umo.testing.faults`)."""
     seed: Any = 0
@@ -65,29 +65,6 @@ class WiringSource:
         is_here = line is not None and mistake.file == self.file
         return replace(mistake, file=f"{self.file}:{line}") if is_here else mistake
 
-    def duration(self, key: str, value: Any) -> float | None:
-        """In s; None for None, and for what is not a duration above 0, which is a fault."""
-        if value is None:
-            return None
-        try:
-            if isinstance(value, bool) or not isinstance(value, str | int | float):
-                raise DeclarationError(f'{value!r} is not a duration; write for example "20 ms"')
-            duration = seconds_of_setting(value)
-        except DeclarationError as error:
-            self.mistake(key, str(error))
-            return None
-        if duration == 0:
-            self.mistake(key, "is 0")
-            return None
-        return duration
-
-    def whole(self, key: str, value: Any, lowest: int, highest: int) -> int:
-        """A whole number within these limits; anything else is a fault."""
-        if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= highest:
-            self.mistake(key, f"must be a whole number from {lowest} to {highest}, not {value!r}")
-            return lowest
-        return value
-
     def near(self, name: str, known: Iterable[str]) -> str:
         """The nearest name (`did_you_mean`), for the first `MAX_SUGGESTIONS` wrong names."""
         self.suggested += 1
@@ -98,7 +75,7 @@ def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
     """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
     if not isinstance(wiring, Mapping | str | Path):
         source = WiringSource(cut_repr(wiring))
-        source.mistake("", "it is no wiring: a TOML file, its contents as a dict, or None")
+        source.mistake("", "it is not a wiring: a TOML file, its contents as a dict, or None")
         return source
     source = WiringSource("wiring" if isinstance(wiring, Mapping) else str(wiring))
     try:
@@ -120,7 +97,7 @@ def _load(source: WiringSource, path: Path) -> dict[str, Any]:
 
 
 def _toml_hint(error: str) -> str:
-    """What a beginner meant by what TOML refuses."""
+    """Return what was probably meant by text that TOML refuses."""
     if error.startswith("Invalid value"):
         return '; a text stands in quotation marks: "tank"'
     if error.startswith("Cannot declare"):
@@ -164,8 +141,8 @@ def _table(source: WiringSource, data: Mapping[str, Any], section: str) -> Mappi
 
 
 def _read_drivers(source: WiringSource, tables: Mapping[str, Any]) -> None:
-    """A table for each name; where the wiring is a mapping, a driver made beforehand may be its type or stand
-    for the whole table (tests, see umo.testing)."""
+    """Read a table for each name. If the wiring is a mapping, a driver object may be its type or replace the whole
+    table (tests, see umo.testing)."""
     for name, table in tables.items():
         if isinstance(table, Driver):
             source.drivers[name] = {"type": table}
@@ -199,7 +176,8 @@ def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driv
 def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     from pydantic import ValidationError
 
-    from umo.wiring.schema import Entry, mistakes_of
+    from umo.wiring.schema import Entry
+    from umo.wiring.schema_mistakes import mistakes_of, types_of
 
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):
@@ -216,7 +194,7 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
         source.entries[path] = Entry.model_validate(dict(table))
     except ValidationError as error:
         source.refused.add(path)
-        for name, message in mistakes_of(error, list(Entry.model_fields)):
+        for name, message in mistakes_of(error, list(Entry.model_fields), types_of(Entry)):
             source.mistake(f"{key}.{name}", message)
 
 

@@ -15,11 +15,11 @@ from umo.objects import Actuator, Compound
 from umo.objects.atomic import INVERTED, Atomic, Calibration
 from umo.objects.linearization import Linearization
 from umo.objects.numbers import MachineNumber, check_settings, numbers_of
+from umo.objects.presentation.value_text import measure
 from umo.objects.scaling import raw_bounds, to_raw, to_value
 from umo.objects.sensors import MAX_COUNTER
 from umo.objects.units import convert
-from umo.presentation.value_text import measure
-from umo.user_code import told_as
+from umo.user_code import raise_as
 from umo.wiring.rates import NO_RATES, RateMap
 
 
@@ -32,7 +32,7 @@ class Wire:
     channel: Channel
     calibration: Calibration
     path: str
-    """That of the object, which `item.path` puts together from its parents."""
+    """The path of the object, which `item.path` builds from its parents."""
 
     @property
     def scale(self) -> tuple[float, float]:
@@ -49,13 +49,13 @@ class Wire:
 
     @property
     def rollover_bits(self) -> int:
-        """The width of a counter that rolls over; 0: it does not, or never lives to see it."""
+        """The width of a counter that rolls over; 0: it does not, or is too wide to roll over in practice."""
         rollover, bits = self.calibration.rollover, self.channel.bits
         return (bits if bits <= MAX_COUNTER else 0) if rollover is True else int(rollover)
 
     @property
     def inverted(self) -> bool:
-        """Whether the electrical level of a binary object is inverted."""
+        """True if the electrical level of a binary object is inverted."""
         return self.item._has_states and self.calibration == INVERTED
 
     @property
@@ -73,7 +73,7 @@ class Wire:
 
     @property
     def exact(self) -> bool:
-        """Whether the raw integer nearest to any value of an actuator's range stands for a value in the range."""
+        """True if the raw integer nearest to any value of an actuator's range stands for a value in the range."""
         scale, (minimum, maximum) = self.scale, self.ends
         ends = to_raw(minimum, *scale), to_raw(maximum, *scale)
         return (min(ends), max(ends)) == raw_bounds(minimum, maximum, *scale)
@@ -148,7 +148,8 @@ class Parameter(NamedTuple):
 
     number: MachineNumber
     value: Any
-    """Value as it is set; of a number that is no field as the wiring has it, as its range may depend on fields."""
+    """The value to set. For a number that is not a field it is that of the wiring, because its range may depend on
+    fields."""
 
 
 def apply_parameters(
@@ -172,7 +173,7 @@ def apply_parameters(
                 raise DeclarationError(f"{path}: with the fields that this wiring sets there is no such number")
             number, checked = known[path], known[path].checked(value)
             undo(partial(number.assign, number.value))
-            with told_as(DeclarationError, f"{path} could not be set"):
+            with raise_as(DeclarationError, f"{path} could not be set"):
                 number.assign(checked)
         for path in paths:  # when all are set: they may depend on one another
             try:
@@ -190,7 +191,7 @@ def mistake_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
     if root.cycle.connected or not parameters:
         return ""
     try:
-        with told_as(DeclarationError, "the wiring's parameters: `setup` failed"):
+        with raise_as(DeclarationError, "the wiring's parameters: `setup` failed"):
             apply_parameters(root, parameters, restore.append)
     except UmoError as error:
         return str(error)
@@ -229,7 +230,7 @@ class ProcessSettings:
     """Time at which `update` of the whole machine sends: "at once", or "at next tick": right after the next tick,
     before sampling."""
     compile: bool = False
-    """Whether the control laws are compiled (`umo.generate.compiled_laws`). Of `umo run`."""
+    """True if the control laws are compiled (`umo.generate.compiled_laws`). Of `umo run`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,21 +250,22 @@ class Wired:
     """The devices that each driver takes, by its name; drivers that take none are left out."""
     process: ProcessSettings = ProcessSettings()
     paced: bool = False
-    """Whether the option `realtime` paces a timer that runs in virtual time."""
+    """True if the option `realtime` paces a timer that runs in virtual time."""
     injection: Injection | None = None
     """The faults that are injected on purpose; None without any."""
     rates: RateMap = NO_RATES
     """The parts with rates of their own, the fastest first."""
     faces: Mapping[str, Any] = field(default_factory=dict)
-    """The table of the station's faces, as written (`umo.faces.face_settings` reads it)."""
+    """The table of the station's faces, as written (`umo.clients.faces.face_settings` reads it)."""
     record: Mapping[str, Any] | None = None
-    """What is recorded of its runs, as written (`umo.recording.record_settings` reads it); None: nothing is."""
+    """The settings of recordings of its runs, as written (`umo.recording.record_settings` reads them); None if they are
+    not recorded."""
     controllers: Mapping[str, str] = field(default_factory=dict)
     """The driver of each part that runs on a controller, by path."""
 
     @property
     def devices(self) -> list[str]:
-        """Every device of the machine."""
+        """Return every device of the machine."""
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     def texts_of(self, wires: Iterable[Wire]) -> list[str]:
@@ -282,5 +284,5 @@ class Wired:
 
     @property
     def realtime(self) -> bool:
-        """Whether the timer keeps the pace of the wall clock."""
+        """True if the timer keeps the pace of the wall clock."""
         return self.timer_wire is not None and self.timer_wire.driver.realtime

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class AcknowledgedObject(Program):
     def control(self) -> None:
-        # refused: `acknowledge` of an object does not translate; read, write, reset, quality, pending
+        # refused: `acknowledge` of an object cannot be translated; read, write, reset, quality, pending
         self.fan.acknowledge()

@@ -10,5 +10,5 @@ class ArgumentThatIsOnlyThereOrNot(Program):
         return one is None
 
     def control(self) -> None:
-        # refused: the argument 'one' is no value of a controller
+        # refused: the argument 'one' is not a value that a controller can hold
         self.yes = self.given(self.fan.inhibited)

@@ -13,7 +13,7 @@ class ArrayInAList(Program):
         self.both = [self.one, self.other]
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.one[0] = self.u
         for each in self.both:
             self.k += float(each[0])

@@ -10,5 +10,5 @@ class ArrayOfSeveralClasses(Program):
         self.row = [1.0, True, 2]
 
     def control(self) -> None:
-        # refused: a table whose values are not numbers, states or tuples of one class; 0.0 in the place of 0, one class for all
+        # refused: a table whose values are not numbers, states or tuples of one class; 0.0 instead of 0, one class for all elements
         self.k = self.row[self.n]

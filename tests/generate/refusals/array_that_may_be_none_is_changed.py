@@ -18,6 +18,6 @@ class ArrayThatMayBeNoneIsChanged(Program):
             self.grid = None
         if self.grid is not None:
             other = self.grid
-            # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+            # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
             self.grid[0] += 1.0
             self.k = float(other[0])

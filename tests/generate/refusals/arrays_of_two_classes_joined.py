@@ -12,5 +12,5 @@ class ArraysOfTwoClassesJoined(Program):
         self.row, self.mask = np.array([0.5, 1.5]), np.array([True, False])
 
     def control(self) -> None:
-        # refused: arrays of several classes of numbers are joined; arrays of one class
+        # refused: arrays with different types of numbers are joined; arrays of one class
         self.k = float(np.concatenate((self.row, self.mask)).sum())

@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class AssignmentInAText(Program):
     def control(self) -> None:
-        # refused: it is not proved that the text has no effect and cannot fail: it may change something, or fail; a name for it first
+        # refused: it is not proved that the text has no effect and cannot fail: it may change something or fail; assign it to a name first
         print(f"{(last := self.u)}")
         self.k = 1.0

@@ -10,5 +10,5 @@ class AttributeBecomesAnObject(Program):
         self.which = self.a
 
     def control(self) -> None:
-        # refused: self.which is no number or state; numbers, states, tuples of them
+        # refused: self.which is not a number or a state; numbers, states, tuples of these
         self.which = self.b

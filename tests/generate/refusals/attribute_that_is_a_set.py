@@ -10,6 +10,6 @@ class AttributeThatIsASet(Program):
         self.many = {1}
 
     def control(self) -> None:
-        # refused: this does not translate; numbers, states, comparisons, arithmetic, calls of functions
+        # refused: this cannot be translated; numbers, states, comparisons, arithmetic, calls of functions
         self.many = {1, 2}
         self.c = len(self.many)

@@ -11,5 +11,5 @@ class AttributeWithTextsAndNumbers(Program):
 
     def control(self) -> None:
         self.said = "yes"
-        # refused: said has texts and other values; a name for each
+        # refused: said has texts and other values; one name per type
         self.said = self.u

@@ -10,5 +10,5 @@ class BoolThenNumber(Program):
         k: float = True
         if self.u > 1.0:
             k = 2.0
-        # refused: it may be a bool, which is written to no number; float(...), int(...)
+        # refused: it may be a bool, which no digital object accepts; float(...), int(...)
         self.a.write(k)

@@ -14,5 +14,5 @@ class BoolsForAVectorOfNumbers(Program):
         self.both = Vector([self.a, self.b])
 
     def control(self) -> None:
-        # refused: booleans for objects with numbers; astype(np.float64)
+        # refused: bools for digital objects; astype(np.float64)
         self.both.write(self.b2)

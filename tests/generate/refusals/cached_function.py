@@ -13,5 +13,5 @@ class CachedFunction(Program):
         return number + self.k
 
     def control(self) -> None:
-        # refused: scaled is a _lru_cache_wrapper, a descriptor of its own; an attribute, a property or a method
+        # refused: scaled is a _lru_cache_wrapper, a user-defined descriptor; an attribute, a property or a method
         self.k = self.scaled(1.0)

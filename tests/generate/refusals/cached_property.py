@@ -24,5 +24,5 @@ class WithHelper(Program):
 class CachedProperty(WithHelper):
     def control(self) -> None:
         self.helper.k = self.u
-        # refused: once is a cached_property: it is computed once, when somebody asks for it; an attribute, a property or a method
+        # refused: once is a cached_property: it is computed when first read; an attribute, a property or a method
         self.k = self.helper.once

@@ -9,6 +9,6 @@ class CaughtByANumber(Program):
     def control(self) -> None:
         try:
             self.k = 1.0 / self.u
-        # refused: what is caught is no class of errors; ZeroDivisionError, RangeError, ...
+        # refused: the caught class is not a class of errors; ZeroDivisionError, RangeError, ...
         except self.u:
             self.k = 0.0

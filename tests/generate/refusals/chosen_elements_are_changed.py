@@ -17,5 +17,5 @@ class ChosenElementsAreChanged(Program):
         )
 
     def control(self) -> None:
-        # refused: what a mask chooses is changed by code, by an array, or are no real numbers; a name for a number first, np.where
+        # refused: elements selected by a mask are changed by a call, by an array, or are not floats; assign the number to a name first, np.where
         self.x3[self.x3 > 1.0] += self.x3

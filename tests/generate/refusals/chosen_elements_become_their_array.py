@@ -17,5 +17,5 @@ class ChosenElementsBecomeTheirArray(Program):
         )
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.x3[self.b3] = self.x3

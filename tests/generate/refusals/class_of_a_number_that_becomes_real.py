@@ -10,6 +10,6 @@ class ClassOfANumberThatBecomesReal(Program):
         self.v = 0
 
     def control(self) -> None:
-        # refused: the class of a value that may have another one; a name for each class
+        # refused: the value may be of another class; one name per class
         self.k = 1.0 if isinstance(self.v, float) else 2.0
         self.v = self.v + 0.5  # type: ignore[assignment]

@@ -12,6 +12,6 @@ class ContextOfItsOwn(Program):
         self.lock = threading.Lock()
 
     def control(self) -> None:
-        # refused: `with` does not translate; with suppress(...), with np.errstate(all='ignore')
+        # refused: `with` cannot be translated; with suppress(...), with np.errstate(all='ignore')
         with self.lock:
             self.k = 1.0

@@ -10,5 +10,5 @@ class CoroutineIsCalled(Program):
         self.k = 1.0
 
     def control(self) -> None:
-        # refused: a sequence stays on the host; functions without await
+        # refused: a sequence runs on the host; functions without await
         self.moves()

@@ -18,5 +18,5 @@ class DataclassThatIsNotFrozen(Program):
         self.limits = Limits(1.0)
 
     def control(self) -> None:
-        # refused: a Limits is made, which is not frozen, or has code of its own for it; a frozen dataclass with fields, methods and properties
+        # refused: a Limits is created, and is not frozen or has its own code for that; a frozen dataclass with only fields, methods and properties
         self.limits = Limits(self.u)

@@ -1,4 +1,4 @@
-"""A default of a dataclass that is made anew."""
+"""A default of a dataclass that is created at each call."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ class DataclassWhoseDefaultIsMade(Program):
         self.limits = Limits(1.0)
 
     def control(self) -> None:
-        # refused: the default of 'high' is made anew; the argument
+        # refused: the default of 'high' is created at each call; the argument
         self.limits = Limits(self.u)

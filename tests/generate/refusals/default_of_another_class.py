@@ -9,5 +9,5 @@ GAINS = {1: 2.0, 3: 4.0}
 
 class DefaultOfAnotherClass(Program):
     def control(self) -> None:
-        # refused: a default of another class than the values of the dict; 0.0 in the place of 0
+        # refused: the default is not of the class of the dict's values; 0.0 instead of 0
         self.k = GAINS.get(self.n, 0) * 1.0

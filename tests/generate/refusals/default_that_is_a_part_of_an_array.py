@@ -16,5 +16,5 @@ class DefaultThatIsAPartOfAnArray(Program):
         return float(row.sum())
 
     def control(self) -> None:
-        # refused: __defaults__ of DefaultThatIsAPartOfAnArray.total is a part of another array; a tuple
+        # refused: __defaults__ of DefaultThatIsAPartOfAnArray.total is a view of another array; a tuple
         self.k = self.total()

@@ -12,5 +12,5 @@ class DequeAtARealPlace(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: a place in a deque is a whole number
+        # refused: an index into a deque must be an integer
         self.k = self.window[self.u]  # type: ignore[index]

@@ -12,5 +12,5 @@ class DequeInPlaceOfAnother(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: deque has no translation; functions of Python code, math
+        # refused: deque cannot be translated; functions of Python code, math
         self.window = deque(maxlen=2)

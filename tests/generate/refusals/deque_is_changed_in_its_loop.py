@@ -12,6 +12,6 @@ class DequeIsChangedInItsLoop(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: the deque that the loop goes through is changed in it; range(len(...))
+        # refused: the loop changes the deque that it iterates over; range(len(...))
         for each in self.window:
             self.window.append(each)

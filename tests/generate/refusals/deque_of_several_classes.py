@@ -12,5 +12,5 @@ class DequeOfSeveralClasses(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: elements of several classes in a deque; one class for all, float(...)
+        # refused: elements of several classes in a deque; one class for all elements, float(...)
         self.window.append(self.n)

@@ -12,5 +12,5 @@ class DequeOfWhatMayBeNone(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: a deque of other things than numbers of Python; float(...), int(...)
+        # refused: a deque with elements other than Python numbers; float(...), int(...)
         self.window.append(self.maybe)  # type: ignore[arg-type]

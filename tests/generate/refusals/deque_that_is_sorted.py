@@ -1,4 +1,4 @@
-"""A method of a deque that does not translate."""
+"""A method of a deque that cannot be translated."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ class DequeThatIsSorted(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: `reverse` of a deque does not translate; append, appendleft, pop, popleft, clear, extend, rotate, maxlen
+        # refused: `reverse` of a deque cannot be translated; append, appendleft, pop, popleft, clear, extend, rotate, maxlen
         self.window.reverse()

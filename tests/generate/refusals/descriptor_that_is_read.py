@@ -19,5 +19,5 @@ class DescriptorThatIsRead(Program):
     level = Descriptor()
 
     def control(self) -> None:
-        # refused: level is a Descriptor, a descriptor of its own; an attribute, a property or a method
+        # refused: level is a Descriptor, a user-defined descriptor; an attribute, a property or a method
         self.k = self.level

@@ -19,5 +19,5 @@ class DescriptorThatIsSet(Program):
     level = Descriptor()
 
     def control(self) -> None:
-        # refused: level is a Descriptor, a descriptor of its own; an attribute of an object of its own
+        # refused: level is a Descriptor, a user-defined descriptor; an attribute of another object
         self.level = 2.0

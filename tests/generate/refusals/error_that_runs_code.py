@@ -13,5 +13,5 @@ class Loud(Exception):
 class ErrorThatRunsCode(Program):
     def control(self) -> None:
         if self.u > 1.0:
-            # refused: Loud runs code when it is made; a class without __init__
+            # refused: Loud runs code when it is created; a class without __init__
             raise Loud(1)

@@ -17,5 +17,5 @@ class FieldThatARecordHasNot(Program):
         self.pair = Couple(1.0, 2.0)
 
     def control(self) -> None:
-        # refused: it does not give the fields of Couple; first, second
+        # refused: the arguments do not match the fields of Couple; first, second
         self.k = self.pair._replace(third=self.u).first  # type: ignore[call-arg]

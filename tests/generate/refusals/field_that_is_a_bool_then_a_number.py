@@ -8,5 +8,5 @@ from helpers.written_programs import Program
 class FieldThatIsABoolThenANumber(Program):
     def control(self) -> None:
         self.c = self.u > 1.0
-        # refused: it may be a bool, which is written to no number; float(...), int(...)
+        # refused: it may be a bool, which no digital object accepts; float(...), int(...)
         self.a.write(self.c)

@@ -10,5 +10,5 @@ class FirstArray(Program):
         self.row, self.other = [1.0, 2.0], [3.0, 4.0]
 
     def control(self) -> None:
-        # refused: a list or an array that is found; one of its elements
+        # refused: the element found is a list or an array; one of its elements
         self.k = next((each for each in (self.row, self.other) if each[0] > self.u), self.row)[1]

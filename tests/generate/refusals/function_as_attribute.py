@@ -10,5 +10,5 @@ class FunctionAsAttribute(Program):
         self.curve = lambda number: number * 2.0
 
     def control(self) -> None:
-        # refused: curve is a function that an object has as an attribute; a method
+        # refused: curve is a function stored as an attribute of an object; a method
         self.k = self.curve(self.u)

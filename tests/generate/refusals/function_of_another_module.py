@@ -9,5 +9,5 @@ from helpers.written_programs import Program
 
 class FunctionOfAnotherModule(Program):
     def control(self) -> None:
-        # refused: getsize: it is not written in Python, or was made at run time; `def` in a file of the station
+        # refused: getsize: it is not written in Python, or was created at run time; `def` in a file of the station
         self.k = os.path.getsize("x") * 1.0

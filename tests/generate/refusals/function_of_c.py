@@ -9,5 +9,5 @@ from helpers.written_programs import Program
 
 class FunctionOfC(Program):
     def control(self) -> None:
-        # refused: math.gamma has no translation; functions of Python code, math
+        # refused: math.gamma cannot be translated; functions of Python code, math
         self.k = math.gamma(self.u)

@@ -17,5 +17,5 @@ class FunctionOfNumpy(Program):
         )
 
     def control(self) -> None:
-        # refused: np.sin has no translation; np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math
+        # refused: np.sin cannot be translated; np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math
         self.x3 = np.sin(self.x3)

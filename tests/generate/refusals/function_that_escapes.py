@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class FunctionThatEscapes(Program):
     def call(self, function):
-        # refused: a function that was made in another one is called; a method
+        # refused: a function that was defined inside another one is called; a method
         return function(1.0)
 
     def control(self) -> None:

@@ -17,5 +17,5 @@ class InvertedNumbersOfAnArray(Program):
         )
 
     def control(self) -> None:
-        # refused: this operator of an array does not translate; - of numbers, ~ of booleans
+        # refused: this operator of an array cannot be translated; - of numbers, ~ of booleans
         self.i3 = ~self.i3

@@ -9,6 +9,6 @@ ROW = (1.0, 2.0)
 
 class IteratorThatIsKept(Program):
     def control(self) -> None:
-        # refused: `zip` that is kept: it gives its elements once; the head of a loop, list(...)
+        # refused: the result of `zip` is stored: it can be iterated only once; the head of a loop, list(...)
         pairs = zip(ROW, ROW)
         self.k = sum(a * b for a, b in pairs)

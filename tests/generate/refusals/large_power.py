@@ -8,4 +8,4 @@ from helpers.written_programs import Program
 class LargePower(Program):
     def control(self) -> None:
         # refused: a power of 100; the number itself
-        self.k = 2.0**100
+        self.k = 2**100

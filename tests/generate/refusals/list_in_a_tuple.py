@@ -11,6 +11,6 @@ class ListInATuple(Program):
         self.both = (self.row, 2.0)
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.row[0] = self.u
         self.k = self.both[0][0] * 1.0

@@ -12,6 +12,6 @@ class ListOfAModule(Program):
         self.row = ROW
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.row[0] = self.u
         self.k = ROW[0] * 1.0

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ListThatIsNoTuple(Program):
     def control(self) -> None:
-        # refused: a tuple is compared with something else; number by number
+        # refused: a tuple is compared with something other than a tuple; compare their elements
         self.c = int([self.n, 1] == (self.n, 1))

@@ -13,6 +13,6 @@ class ListThatIsReturned(Program):
         return self.row
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.found()[0] = self.u
         self.k = self.row[0] * 1.0

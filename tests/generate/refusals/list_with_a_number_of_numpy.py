@@ -12,5 +12,5 @@ class ListWithANumberOfNumpy(Program):
         self.row = [1.0, np.float64(2.0)]
 
     def control(self) -> None:
-        # refused: row has values of several classes; one class for all
+        # refused: row has values of several classes; one class for all elements
         self.k = float(self.row[self.n % 2])

@@ -17,7 +17,7 @@ class LoopOverAFieldThatIsRebound(Program):
         self.row = ONES * 10.0
 
     def control(self) -> None:
-        # refused: what the loop goes through is assigned in it; another name for the new one
+        # refused: the loop assigns what it iterates over; another name for the new value
         for each in self.row:
             self.k += float(each)
             self.replace()

@@ -13,5 +13,5 @@ class MaskOfNumbers(Program):
         self.both = Vector([self.a, self.b])
 
     def control(self) -> None:
-        # refused: a mask that is no array of 2 booleans
+        # refused: the mask is not an array of 2 bools
         self.both.write(1.0, where=np.ones(2))

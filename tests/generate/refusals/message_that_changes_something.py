@@ -15,5 +15,5 @@ class MessageThatChangesSomething(Program):
     def control(self) -> None:
         with suppress(ValueError):
             if self.u > 1.0:
-                # refused: it is not proved that the text has no effect and cannot fail: refusals/message_that_changes_something.py:12: self.k += 1.0: it may change something, or fail; a name for it first
+                # refused: it is not proved that the text has no effect and cannot fail: refusals/message_that_changes_something.py:12: self.k += 1.0: it may change something or fail; assign it to a name first
                 raise ValueError(f"{self.bump()}")

@@ -11,5 +11,5 @@ class MessageThatFails(Program):
 
     def control(self) -> None:
         if self.u > 1.0:
-            # refused: it is not proved that the text has no effect and cannot fail: it may have no such element; a name for it first
+            # refused: it is not proved that the text has no effect and cannot fail: it may not have this element; assign it to a name first
             raise ValueError(f"{self.row[self.n]}")

@@ -9,5 +9,5 @@ class NameAfterALoopOfNoTurns(Program):
     def control(self) -> None:
         for i in range(self.n % 4):
             last = i
-        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
+        # refused: on some branches it has no value or another object; give it a value first, or use one name per object
         self.c = last

@@ -11,5 +11,5 @@ class NameAfterAWhileOfNoTurns(Program):
         while i > 0:
             last = i
             i -= 1
-        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
+        # refused: on some branches it has no value or another object; give it a value first, or use one name per object
         self.c = last

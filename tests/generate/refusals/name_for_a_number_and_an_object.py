@@ -8,7 +8,7 @@ from helpers.written_programs import Program
 class NameForANumberAndAnObject(Program):
     def control(self) -> None:
         which = self.u
-        # refused: 'which' stands for different objects; a name for each
+        # refused: 'which' means different objects; one name per object
         which = self.b
         # refused: an attribute of something that is not known when the code is generated
         which.write(1.0)

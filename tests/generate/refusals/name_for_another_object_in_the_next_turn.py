@@ -9,7 +9,7 @@ class NameForAnotherObjectInTheNextTurn(Program):
     def control(self) -> None:
         which = self.a
         while self.c < 3:
-            # refused: 'which' stands for another object in the next turn; a name for each
+            # refused: 'which' means another object in the next turn; one name per object
             which.write(1.0)
             which = self.b
             self.c += 1

@@ -10,5 +10,5 @@ class NameForTwoObjects(Program):
         which = self.a
         if self.yes:
             which = self.b
-        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
+        # refused: on some branches it has no value or another object; give it a value first, or use one name per object
         which.write(1.0)

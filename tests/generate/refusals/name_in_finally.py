@@ -10,5 +10,5 @@ class NameInFinally(Program):
         try:
             found = 1.0 / self.u
         finally:
-            # refused: on some ways it has no value, or another object; give it a value first, a name for each object
+            # refused: on some branches it has no value or another object; give it a value first, or use one name per object
             self.k = found

@@ -12,5 +12,5 @@ class NameOfAnElse(Program):
                 break
         else:
             found = 1.0
-        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
+        # refused: on some branches it has no value or another object; give it a value first, or use one name per object
         self.k = found

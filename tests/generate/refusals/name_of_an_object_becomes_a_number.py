@@ -8,7 +8,7 @@ from helpers.written_programs import Program
 class NameOfAnObjectBecomesANumber(Program):
     def control(self) -> None:
         if self.yes:
-            # refused: 'which' stands for different objects; a name for each
+            # refused: 'which' means different objects; one name per object
             which = self.b
             which.write(1.0)
         else:

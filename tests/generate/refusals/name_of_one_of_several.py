@@ -19,5 +19,5 @@ class NameOfOneOfSeveral(Program):
     def control(self) -> None:
         part: Any = 1.0
         self.k = part
-        # refused: 'part' stands for different objects; a name for each
+        # refused: 'part' means different objects; one name per object
         part = self.parts[self.n]

@@ -10,7 +10,7 @@ class NameOfTheFunctionAround(Program):
         count = 0
 
         def inner() -> None:
-            # refused: this statement does not translate; if, for, while, try, raise, return, assignments
+            # refused: this statement cannot be translated; if, for, while, try, raise, return, assignments
             nonlocal count
             count += 1
 

@@ -20,5 +20,5 @@ class NameOfTheListOfAnObject(Program):
             row[0] += 1.0
             if row[0] > self.u:
                 break
-        # refused: on some ways it has no value, or another object; give it a value first, a name for each object
+        # refused: on some branches it has no value or another object; give it a value first, or use one name per object
         self.k = row[0]

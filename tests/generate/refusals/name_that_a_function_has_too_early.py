@@ -10,6 +10,6 @@ class NameThatAFunctionHasTooEarly(Program):
         def inner() -> float:
             return late * 2.0
 
-        # refused: 'late': on some ways it has no value, or another object; give it a value first, a name for each object
+        # refused: 'late': on some branches it has no value or another object; give it a value first, or use one name per object
         self.k = inner()
         late = self.u

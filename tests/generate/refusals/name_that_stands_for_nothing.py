@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class NameThatStandsForNothing(Program):
     def control(self) -> None:
-        # refused: the name stands for nothing
+        # refused: the name is not defined
         self.k = unknown_name  # noqa: F821

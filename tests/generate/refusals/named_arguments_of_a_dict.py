@@ -12,5 +12,5 @@ class NamedArgumentsOfADict(Program):
         return by * 2.0
 
     def control(self) -> None:
-        # refused: ** does not translate; name the arguments
+        # refused: ** cannot be translated; name the arguments
         self.k = self.scaled(**GIVEN)

@@ -12,5 +12,5 @@ class NanBecomesMinusZero(Program):
         self.x3 = np.zeros(3)
 
     def control(self) -> None:
-        # refused: np.nan_to_num has no translation; np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math
+        # refused: np.nan_to_num cannot be translated; np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math
         self.x3 = np.nan_to_num(np.full(3, self.u), nan=-0.0)

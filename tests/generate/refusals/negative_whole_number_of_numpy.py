@@ -17,5 +17,5 @@ class NegativeWholeNumberOfNumpy(Program):
         )
 
     def control(self) -> None:
-        # refused: - of a whole number of numpy; int(...), or 0 - x
+        # refused: - of a numpy integer; int(...), or 0 - x
         self.c = int(-self.i3[0])

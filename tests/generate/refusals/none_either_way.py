@@ -10,5 +10,5 @@ class NoneEitherWay(Program):
         self.last: float | None = None
 
     def control(self) -> None:
-        # refused: it stands for None either way
+        # refused: it is None in both cases
         self.last = None if self.yes else None

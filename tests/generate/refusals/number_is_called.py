@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class NumberIsCalled(Program):
     def control(self) -> None:
-        # refused: what is called is not known when the code is generated
+        # refused: the called function is not known when the code is generated
         self.k = (self.u)()

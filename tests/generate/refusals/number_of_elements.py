@@ -12,5 +12,5 @@ class NumberOfElements(Program):
         self.array = np.ones(2)
 
     def control(self) -> None:
-        # refused: numbers of numpy and of Python differ here where the divisor is 0; float(...)
+        # refused: numpy and Python differ here if the divisor is 0; float(...)
         self.c = int(np.count_nonzero(self.array) // (self.c * 0))

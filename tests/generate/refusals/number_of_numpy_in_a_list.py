@@ -12,6 +12,6 @@ class NumberOfNumpyInAList(Program):
         self.row, self.array = [1.0, 2.0], np.ones(2)
 
     def control(self) -> None:
-        # refused: a number of numpy in a list; float(...), int(...), bool(...)
+        # refused: a list cannot contain a number of numpy; float(...), int(...), bool(...)
         self.row[0] = self.array[0]
         self.k = float(self.row[0] / 0.0)

@@ -19,6 +19,6 @@ class NumberOfNumpyInATuple(Program):
         self.array = np.ones(2)
 
     def control(self) -> None:
-        # refused: a number of numpy in a tuple; float(...), int(...), bool(...)
+        # refused: a tuple cannot contain a number of numpy; float(...), int(...), bool(...)
         pair = Pair(self.array[0], self.u)
         self.k = float(pair.first / 0.0)

@@ -21,5 +21,5 @@ class ObjectIsFoundOnce(WithHelper):
         return self.helper
 
     def control(self) -> None:
-        # refused: what is changed is found by code that would run twice; a name for it first
+        # refused: finding the target runs code that would run twice; assign it to a name first
         self.found().k += 1.0

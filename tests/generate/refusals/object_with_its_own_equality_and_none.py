@@ -18,5 +18,5 @@ class ObjectWithItsOwnEqualityAndNone(Program):
         self.own = Own()
 
     def control(self) -> None:
-        # refused: an object is compared whose class decides what is equal; is None
+        # refused: the class of this object defines what is equal to it; is None
         self.yes = self.own == None  # noqa: E711

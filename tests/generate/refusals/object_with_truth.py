@@ -24,5 +24,5 @@ class ObjectWithTruth(Program):
 
     def control(self) -> None:
         self.one.number = self.u
-        # refused: Compared decides whether it is true; a comparison
+        # refused: Compared defines its own truth value; a comparison
         self.c = 1 if self.one else 2

@@ -24,5 +24,5 @@ class ObjectsThatAreCompared(Program):
 
     def control(self) -> None:
         self.one.number = self.u
-        # refused: objects are compared whose class decides what is equal; `is`
+        # refused: the class of these objects defines which are equal; `is`
         self.c = int(self.one == self.other)

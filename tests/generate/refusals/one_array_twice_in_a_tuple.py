@@ -10,6 +10,6 @@ from helpers.written_programs import Program
 class OneArrayTwiceInATuple(Program):
     def control(self) -> None:
         one, other = (np.array([self.u, 2.0]),) * 2
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         one += 1.0
         self.k = float(other[0])

@@ -14,6 +14,6 @@ class OneListOfAClass(Program):
         self.p, self.q = Helper(), Helper()
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.p.shared[0] = self.u
         self.k = self.q.shared[0]

@@ -17,5 +17,5 @@ class OneOfManyObjects(Program):
         self.parts = tuple(ManyPart(float(n)) for n in range(40))
 
     def control(self) -> None:
-        # refused: which of several objects it is, is not known when the code is generated; for n, each in enumerate(...): if n == place: ...
+        # refused: the object is chosen at run time; for n, each in enumerate(...): if n == place: ...
         self.k = self.parts[self.n].value

@@ -12,6 +12,6 @@ class OneOfSeveralAsACondition(Program):
         self.groups = (self.fan,), ()
 
     def control(self) -> None:
-        # refused: which of several objects it is, is not known when the code is generated; for n, each in enumerate(...): if n == place: ...
+        # refused: the object is chosen at run time; for n, each in enumerate(...): if n == place: ...
         if self.groups[self.n]:
             self.k = 1.0

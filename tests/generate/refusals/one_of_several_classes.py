@@ -18,5 +18,5 @@ class OneOfSeveralClasses(Program):
         self.last: Any = None
 
     def control(self) -> None:
-        # refused: values of different types, of one of several objects; one type
+        # refused: the objects have values of different types; one type
         self.k = self.parts[self.n].value

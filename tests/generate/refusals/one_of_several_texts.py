@@ -17,5 +17,5 @@ class OneOfSeveralTexts(Program):
         self.parts = TextPart("a"), TextPart("b")
 
     def control(self) -> None:
-        # refused: it is another object, or a text, for each one of several; a loop
+        # refused: it is a different object or text for each of several objects; a loop
         self.yes = self.parts[self.n].value == "a"

@@ -15,6 +15,6 @@ class OneOfTwoArrays(Program):
 
     def control(self) -> None:
         row = self.row if self.u > 1.0 else self.other
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.row[1] += 1.0
         self.k = float(row[1])

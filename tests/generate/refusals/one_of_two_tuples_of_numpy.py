@@ -12,5 +12,5 @@ class OneOfTwoTuplesOfNumpy(Program):
         self.row = np.zeros(3)
 
     def control(self) -> None:
-        # refused: a tuple of other things than numbers of Python; float(...), int(...)
+        # refused: a tuple with elements other than Python numbers; float(...), int(...)
         self.k = float(((self.row[0], 1.0) if self.n > 1 else (2.0, 3.0))[0])

@@ -21,5 +21,5 @@ class OrderOfItsOwn(Program):
 
     def control(self) -> None:
         self.falling = Falling.TWO if self.u > 1.0 else Falling.ONE
-        # refused: a state is compared with something else, or by order; `is`, with a state of the same Enum
+        # refused: a state is compared with something other than a state, or by order; `is`, with a state of the same Enum
         self.yes = self.falling < Falling.TWO

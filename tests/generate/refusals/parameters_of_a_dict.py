@@ -10,5 +10,5 @@ class ParametersOfADict(Program):
         return 2.0
 
     def control(self) -> None:
-        # refused: ** does not translate; name the arguments
+        # refused: ** cannot be translated; name the arguments
         self.k = self.scaled(by=self.u)

@@ -8,7 +8,7 @@ from helpers.written_programs import Program
 class PatternWithAClass(Program):
     def control(self) -> None:
         match self.u:
-            # refused: this pattern does not translate; values, None, |, _, names and `if`; (a, b) of a tuple that is written down
+            # refused: this pattern cannot be translated; values, None, |, _, names and `if`; (a, b) for a tuple that is written out
             case float():
                 self.k = 1.0
             case _:

@@ -15,5 +15,5 @@ class Numbers(Program):
 class PerhapsABoolIsWritten(Numbers):
     def control(self) -> None:
         one = self.n > 3 if self.i > 0 else self.n
-        # refused: it may be a bool, which is written to no number; float(...), int(...)
+        # refused: it may be a bool, which no digital object accepts; float(...), int(...)
         self.a.write(one & (self.n > 2))

@@ -17,5 +17,5 @@ class PlaceInAListThatACallReplaces(Program):
         return 1
 
     def control(self) -> None:
-        # refused: the place changes what has the element; a name for the place first
+        # refused: computing the index changes the container; assign the index to a name first
         self.k = self.x3[self.next()]

@@ -14,5 +14,5 @@ class Numbers(Program):
 
 class PowerThatIsNotKnown(Numbers):
     def control(self) -> None:
-        # refused: this arithmetic of whole numbers does not translate; +, -, *, //, %, /, ** with a known exponent
+        # refused: this arithmetic of whole numbers cannot be translated; +, -, *, //, %, /, ** with a known exponent
         self.c = self.n**self.i

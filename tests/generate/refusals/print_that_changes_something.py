@@ -11,5 +11,5 @@ class PrintThatChangesSomething(Program):
         return self.k
 
     def control(self) -> None:
-        # refused: it is not proved that the text has no effect and cannot fail: refusals/print_that_changes_something.py:10: self.k += 1.0: it may change something, or fail; a name for it first
+        # refused: it is not proved that the text has no effect and cannot fail: refusals/print_that_changes_something.py:10: self.k += 1.0: it may change something or fail; assign it to a name first
         print(self.bump())

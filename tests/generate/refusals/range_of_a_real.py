@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class RangeOfAReal(Program):
     def control(self) -> None:
-        # refused: a range of something else than whole numbers; int(...)
+        # refused: a range of something other than integers; int(...)
         for each in range(2.5):
             self.c += each

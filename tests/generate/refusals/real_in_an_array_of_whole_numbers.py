@@ -17,5 +17,5 @@ class RealInAnArrayOfWholeNumbers(Program):
         )
 
     def control(self) -> None:
-        # refused: numbers of another type are set in the array; int(...)
+        # refused: the array is assigned numbers of another type; int(...)
         self.i3[0] = self.u

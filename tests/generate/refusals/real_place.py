@@ -10,5 +10,5 @@ class RealPlace(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a place in a list is a whole number
+        # refused: an index into a list must be an integer
         self.k = self.row[self.u]

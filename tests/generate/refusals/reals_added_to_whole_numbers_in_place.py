@@ -17,5 +17,5 @@ class RealsAddedToWholeNumbersInPlace(Program):
         )
 
     def control(self) -> None:
-        # refused: numbers of another type are set in the array; a new array
+        # refused: the array is assigned numbers of another type; a new array
         self.i3 += self.x3

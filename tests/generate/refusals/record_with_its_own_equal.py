@@ -18,6 +18,6 @@ class Counted(NamedTuple):
 
 class RecordWithItsOwnEqual(Program):
     def control(self) -> None:
-        # refused: Counted changes what a tuple does; a NamedTuple with fields only
+        # refused: Counted changes the behaviour of a tuple; a NamedTuple with fields only
         one, other = Counted(self.n), Counted(1)
         self.c = int(one == other)

@@ -17,5 +17,5 @@ class RemainderOfBools(Program):
         )
 
     def control(self) -> None:
-        # refused: this arithmetic of arrays does not translate; +, -, *, /, //, %, **, & and | of booleans
+        # refused: this arithmetic of arrays cannot be translated; +, -, *, /, //, %, **, & and | of booleans
         self.x3 = self.b3 % self.b3

@@ -18,5 +18,5 @@ class ReplacedObject(Program):
         self.limits = Limits(1.0)
 
     def control(self) -> None:
-        # refused: `replace` of what is no frozen dataclass; a frozen dataclass
+        # refused: `replace` of something that is not a frozen dataclass; a frozen dataclass
         self.k = replace(self.limits, low=self.u).low

@@ -12,5 +12,5 @@ class ResultThatIsABoolOrANumber(Program):
         return True
 
     def control(self) -> None:
-        # refused: it may be a bool, which is written to no number; float(...), int(...)
+        # refused: it may be a bool, which no digital object accepts; float(...), int(...)
         self.a.write(self.given())

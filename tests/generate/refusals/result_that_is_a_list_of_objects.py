@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class ResultThatIsAListOfObjects(Program):
     def found(self):
-        # refused: the result is no number, state or tuple of them
+        # refused: the result is not a number, a state or a tuple of these
         return [self.u, (self.fan, self.a)]
 
     def control(self) -> None:

@@ -7,9 +7,9 @@ from helpers.written_programs import Program
 
 class ResultWithAWholeOrRealNumber(Program):
     def found(self):
-        # refused: a tuple with what may be a whole number or a float; 0.0, float(...)
+        # refused: a tuple with a number that may be an int or a float; 0.0, float(...)
         return max(0, self.u), 1.0
 
     def control(self) -> None:
-        # refused: NoneType decides what its elements are; a list, a tuple
+        # refused: NoneType defines its elements itself; a list, a tuple
         self.k = self.found()[0]

@@ -17,5 +17,5 @@ class RoundedNumberOfNumpy(Program):
         )
 
     def control(self) -> None:
-        # refused: numpy rounds to a number of digits in another way; round(float(x), 2)
+        # refused: numpy rounds to a number of digits differently; round(float(x), 2)
         self.k = round(self.x3[0], 2)

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ShiftedReal(Program):
     def control(self) -> None:
-        # refused: this arithmetic does not translate; +, -, *, /, //, %, **
+        # refused: this arithmetic cannot be translated; +, -, *, /, //, %, **
         self.k = self.u @ self.u

@@ -15,5 +15,5 @@ class SliceIsChanged(Program):
 
     def control(self) -> None:
         part = self.row[1:]
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         part += 1.0

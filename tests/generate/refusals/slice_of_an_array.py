@@ -15,6 +15,6 @@ class SliceOfAnArray(Program):
 
     def control(self) -> None:
         part = self.row[1:]
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.row[1] = self.u
         self.k = float(part[0])

@@ -18,5 +18,5 @@ class SliceThatIsFoundByACall(Program):
         return self.row
 
     def control(self) -> None:
-        # refused: what is changed is found by code that changes something; a name for it first
+        # refused: finding the target runs code that changes something; assign it to a name first
         self.found()[1:] = self.u

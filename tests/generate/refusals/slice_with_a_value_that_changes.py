@@ -1,4 +1,4 @@
-"""A slice is added to, and the value changes something."""
+"""A slice is added to, and computing the value changes something."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ class SliceWithAValueThatChanges(Program):
         return self.u
 
     def control(self) -> None:
-        # refused: the value changes something; a name for it first
+        # refused: computing the value changes something; assign it to a name first
         self.row[1:] += self.found()

@@ -17,5 +17,5 @@ class SortedArray(Program):
         )
 
     def control(self) -> None:
-        # refused: `sort` of an array does not translate; any, all, sum, mean, max, min, argmax, argmin, copy, astype
+        # refused: `sort` of an array cannot be translated; any, all, sum, mean, max, min, argmax, argmin, copy, astype
         self.x3.sort()

@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class StarredNameIsAssigned(Program):
     def control(self) -> None:
-        # refused: it cannot be assigned to this; names, attributes, elements
+        # refused: this cannot be assigned to; names, attributes, elements
         for *each, last in ((1.0, 2.0),):
             self.k = last

@@ -14,5 +14,5 @@ class Mode(Enum):
 
 class StateAndWhatIsThereOrNot(Program):
     def control(self) -> None:
-        # refused: a state is compared with something else; a state of the same Enum
+        # refused: a state is compared with something other than a state; a state of the same Enum
         self.yes = Mode.ON is self.fan.inhibited

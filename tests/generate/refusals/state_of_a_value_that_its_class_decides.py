@@ -1,4 +1,4 @@
-"""An Enum decides which member a value stands for."""
+"""An Enum defines the member for a value itself."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ class StateOfAValueThatItsClassDecides(Program):
         self.mode = Mode.ON
 
     def control(self) -> None:
-        # refused: Mode decides which member a value stands for; a dict of its members
+        # refused: Mode defines the member for a value itself; a dict of its members
         self.mode = Mode(self.n)

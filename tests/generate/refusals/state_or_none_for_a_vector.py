@@ -13,6 +13,6 @@ class StateOrNoneForAVector(Program):
         self.both = Vector([self.fan])
 
     def control(self) -> None:
-        # refused: a state that may be None is written to a Vector; a condition before it
+        # refused: a state that may be None is written to a Vector; check it first
         self.both.write(self.state)
         self.state = None

@@ -30,5 +30,5 @@ class StateWithItsOwnEqual(Program):
     def control(self) -> None:
         # refused: <Odd.TWO: 2> is not a number or a state on the controller; an Enum
         self.odd = Odd.TWO if self.u > 1.0 else Odd.ONE
-        # refused: objects are compared whose class decides what is equal; `is`
+        # refused: the class of these objects defines which are equal; `is`
         self.c = int(self.odd == Odd.ONE)

@@ -12,5 +12,5 @@ class SumOfNumbersOfNumpy(Program):
         self.array = np.ones(2)
 
     def control(self) -> None:
-        # refused: numbers of numpy and of Python differ here where the divisor is 0; float(...)
+        # refused: numpy and Python differ here if the divisor is 0; float(...)
         self.k = float(sum(self.array) // 0.0)

@@ -9,5 +9,5 @@ GAINS = (0.5, -1.0, 4.0)
 
 class TableAtARealPlace(Program):
     def control(self) -> None:
-        # refused: a place in a table is a whole number
+        # refused: an index into a table must be an integer
         self.k = GAINS[self.u]  # type: ignore[index]

@@ -12,5 +12,5 @@ class TruthOfAState(Program):
 
     def control(self) -> None:
         self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
-        # refused: OnOff decides whether it is true; `is`, with a state
+        # refused: OnOff defines its own truth value; `is`, with a state
         self.c = 1 if self.state else 2

@@ -17,6 +17,6 @@ class TruthOfAnArray(Program):
         )
 
     def control(self) -> None:
-        # refused: whether it is true is not known on the controller; any(), all()
+        # refused: its truth value is not known on the controller; any(), all()
         if self.x3:
             self.k = 1.0

@@ -17,5 +17,5 @@ class TupleOfAnotherClass(Program):
         self.pair = Pair(0, 1.0)
 
     def control(self) -> None:
-        # refused: pair has a value of another class than Pair declares; 0.0 in the place of 0, float(...)
+        # refused: pair has a value of another class than Pair declares; 0.0 instead of 0, float(...)
         self.k = -self.pair.first

@@ -10,5 +10,5 @@ class TupleWithAListInIt(Program):
         return given[1]
 
     def control(self) -> None:
-        # refused: the argument 'given' is no value of a controller
+        # refused: the argument 'given' is not a value that a controller can hold
         self.k = self.found(((self.u, 1.0), self.k))

@@ -14,5 +14,5 @@ class Pair(NamedTuple):
 
 class TupleWithoutAField(Program):
     def control(self) -> None:
-        # refused: it does not give the fields of Pair; first, second
+        # refused: the arguments do not match the fields of Pair; first, second
         self.k = Pair(self.u).first

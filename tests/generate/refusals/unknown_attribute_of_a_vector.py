@@ -11,5 +11,5 @@ class UnknownAttributeOfAVector(Program):
         self.both = Vector([self.a, self.b])
 
     def control(self) -> None:
-        # refused: `time` of a Vector does not translate; read, write, quality, pending, all_good
+        # refused: `time` of a Vector cannot be translated; read, write, quality, pending, all_good
         self.k = self.both.time.sum()

@@ -11,5 +11,5 @@ class VectorIsReset(Program):
         self.both = Vector([self.a, self.b])
 
     def control(self) -> None:
-        # refused: `reset` of a Vector does not translate; read, write, quality, pending, all_good
+        # refused: `reset` of a Vector cannot be translated; read, write, quality, pending, all_good
         self.both.reset()

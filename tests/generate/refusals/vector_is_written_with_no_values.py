@@ -11,5 +11,5 @@ class VectorIsWrittenWithNoValues(Program):
         self.both = Vector([self.a, self.b])
 
     def control(self) -> None:
-        # refused: `write` of a Vector does not translate; read, write, quality, pending, all_good
+        # refused: `write` of a Vector cannot be translated; read, write, quality, pending, all_good
         self.both.write()

@@ -13,6 +13,6 @@ class ViewOfAnArray(Program):
         self.head = self.row[:2]
 
     def control(self) -> None:
-        # refused: an array is changed in place, and may have another name; a new array: x = x + 1, np.where, a copy
+        # refused: an array that may have another name is changed in place; a new array: x = x + 1, np.where, a copy
         self.row[1] = self.u
         self.k = float(self.head[1])

@@ -10,5 +10,5 @@ class WhatIsThereOrNotInATuple(Program):
         self.pair = (1.0, True)
 
     def control(self) -> None:
-        # refused: self.pair is no number or state; numbers, states, tuples of them
+        # refused: self.pair is not a number or a state; numbers, states, tuples of these
         self.pair = (self.u, self.fan.inhibited)

@@ -17,5 +17,5 @@ class WhereWithoutBooleans(Program):
         )
 
     def control(self) -> None:
-        # refused: the condition of `where` is no array of booleans
+        # refused: the condition of `where` is not an array of bools
         self.x3 = np.where(self.x3, 1.0, 2.0)

@@ -12,5 +12,5 @@ class WholeNumbersRoundedByNumpy(Program):
         self.counts = np.array([1, 2])
 
     def control(self) -> None:
-        # refused: whole numbers are rounded, which become real in some versions of numpy; them
+        # refused: integers are rounded, which gives floats in some versions of numpy; them
         self.k = float(np.floor(self.counts).sum())

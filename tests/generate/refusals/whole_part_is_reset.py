@@ -10,5 +10,5 @@ class WholePartIsReset(Program):
         self.part = self.x._parent
 
     def control(self) -> None:
-        # refused: `reset` of a part is done by the host; read, write, reset of an object
+        # refused: `reset` of a part is carried out by the host; read, write, reset of an object
         self.part.reset()

@@ -12,13 +12,13 @@ from umo.drivers.contract import Channel
 MARK = "(injected fault)"
 LevelChange = Callable[[int, float, Random], int]
 Shift = Callable[[int, float], int]
-"""Function that makes the raw integer that is so much (in the object's units, or in raw steps) above another."""
+"""Function that adds an amount (in the object's units, or in raw steps) to a raw integer."""
 
 
 @dataclass(eq=False, kw_only=True)
 class Effect:
     """One fault on one channel, or on every call of a driver. It acts from `begin` until `end`, s of machine time.
-    `change` makes the raw integer that another one becomes, so many s after the fault began."""
+    `change` returns the faulty raw integer for the right one, at a time in s after the fault began."""
 
     text: str
     channel: Channel | None = None
@@ -29,7 +29,7 @@ class Effect:
     takes: float = 0.0
     """Duration in s of every call that concerns the channel."""
     loss: str = ""
-    """Why transfers of the channel fail; empty: they do not."""
+    """The reason why transfers of the channel fail; empty if they do not."""
     share: float = 1.0
     short: bool = False
     """A block transfer ends before the channel: this one and those behind it are not read, or not written."""
@@ -39,8 +39,8 @@ class Effect:
     random: Random = field(default_factory=Random)
 
     def start(self, seed: int, again: int = 0) -> None:
-        """A run begins. The numbers are the same for the same seed, whatever other faults there are; `again` tells
-        faults of the same words on one channel apart."""
+        """A run begins. The numbers are the same for the same seed, whatever other faults there are; `again`
+        distinguishes faults with the same text on one channel."""
         words = f"{seed} {self.text} {self.channel.text if self.channel else ''} {self.output}"
         self.random.seed(f"{words} {again}" if again else words)
 

@@ -1,4 +1,4 @@
-"""Injected faults in words: `PATH KIND [amount] [at TIME] [for TIME]`."""
+"""Injected faults as text: `PATH KIND [amount] [at TIME] [for TIME]`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TEXT = re.compile(r"(?P<head>.*?)(?:\s+at\s+(?P<at>.+?))?(?:\s+for\s+(?P<for>.+
 class InjectedFault:
     """A fault that is injected on purpose: `InjectedFault("z.encoder", "noise", "20 um", at=1.0, for_=2.0)`.
 
-    `str` gives it in words, as wirings and `umo run --fault` take it: "z.encoder noise 20 um at 1 s for 2 s".
+    `str` gives it as text, as wirings and `umo run --fault` take it: "z.encoder noise 20 um at 1 s for 2 s".
     DeclarationError for a kind, an amount or a time that is not one.
     """
 

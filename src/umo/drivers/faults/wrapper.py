@@ -13,17 +13,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from umo.digits import number_text
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.faults.effects import MARK, Effect
 from umo.drivers.optional import Looks, answers_for_device, arm_watchdog, look_for
 from umo.drivers.wrapping import Wrapper, of_driver
+from umo.duration import TIME_TOLERANCE, duration
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
-from umo.presentation.digits import number_text
-from umo.presentation.durations import duration
 
 log = logging.getLogger("umo")
-ROUNDING = 1e-9
-"""Time in s by which a fault may begin early: the machine's time is a sum of periods."""
 
 
 class HasNow(Protocol):
@@ -41,7 +39,7 @@ class Injection:
         self.clock: HasNow | None = None
         self.drivers: list[FaultyDriver] = []
         self.tells = True
-        """Whether what begins and ends is logged: by the control process, not by a worker process."""
+        """True if what begins and ends is logged: by the control process, not by a worker process."""
         self.say: Callable[[Callable[[], str]], object] = _log
         """Function that logs a line, which is given as a function that makes it: a machine does so when the outputs of
         its period have been sent."""
@@ -91,7 +89,7 @@ class FaultyDriver(Wrapper, Looks):
         if clock is None or clock.now == self._now:
             return self._acting
         self._now = now = clock.now
-        acting = [each for each in self.effects if each.begin - ROUNDING <= now < each.end - ROUNDING]
+        acting = [each for each in self.effects if each.begin - TIME_TOLERANCE <= now < each.end - TIME_TOLERANCE]
         for effect in acting:
             if effect not in self._acting:
                 effect.set_in(self.levels.get(_text(effect)) if effect.output else None)

@@ -16,8 +16,8 @@ from umo.drivers.contract import Direction, IntArray
 from umo.drivers.fmu.variables import TICK, FmuChannel, channel_of, check_start, described, variables_of
 from umo.drivers.option_checks import within
 from umo.drivers.optional import KnowsScale, PhysicalScale, Reports
+from umo.duration import duration
 from umo.errors import ChannelsFailed, DriverError
-from umo.presentation.durations import duration
 
 if TYPE_CHECKING:
     from umo.drivers.fmu.instance import FmuInstance
@@ -138,7 +138,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         self.write_many(channels, np.array(raws, np.int64))
 
     def _is_lost(self, error: DriverError) -> bool:
-        """Whether the model has failed: it transfers nothing any more."""
+        """True if the model has failed: it transfers nothing any more."""
         return bool(self._opened().lost)
 
     def report(self) -> Mapping[str, Any]:
@@ -195,7 +195,7 @@ class _Group:
             if verb == "Set" and any(size > 1 for size in sizes.values())
             else None
         )
-        """What reads the elements that are not set: FMI sets arrays as a whole."""
+        """Reads the elements that are not set: FMI sets arrays as a whole."""
         scales = [channel.scale for channel in self._channels]
         self._scales = None if None in scales else np.array(scales, float)
         self._few = scales if None not in scales and len(scales) <= _FEW_FLOATS else []

@@ -20,9 +20,9 @@ from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
+from umo.digits import number_text
 from umo.drivers.fmu.variables import FLOATS, INTEGERS, arranged, kind_of, shape_of, variables_of
 from umo.errors import DriverError
-from umo.presentation.digits import number_text
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 STATUS = {DISCARD: "discard", ERROR: "error", FATAL: "fatal", 5: "pending"}
@@ -54,9 +54,9 @@ class FmuInstance:
         self.time = 0.0
         """Time of the model in s, at the end of the last step."""
         self.lost = ""
-        """Why the instance cannot be used any more; empty if it can."""
+        """The reason why the instance cannot be used any more; empty if it can."""
         self.ended = False
-        """Whether it cannot since the model has asked for the end of the simulation."""
+        """True if it cannot since the model has asked for the end of the simulation."""
         self._status = 0
         """Status of the last call that failed."""
         self._is3 = description.fmiVersion.startswith("3.")
@@ -157,7 +157,7 @@ class FmuInstance:
         return partial(function, *arguments, *([c_size_t(len(buffer))] if self._is3 else []))
 
     def buffer(self, kind: str, size: int) -> Any:
-        """Room for so many values of a type."""
+        """Memory for a number of values of a type."""
         return (self._type(kind) * size)()
 
     def _type(self, name: str) -> Any:
@@ -166,7 +166,7 @@ class FmuInstance:
 
     @property
     def readable(self) -> bool:
-        """Whether its variables can be read: it has not failed, but it may have ended."""
+        """True if its variables can be read: it has not failed, but it may have ended."""
         return self.ended or not self.lost
 
     def value(self, variable: Any) -> Any:

@@ -17,6 +17,7 @@ from zipfile import BadZipFile, ZipFile
 
 from umo.drivers.contract import Channel, Direction
 from umo.errors import ChannelError, DriverError, WiringError
+from umo.system.packages import how_to_install
 from umo.text import COMPARED_NAMES, others
 
 TICK = "tick"
@@ -33,7 +34,7 @@ INTEGERS: Mapping[str, tuple[int, bool]] = {
 SETTABLE = ("input", "parameter")
 LISTED_NAMES = 6
 ANY_CHANNEL = "?"
-"""Text that is no channel's, with which `umo drivers` asks for the forms: the answer has all variables."""
+"""Text that is not a channel's, with which `umo device drivers` asks for the forms: the answer has all variables."""
 MAX_UNIT_LENGTH = 40
 """Characters of a unit at most: a longer one is not looked at."""
 _FACTOR = r"(?:1|[^\W\d_]+(?:\^?-?\d)?)"
@@ -56,7 +57,7 @@ class FmuChannel(Channel):
     units: str | None = None
     """Floats: the unit in the model description, if pint knows it."""
     element: int = 0
-    """Of an array: which of its values, in the order of FMI, from 0."""
+    """The index of the value in an array, in the order of FMI, from 0."""
     size: int = 1
     """Number of the variable's values."""
 
@@ -82,7 +83,7 @@ def _described(file: Path, changed: int) -> Any:
     try:
         from fmpy.model_description import read_model_description
     except ModuleNotFoundError as error:
-        raise DriverError('the fmu driver needs FMPy: pip install "umo[fmu]"') from error
+        raise DriverError(f"the fmu driver needs FMPy: {how_to_install('fmu')}") from error
     try:  # what is wrong in form only (`fmpy validate` lists it) does not keep a model from running
         with TemporaryDirectory() as folder, ZipFile(file) as archive:  # FMPy would leave the file open
             archive.extract("modelDescription.xml", folder)
@@ -159,7 +160,8 @@ def _place_of(name: str, indices: tuple[int, ...], shape: tuple[int, ...]) -> in
 
 
 def _units(variable: Any) -> str | None:
-    """The variable's unit as pint writes it; None for a difference of absolute values, such as of temperatures."""
+    """The variable's unit as pint writes it; None for a difference of absolute values, such as a temperature
+    difference."""
     declared = variable.declaredType
     if variable.relativeQuantity or (variable.relativeQuantity is None and declared and declared.relativeQuantity):
         return None
@@ -263,7 +265,7 @@ def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
 
 
 def _is_channel(description: Any, variable: Any) -> bool:
-    """Whether a channel can name it."""
+    """True if a channel can name it."""
     try:
         _raw(description, variable, variable.name)
         _direction(variable, variable.name)

@@ -13,6 +13,7 @@ from umo.drivers._library import library
 from umo.drivers.contract import IntArray
 from umo.drivers.gpio.channel import GpioChannel, checked, parse
 from umo.errors import DriverError, WiringError
+from umo.system.packages import how_to_install
 
 if TYPE_CHECKING:
     from umo.drivers.gpio.lines import Lines, LineTransfer
@@ -79,7 +80,7 @@ class Gpio(BlockDriver[GpioChannel]):
     def open(self) -> None:
         """Take the lines of the wiring as they are. A line that is in use is refused when it is initialised."""
         if self._library is None:
-            raise DriverError('the gpio driver needs gpiod: pip install "umo[gpio]"')
+            raise DriverError(f"the gpio driver needs gpiod: {how_to_install('gpio')}")
         self._lines = self._library.Lines(self.chip)
         self._begin()
 
@@ -151,7 +152,7 @@ class Gpio(BlockDriver[GpioChannel]):
             raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> DriverError:
-        """A chip that has gone is let go of; the next call opens it again."""
+        """A chip that has gone is released; the next call opens it again."""
         if self._lines is not None and error.errno == errno.ENODEV:
             self._forget()
             self._lines.disconnect()

@@ -58,7 +58,7 @@ class LineTransfer:
         ]
 
     def write(self, raws: Sequence[int]) -> None:
-        """All values are checked before the first line changes."""
+        """Write all lines. All values are checked before the first line changes."""
         if self._input:
             raise DriverError(f"{self._input} is an input: it was initialised without a default")
         levels = iter(self._levels(raws))
@@ -235,7 +235,7 @@ class Lines:
             sleep(_RETRY_INTERVAL)
 
     def _refused(self, settings: Iterable[int], error: OSError) -> DriverError:
-        """Why the chip does not take a line with its settings. Raises ENODEV if the chip has gone."""
+        """Return why the chip does not accept a line with its settings. Raise ENODEV if the chip has been removed."""
         lines = ", ".join(map(self._called, settings))
         if error.errno in (errno.ENXIO, errno.ENODEV):
             return DriverError(f"{self.name}: {lines} has no interrupt: its edges cannot be counted")

@@ -18,8 +18,8 @@ from umo.drivers.contract import Channel, Direction, IntArray
 from umo.drivers.iio import sysfs
 from umo.drivers.iio.scan import Scan, element, trigger_named
 from umo.drivers.optional import KnowsScale, PhysicalScale
+from umo.duration import duration
 from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError
-from umo.presentation.durations import duration
 
 FORMS = (
     "in_TYPE[N]",

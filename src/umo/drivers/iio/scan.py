@@ -16,8 +16,8 @@ from typing import Literal, NamedTuple
 
 from umo.drivers._device_file import numbered, one_named, opening, put, text_in
 from umo.drivers.iio import sysfs
+from umo.duration import duration
 from umo.errors import DeviceTimeout, DriverError
-from umo.presentation.durations import duration
 
 BUFFER_LENGTH = 256
 """Records that the kernel's buffer holds: those of one period must fit."""
@@ -39,10 +39,10 @@ class ScanType(NamedTuple):
         """DriverError if it is not one value of whole bytes."""
         match = _TYPE.fullmatch(text)
         if match is None or int(match[5] or 1) != 1:
-            raise DriverError(f"a scan element of the type {text!r} is not one integer")
+            raise DriverError(f"umo reads scan elements of one integer, not of the type {text!r}")
         bits, storage, shift = int(match[3]), int(match[4]), int(match[6])
         if storage not in (8, 16, 24, 32, 64) or not 0 < bits <= storage - shift:
-            raise DriverError(f"a scan element of the type {text!r} is not one integer of 8 to 64 bits")
+            raise DriverError(f"umo reads scan elements of one integer of 8 to 64 bits, not of the type {text!r}")
         return cls("big" if match[1] == "be" else "little", match[2] == "s", bits, storage, shift)
 
     def decode(self, data: bytes) -> int:
@@ -146,7 +146,7 @@ class Scan:
         except BlockingIOError:
             return False
         if not data or len(data) % size:
-            raise DriverError(f"a record of {len(data) % size} bytes in place of {size}")
+            raise DriverError(f"the buffer gave a record of {len(data) % size} bytes in place of {size}")
         self._values = self._layout.decode(data[-size:])
         self._taken_at = before  # at the earliest: it was not there at the drain before
         return len(data) == size * BUFFER_LENGTH

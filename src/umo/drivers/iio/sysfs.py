@@ -64,7 +64,7 @@ _DIRECTED = re.compile("in_|out_")
 
 
 def processed_scale(channel: str, scale: float) -> PhysicalScale | None:
-    """Of a processed value with this scale, which is in the units of the kernel's ABI."""
+    """Return the scale of a processed value with this scale, in the units of the kernel's ABI."""
     factor, units = _units(channel)
     return PhysicalScale(scale * factor, 0.0, units) if factor else None
 

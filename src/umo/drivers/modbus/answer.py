@@ -76,7 +76,8 @@ def _data_size(request: bytes) -> int:
 
 
 def _check_echo(request: bytes, answer: bytes) -> None:
-    """One cell's address and value, or masks, come back as they were sent, of many the address and their number."""
+    """Check the echo: the address and value of one cell, or masks, as they were sent; for several cells the address and
+    their number."""
     size = answer_size(request)
     _check_length("an answer", answer, size)
     if answer[1:] != request[1:size]:

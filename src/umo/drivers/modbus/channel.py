@@ -105,7 +105,7 @@ class ModbusChannel(Channel):
     masked: bool = False
     """A field is written by function 22, which leaves the other bits of its register alone."""
     uncut: ModbusChannel | None = field(default=None, compare=False, repr=False)
-    """Of a field: the same with all registers of its value."""
+    """For a field, the channel with all registers of its value."""
 
     @property
     def end(self) -> int:
@@ -113,7 +113,7 @@ class ModbusChannel(Channel):
 
     @property
     def plain(self) -> bool:
-        """Whether its raw integer is the content of one cell, but for the sign."""
+        """True if its raw integer is the content of one cell, except for the sign."""
         return self.cells == 1 and self.low is None and not self.swapped
 
     @property

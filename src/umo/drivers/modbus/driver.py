@@ -1,4 +1,4 @@
-"""Modbus devices: fieldbus couplers, PLCs, drives, meters, and the plants that `umo plant` serves."""
+"""Modbus devices: fieldbus couplers, PLCs, drives, meters, and the plants that `umo device plant` serves."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from umo.drivers.option_checks import duration, one_of, within
 from umo.drivers.optional import HasWatchdog, Inspects, Looks, NoWatchdog
 from umo.drivers.streams import Host, Place, Serial, place_of
 from umo.drivers.streams.line import Parity
+from umo.duration import duration as duration_text
 from umo.errors import ChannelsFailed, DriverError, WiringError
-from umo.presentation.durations import duration as duration_text
+from umo.system.packages import how_to_install
 
 if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
@@ -81,10 +82,10 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
     retry: after a write timed out, it is not known whether the device carried it out. On TCP, after any failure except
     an exception answer the connection is closed, and the next call opens it again; on a serial line the unit recovers.
 
-    Where a block takes several requests, one that is answered by an exception fails for its own channels and
-    the others go on; one that loses the connection fails for its own and those of all later requests, as
-    ChannelsFailed says. A timeout is a DeviceTimeout of the whole block, whatever was read or written
-    before it: the time of the call is used up, and the device may be disconnected.
+    If a block takes several requests, a request that is answered by an exception fails for its own channels, and the
+    others continue. A request that loses the connection fails for its own channels and those of all later requests
+    (ChannelsFailed). A timeout is a DeviceTimeout of the whole block, whatever was read or written before it: the time
+    of the call is used up, and the device may be disconnected.
     """
 
     def __init__(
@@ -160,7 +161,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         """Connect, within `timeout`."""
         if self._protocol is None:
             needs = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
-            raise DriverError(f'the modbus driver needs {needs}: pip install "umo[modbus]"')
+            raise DriverError(f"the modbus driver needs {needs}: {how_to_install('modbus')}")
         self._connection = self._protocol.Unit(self.place, self._unit, self._protocol.UnitRules(**self._rules))
         self._begin()
 
@@ -267,7 +268,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         return dict(enumerate(unit.read(span), span.address)) | self._contents.words
 
     def _forget(self) -> None:
-        """Nothing is known of what the unit holds."""
+        """Forget the contents of the unit."""
         self._unchanged.forget()
         self._contents.forget()
 

@@ -16,7 +16,7 @@ _MAX_REMEMBERED = 256
 
 @dataclass(frozen=True)
 class Item:
-    """A channel, its place among the values of the call, and where its first cell lies in the request."""
+    """A channel, its place among the values of the call, and the place of its first cell in the request."""
 
     place: int
     offset: int
@@ -218,7 +218,7 @@ class WriteCache:
         self._confirmed: dict[_Key, tuple[list[int], float]] = {}
 
     def covers(self, request: Request, cells: list[int], now: float) -> bool:
-        """Whether these very cells were confirmed less than `keep` s ago, and nothing was written on them since."""
+        """True if these very cells were confirmed less than `keep` s ago, and nothing was written on them since."""
         cells_then, then = self._confirmed.get(_key(request), ((), 0.0))
         return cells_then == cells and now - then < self._keep
 
@@ -236,7 +236,7 @@ class WriteCache:
         self._confirmed[_key(request)] = cells, now
 
     def forget(self) -> None:
-        """Nothing is known."""
+        """Forget the contents."""
         self._confirmed.clear()
 
 
@@ -261,7 +261,7 @@ class RegisterContents:
             self.words[request.address + offset] = cells[offset]
 
     def forget(self) -> None:
-        """Nothing is known."""
+        """Forget the contents."""
         self.words.clear()
 
 

@@ -10,7 +10,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from umo.drivers.modbus.answer import Recovering
 from umo.drivers.modbus.serial_line import SerialLine, UnitFunction
 from umo.drivers.streams import Gone, Lost, Serial
-from umo.presentation.durations import duration
+from umo.duration import duration
 
 _LOOK_INTERVAL = 0.005
 """Time in s between two looks at a line while a unit recovers."""
@@ -26,7 +26,7 @@ class Rtu:
         self._recovery = recovery
         self._deadline = 0.0
         self._is_asked = False
-        """Whether a look has sent its request."""
+        """True if a look has sent its request."""
         self._known_opening = 0.0
         """Time at which the line that was used last had been opened."""
 
@@ -34,14 +34,14 @@ class Rtu:
         self._line.leave()
 
     def begin(self, deadline: float) -> bool:
-        """The line is open; everything until the next `begin` ends by this time. True if the line was opened anew."""
+        """The line is open; everything until the next `begin` ends by this time. True if the line was opened again."""
         self._deadline, self._is_asked = deadline, False
         self._line.open(deadline)
         known, self._known_opening = self._known_opening, self._line.opened_at
         return known != self._line.opened_at
 
     def look(self, request: ModbusPDU, seconds: float) -> bool | None:
-        """Whether the unit answers this request, found out without waiting; None: not known yet.
+        """Return whether the unit answers this request, without waiting; None if not known yet.
 
         There is one master, and one request at a time. On a line that other units share, their requests would have to
         wait for the answer to this one; so a transfer is tried there (True), which costs its timeout."""

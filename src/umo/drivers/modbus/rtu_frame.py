@@ -28,14 +28,15 @@ def answer_end(request: bytes, data: bytes) -> int:
 
 
 def is_answer(request: bytes, data: bytes) -> bool:
-    """Whether the data is the answer to the request and nothing else."""
+    """True if the data is the answer to the request and nothing else."""
     return 0 < _end(request, data) == len(data)
 
 
 def has_come(request: bytes, data: bytes) -> bool:
-    """Whether what has come since the request is its answer, damaged on its way, so that the unit owes none any more:
-    the answer beside other bytes; the beginning of one, with unit, function and a third byte; or as many bytes as one
-    has, with two of these. An intact frame that is not the answer is that of another unit, or to another request."""
+    """True if the bytes received since the request are its answer, damaged on the line, so that no other answer will
+    come. They are if they contain the answer among other bytes, or its beginning with unit, function and a third byte,
+    or as many bytes as the answer has with two of these right. An intact frame that is not the answer is that of
+    another unit, or to another request."""
     if any(_end(request, data[at:]) for at in range(len(data))):
         return True
     for start in answer_starts(request):
@@ -55,5 +56,5 @@ def _end(request: bytes, data: bytes) -> int:
 
 
 def _is_intact(frame: bytes) -> bool:
-    """Whether the check sum at its end is right."""
+    """True if the check sum at its end is right."""
     return bool(FramerRTU.check_CRC(frame[:-CHECKSUM_SIZE], int.from_bytes(frame[-CHECKSUM_SIZE:], "big")))

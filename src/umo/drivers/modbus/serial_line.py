@@ -1,12 +1,11 @@
 """The units of a serial line (Modbus over Serial Line V1.02, RTU).
 
-A frame has no number, so nothing in it tells a late answer from the answer to the next request of the same kind.
-Therefore a unit whose answer did not come in time is not asked for the same function again for its `recovery` time.
-What comes in meanwhile is discarded; the late answer itself ends the time early, and so does an answer that came
-damaged, if it is known for the answer (`has_come`): nothing else is to come then. Other functions and
-other units go on: an answer names both, so a late one is known from theirs. Functions 5, 6 and 22 go on too, as their
-answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
-ended, may have asked it.
+A frame has no number, so a late answer looks like the answer to the next request of the same kind. Therefore a unit
+whose answer did not come in time is not asked for the same function again for its `recovery` time. Bytes received
+during this time are discarded. The late answer itself ends the time early, and so does a damaged answer that can be
+recognised (`has_come`), because nothing else will come then. Other functions and other units continue: an answer names
+both, so a late one cannot be taken for theirs. Functions 5, 6 and 22 continue too, as their answer repeats address and
+value. When the line is opened, the time runs for every unit: another process, which has ended, may have asked it.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ class SerialLine:
         self._port: Stream | None = None
         self.opened_at = 0.0
         self._owed: dict[UnitFunction, PendingAnswer | None] = {}
-        """Answers that are owed by the units that were asked since the line was opened; None: there is none."""
+        """Answers that are owed by the units that were asked since the line was opened, or None if there is none."""
         self._last_byte_at = 0.0
         self._stray = b""
         """Bytes that came in since the last request was sent."""
@@ -83,12 +82,12 @@ class SerialLine:
 
     @property
     def is_shared(self) -> bool:
-        """Whether several units are on it."""
+        """True if several units are on it."""
         return self._users > 1
 
     @property
     def is_silent(self) -> bool:
-        """Whether nobody has sent anything for 3.5 characters."""
+        """True if nothing was sent for 3.5 characters."""
         return monotonic() >= self._last_byte_at + self._silence
 
     @property
@@ -98,7 +97,7 @@ class SerialLine:
         return self._port
 
     def open(self, deadline: float) -> None:
-        """Open the line if it is not open, or has failed since. DriverError, in words of its own."""
+        """Open the line if it is not open, or has failed since. DriverError, as text of its own."""
         if self._port is None:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
@@ -117,7 +116,7 @@ class SerialLine:
         return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
 
     def settle(self, asked: UnitFunction) -> None:
-        """Nothing is owed: the answer has come, or its time is over."""
+        """Note that no answer is outstanding: it has come, or its time is over."""
         self._owed[asked] = None
 
     def exchange(self, frame: bytes, deadline: float) -> bytes:
@@ -146,7 +145,8 @@ class SerialLine:
         self._echo = frame if self.place.echo else b""
 
     def _without_echo(self, data: bytes) -> bytes:
-        """The data without what repeats the request. Lost if it does not: no echo, or somebody else has sent, too."""
+        """Return the data without the echo of the request. Lost if there is no echo, or another sender has sent,
+        too."""
         size = min(len(data), len(self._echo))
         repeated, self._echo = self._echo[:size], self._echo[size:]
         if data[:size] != repeated:
@@ -155,7 +155,7 @@ class SerialLine:
         return data[size:]
 
     def discard(self) -> None:
-        """Discard what has come in unasked. A late answer is owed no more."""
+        """Discard received data that answer no request. A late answer is no longer expected."""
         for _ in range(_MAX_DISCARDS):
             data = self.port.waiting()
             if not data:
@@ -174,7 +174,7 @@ class SerialLine:
                 self._owed[asked] = None
 
     def _wait_for_silence(self, deadline: float) -> None:
-        """Wait until nobody has sent anything for 3.5 characters."""
+        """Wait until nothing was sent for 3.5 characters."""
         self.discard()
         while (pause := self._last_byte_at + self._silence - monotonic()) > 0:
             if monotonic() + pause > deadline:

@@ -14,7 +14,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 
 from umo.drivers.modbus.answer import GATEWAY_EXCEPTIONS, Recovering, check
 from umo.drivers.streams import Gone, Host, Look, Lost, Stream, TimedOut
-from umo.presentation.durations import duration
+from umo.duration import duration
 
 _HEADER = struct.Struct(">HHH")
 _MIN_LENGTH, _MAX_LENGTH = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
@@ -53,8 +53,8 @@ class Tcp:
             sleep(wait)
 
     def look(self, request: ModbusPDU, seconds: float) -> bool | None:
-        """Whether the device answers this request, on a new connection, found out without waiting; None: not known yet.
-        Raises Lost or DriverError."""
+        """Return whether the device answers this request, on a new connection and without waiting; None if not known
+        yet. Raise Lost or DriverError."""
         if self._stream is not None and not self._data and self._stream.idle():
             return True  # it answered the last request: any failure would have closed the connection
         if not self._look.under_way:
@@ -65,7 +65,7 @@ class Tcp:
         return None if self._stream is None else True
 
     def _starter(self) -> Callable[[Stream], bool]:
-        """Whether the device takes requests on a connection that has just been made."""
+        """Return a function that tests whether the device accepts requests on a new connection."""
         connected_at: list[float] = []
 
         def is_ready(stream: Stream) -> bool:
@@ -75,7 +75,7 @@ class Tcp:
         return is_ready
 
     def _is_answer(self, frame: bytes, data: bytes) -> bool:
-        """Whether the data is the whole answer to this frame, if it is an exception answer too; not of a gateway."""
+        """True if the data is the whole answer to this frame, if it is an exception answer too; not of a gateway."""
         if not (end := frame_end(data)):
             return False
         answer = data[_HEADER.size : end]

@@ -23,8 +23,8 @@ from umo.drivers.modbus.plan import Request
 from umo.drivers.modbus.rtu import Rtu
 from umo.drivers.modbus.tcp import Tcp
 from umo.drivers.streams import Host, Lost, Place, TimedOut
+from umo.duration import duration
 from umo.errors import DeviceTimeout, DriverError
-from umo.presentation.durations import duration
 
 T = TypeVar("T")
 EXCEPTIONS = {
@@ -76,7 +76,7 @@ class _Requests(ModbusClientMixin[ModbusPDU]):
 
 @dataclass(frozen=True)
 class UnitRules:
-    """How a unit is to be asked: options of the driver, times in s."""
+    """The requirements of a unit: options of the driver, times in s."""
 
     recovery: float
     answers_as: int | None
@@ -104,14 +104,14 @@ class Unit:
         self._requests = _readers_of(_Requests())  # type: ignore[no-untyped-call]
 
     def look(self, table: Table, address: int, count: int, timeout: float) -> bool | None:
-        """Whether the unit answers when it is asked for these cells, found out without waiting: an exception is an
-        answer too. None: not known yet; DriverError: not now."""
+        """Return whether the unit answers a request for these cells, without waiting: an exception is an answer too.
+        None if not known yet; DriverError if it does not answer now."""
         request = self._requests[table](address, count=count, device_id=self._unit)
         self._timeout = timeout
         return self._connecting(lambda deadline: self._transport.look(request, timeout), timeout)
 
     def recover(self, timeout: float) -> None:
-        """Wait until answers to whoever had the line before cannot come any more, for at most `timeout` s."""
+        """Wait until no answer to an earlier user of the line can come any more, for at most `timeout` s."""
         self._connecting(self._transport.recover, timeout)
 
     def begin(self, timeout: float) -> bool:
@@ -140,7 +140,7 @@ class Unit:
         self._answer("writing", request, lambda: self._write(request, cells))
 
     def write_and_read(self, request: Request, cells: list[int]) -> Sequence[int]:
-        """Write registers by function 23; what they hold afterwards."""
+        """Write registers by function 23 and return their contents afterwards."""
         address, count, ask = request.address, request.count, self._client.readwrite_registers
         send = partial(ask, read_address=address, read_count=count, write_address=address, values=cells)
         return cells_of(self._answer("writing", request, partial(send, device_id=self._unit)))
@@ -164,7 +164,7 @@ class Unit:
         return answer
 
     def _write(self, request: Request, cells: list[int]) -> bytes:
-        """Write by function 5 or 6, or by 15 or 16 where there is more than one cell, or where the unit wants it."""
+        """Write by function 5 or 6; by 15 or 16 for more than one cell, or if the unit requires it."""
         client, unit, address = self._client, self._unit, request.address
         single = request.count == 1 and not self._write_multiple
         if request.table is COIL:

@@ -2,6 +2,6 @@
 
 from umo.drivers.off_cycle.device_server import DeviceServer
 from umo.drivers.off_cycle.proxy import OffCycle
-from umo.drivers.off_cycle.shared_memory import NEVER, Exchange
+from umo.drivers.off_cycle.shared_memory import NO_TIME, Exchange
 
-__all__ = ["NEVER", "DeviceServer", "Exchange", "OffCycle"]
+__all__ = ["NO_TIME", "DeviceServer", "Exchange", "OffCycle"]

@@ -15,7 +15,7 @@ import numpy as np
 
 from umo.drivers.absence import OFF_CYCLE, Absence, AbsenceState, AbsenceStep
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
-from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
+from umo.drivers.off_cycle.shared_memory import NO_TIME, Cell, Exchange, Order, Row, Wanted
 from umo.drivers.optional import (
     NoWatchdog,
     ages_of,
@@ -38,8 +38,8 @@ class DeviceServer:
         self.on_call: Callable[[], object] = lambda: None
         """Function that is called before each call of the driver: a sign of life."""
         self.in_charge: Callable[[], bool] = lambda: True
-        """Function that tells, after a reading that took its time, whether the machine still runs: else nothing is
-        written that was wanted before."""
+        """Function that says, after a slow reading, whether the machine still runs; if not, values that were wanted
+        before are not written."""
         self.opened = False
         self._period = round(period * 1e9)
         self._cells = exchange.cells
@@ -54,7 +54,7 @@ class DeviceServer:
         """The count of what is wanted up to which orders were carried out."""
         self._due = 0
         self._reads = False
-        """Whether readings have come in the last transfer: they go on while writing fails, and orders are tried."""
+        """True if readings have come in the last transfer: they continue while writing fails, and orders are tried."""
         self._held_until = 0
         """Time in ns on its clock up to which the outputs are kept at their defaults."""
         self._absence = Absence(OFF_CYCLE, answers_for_device(driver))
@@ -68,7 +68,7 @@ class DeviceServer:
     # Requests ------------------------------------------------------------------------------------------------
 
     def perform(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """One call, and its answer: `value`, or the `error`."""
+        """Make one call, and return its answer: `value`, or the `error`."""
         self.driver.timeout = request.get("timeout", self.driver.timeout)
         try:
             return {"value": getattr(self, f"_do_{request['call']}")(request)}
@@ -178,7 +178,7 @@ class DeviceServer:
     # At its own period -----------------------------------------------------------------------------------------
 
     def work(self) -> None:
-        """What is due now: orders, the transfer of a period."""
+        """Carry out what is due now: orders, the transfer of a period."""
         if (self._reads or self._absence.refuses or not self._absence.is_away) and not self._is_held:
             self._follow_orders()
         if self.ns() >= self._due:
@@ -200,7 +200,7 @@ class DeviceServer:
             self._read(rows, began)
             if found:
                 decided = not self.in_charge() or self._write(rows)
-                self._cells[Cell.AWAY_SINCE] = NEVER
+                self._cells[Cell.AWAY_SINCE] = NO_TIME
                 if decided:
                     self._back()
         except FAILURES as error:
@@ -221,7 +221,7 @@ class DeviceServer:
         for number, channel, raw, age in zip(self._inputs, channels, out.tolist(), ages, strict=True):
             cause = causes.get(channel.text, "the driver returned no value" if raw == UNREAD else "")
             self._judge(rows, number, raw, began - round(age * 1e9), cause)
-        self._reads, self._cells[Cell.AWAY_SINCE] = True, NEVER
+        self._reads, self._cells[Cell.AWAY_SINCE] = True, NO_TIME
 
     @property
     def _is_held(self) -> bool:
@@ -238,8 +238,8 @@ class DeviceServer:
         return numbers, wanted[Wanted.RAW, numbers]
 
     def _write(self, rows: IntArray) -> bool:
-        """Whether the device was sent what is wanted, or has no outputs; not, before anything is wanted of those that
-        were initialised again."""
+        """Return True if the device was sent the wanted values, or has no outputs; False before values are wanted for
+        outputs that were initialised again."""
         numbers, raws = self._to_write()
         if not numbers:
             return not self._outputs
@@ -261,14 +261,14 @@ class DeviceServer:
         return True
 
     def _judge(self, rows: IntArray, number: int, raw: int, began: int, cause: str) -> None:
-        """One channel was transferred, or failed."""
+        """Note that one channel was transferred, or failed."""
         if cause:
             self.exchange.set_cause(number, cause)
         else:
             rows[Row.RAW, number], rows[Row.STAMP, number] = raw, began
 
     def _follow_orders(self) -> None:
-        """Each call that was ordered, once; of several for one channel the last."""
+        """Carry out each ordered call once; of several for one channel only the last."""
         if self.exchange.wanted.count == self._followed:
             return
         self._followed, wanted = self.exchange.wanted.read()
@@ -285,7 +285,7 @@ class DeviceServer:
             except FAILURES as error:
                 self.exchange.set_cause(number, text_of(error))
                 if self._initialized[channel.text][1] is not None:
-                    rows[Row.STAMP, number] = NEVER  # it is not known what it has
+                    rows[Row.STAMP, number] = NO_TIME  # it is not known what it has
                 if isinstance(error, TimeoutError):
                     self._failed(began, error)
                     self._followed = -1  # the others are still to be carried out
@@ -302,7 +302,7 @@ class DeviceServer:
         self.exchange.arrivals.post(rows)
 
     def _call(self, channel: Channel, call: int, raw: int) -> int | None:
-        """The raw integer that an output was sent; None for an input, which was not read."""
+        """Make a call. Return the raw integer that an output was sent; None for an input, which was not read."""
         self.on_call()
         default = self._initialized[channel.text][1]
         if call == Order.WRITE:
@@ -320,7 +320,7 @@ class DeviceServer:
 
     def _failed(self, began: int, error: BaseException) -> None:
         """A call of the whole driver has failed, or one timed out: no period is written until the device is found."""
-        if self._cells[Cell.AWAY_SINCE] == NEVER and not self._reads:
+        if self._cells[Cell.AWAY_SINCE] == NO_TIME and not self._reads:
             self._cells[Cell.AWAY_SINCE] = began
         self._absence.failed(self._now, isinstance(error, TimeoutError), began=began * 1e-9)
         self._set_cause(error)
@@ -330,7 +330,7 @@ class DeviceServer:
         forget_frames(error)
 
     def _back(self) -> None:
-        self._cells[Cell.AWAY_SINCE] = NEVER
+        self._cells[Cell.AWAY_SINCE] = NO_TIME
         if self._absence.state is not AbsenceState.THERE:
             self._absence = Absence(OFF_CYCLE, answers_for_device(self.driver))
 
@@ -339,7 +339,7 @@ class DeviceServer:
         return self.ns() * 1e-9
 
     def _found(self, rows: IntArray) -> bool:
-        """Whether the device answers again. One that was away for long is initialised first."""
+        """True if the device answers again. One that was away for long is initialised first."""
         if not self._absence.is_due(self._now):
             return False
         found = self._look()
@@ -350,7 +350,7 @@ class DeviceServer:
         return step is AbsenceStep.TRY
 
     def _look(self) -> bool | None:
-        """What a look says; a driver that is not open yet is opened in place of that."""
+        """Return the result of a look. A driver that is not open yet is opened instead."""
         try:
             if self.opened:
                 self.on_call()
@@ -362,7 +362,7 @@ class DeviceServer:
         return True
 
     def _initialize_again(self, rows: IntArray) -> bool:
-        """Whether that has succeeded. What is posted from now on is of another generation."""
+        """True if that has succeeded. What is posted from now on is of another generation."""
         self._cells[Cell.GENERATION] += 1
         try:
             for channel, default in tuple(self._initialized.values()):
@@ -400,8 +400,8 @@ class DeviceServer:
             self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
-        """Every output that was initialised to its default, in this order of the channels' texts; the causes of those
-        that failed. After a failure the next attempt opens the driver anew."""
+        """Reset every initialised output to its default, in this order of the channels' texts. Return the causes of
+        those that failed. After a failure the next attempt opens the driver again."""
         driven = [text for text in order if text in self._initialized]
         if driven and not self.opened and (why := self._open_again(driven)):
             return dict.fromkeys(driven, why)
@@ -431,7 +431,7 @@ class DeviceServer:
 
 
 def _kind(error: BaseException) -> str:
-    """The class of an error, as far as the other side has to tell them apart."""
+    """Return the class of an error, as far as the other side distinguishes them."""
     if isinstance(error, ChannelsFailed):
         return "channels"
     if isinstance(error, TimeoutError):
@@ -450,5 +450,5 @@ def error_of(answer: Mapping[str, Any]) -> DriverError:
 
 
 def _as_plain(raw: Any) -> Any:
-    """As JSON has it; what is no integer stays what it is, for the caller to find."""
+    """Return an integer for JSON; any other value unchanged, so that the caller notices it."""
     return raw if raw is None or isinstance(raw, int | str | float) else int(raw)

@@ -1,4 +1,4 @@
-"""What stands in the machine in the place of a driver that is off the cycle.
+"""The machine's substitute for a driver that is off the cycle.
 
 While the machine is connected and brought to its end, each call is a request to the worker process, and waits for the
 answer. While it runs no call waits: what is to be written is posted, what is read is what has arrived. Without a worker
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from umo.drivers.contract import Channel, Driver, IntArray
 from umo.drivers.off_cycle.device_server import DeviceServer, error_of
-from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
+from umo.drivers.off_cycle.shared_memory import NO_TIME, Cell, Exchange, Order, Row, Wanted
 from umo.drivers.optional import KnowsAges
 from umo.drivers.wrapping import Wrapper
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
@@ -29,7 +29,7 @@ MARGIN = 1.0
 
 
 def generation_of(rows: IntArray) -> int:
-    """How often the outputs had been initialised when these values were posted."""
+    """Return how often the outputs had been initialised when these values were posted."""
     return int(rows[Row.GENERATION].max(initial=0))
 
 
@@ -37,11 +37,11 @@ class Worker:
     """The worker process of a driver, as the processes that ask it see it."""
 
     def is_gone(self) -> bool:
-        """Whether it has ended."""
+        """True if the worker process has ended."""
         raise NotImplementedError
 
     def silence(self) -> float:
-        """Time in s since its last sign of life."""
+        """Time in s since the last sign of life of the worker process."""
         raise NotImplementedError
 
 
@@ -54,7 +54,7 @@ class OffCycle(Wrapper):
 
     withheld = (*Wrapper.withheld, KnowsAges)  # each value has its stamp
     shared = True
-    """Whether a worker process has the same exchange."""
+    """True if a worker process has the same exchange."""
 
     def __init__(self, driver: Driver[Any], own_period: float, max_age: float) -> None:
         super().__init__(driver)
@@ -62,17 +62,17 @@ class OffCycle(Wrapper):
         self.exchange = Exchange(())
         self.server = DeviceServer(driver, self.exchange, own_period)
         self.worker: Worker | None = None
-        """None: the calls are made here."""
+        """The worker; None if the calls are made here."""
         self.running = False
-        """Whether no call waits."""
+        """True if no call waits."""
         self.pause: Callable[[float], object] = sleep
         """The function that waits for an answer, in s."""
-        self.fault_time: Callable[[], int] = lambda: NEVER
-        """The machine's time in ns, by which injected faults act; NEVER: there are none."""
+        self.fault_time: Callable[[], int] = lambda: NO_TIME
+        """The machine's time in ns, by which injected faults act; NO_TIME: there are none."""
         self.generation = 0
         """How often the outputs had been initialised, as far as the machine knows."""
         self.read_rows: IntArray = self.exchange.arrivals.read()[1]
-        """What was read last: values and their stamps."""
+        """The values read last, with their stamps."""
         self._wanted: IntArray
         self._plans: dict[tuple[Channel, ...], IntArray] = {}
 
@@ -106,7 +106,7 @@ class OffCycle(Wrapper):
         return answer
 
     def call_here_if_alone(self) -> None:
-        """Make the calls in this process if the worker has ended: nobody else holds the device."""
+        """Make the calls in this process if the worker has ended, as no other process holds the device."""
         if self.worker is not None and self.worker.is_gone():
             self.worker = None
             self.server.opened = False
@@ -153,7 +153,7 @@ class OffCycle(Wrapper):
             return raw
         number = self.exchange.place[channel.text]
         rows = self.read_rows = self.exchange.arrivals.read()[1]
-        if rows[Row.STAMP, number] == NEVER:
+        if rows[Row.STAMP, number] == NO_TIME:
             raise DriverError(self.cause(number))
         return int(rows[Row.RAW, number])
 
@@ -174,7 +174,7 @@ class OffCycle(Wrapper):
         places = self.places(channels)
         rows = self.read_rows = self.exchange.arrivals.read()[1]
         out[:] = rows[Row.RAW, places]
-        never = np.flatnonzero(rows[Row.STAMP, places] == NEVER).tolist()
+        never = np.flatnonzero(rows[Row.STAMP, places] == NO_TIME).tolist()
         if never:
             raise ChannelsFailed({channels[i].text: self.cause(int(places[i])) for i in never})
 
@@ -197,13 +197,13 @@ class OffCycle(Wrapper):
         self.accept_generation(self.exchange.arrivals.read()[1])
 
     def end(self) -> None:
-        """Each call is a request again; the worker makes none by itself."""
+        """Make each call a request again; the worker makes none by itself."""
         self.exchange.cells[Cell.CYCLIC] = 0
         self.running = False
 
     def accept_generation(self, rows: IntArray) -> None:
-        """What is posted from now on is meant for outputs that were initialised as often as those of these values;
-        nothing is ordered."""
+        """Post values from now on for outputs that were initialised as often as those of these values, and cancel all
+        orders."""
         self.generation = generation_of(rows)
         self._wanted[Wanted.RAW], self._wanted[Wanted.ORDER] = rows[Row.RAW], rows[Row.ORDER]
         self._wanted[Wanted.GENERATION] = self.generation
@@ -223,7 +223,7 @@ class OffCycle(Wrapper):
         return int(self._wanted[Wanted.ORDER, number])
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Nothing is posted or requested any more by this process: in place of that `instead` is called."""
+        """Post and request nothing more from this process. `instead` is called in its place."""
         self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
 
     def places(self, channels: Sequence[Channel]) -> IntArray:
@@ -234,23 +234,23 @@ class OffCycle(Wrapper):
         return places
 
     def carried_out(self, number: int, place: int, rows: IntArray) -> bool:
-        """Whether an order for a channel, by their numbers, was carried out when these values were posted."""
+        """True if an order for a channel, by their numbers, was carried out when these values were posted."""
         return bool(rows[Row.ORDER, place] >= number)
 
     def times(self, places: IntArray, stamps: IntArray, now: float, now_ns: int) -> npt.NDArray[np.float64]:
         """The times in s on the cycle's clock of values of these channels, by their stamps; NaN: they never came. The
         clock showed `now` at `now_ns`."""
-        return np.where(stamps == NEVER, np.nan, now - (now_ns - stamps) * 1e-9)  # below 0: since the last tick
+        return np.where(stamps == NO_TIME, np.nan, now - (now_ns - stamps) * 1e-9)  # below 0: since the last tick
 
     def cause(self, number: int) -> str:
-        """Why a channel has no new value."""
+        """Return why a channel has no new value."""
         return self.causes([number])[0]
 
     def causes(self, numbers: Sequence[int]) -> list[str]:
-        """The same of several."""
+        """Return the causes of several channels."""
         exchange = self.exchange
         if self.worker is not None and self.worker.is_gone():
             return ["its worker process has ended"] * len(numbers)
-        if exchange.cells[Cell.AWAY_SINCE] != NEVER:
+        if exchange.cells[Cell.AWAY_SINCE] != NO_TIME:
             return [f"its device is away: {exchange.cause(-1)}"] * len(numbers)
         return [exchange.cause(number) or "no value has come in time" for number in numbers]

@@ -1,9 +1,10 @@
 """The memory in which a worker process and the control process exchange the raw integers of one driver.
 
-Every cell has one writer, and means something by itself. What belongs together stands in one of two banks: the writer
-fills the bank that is not valid, then counts on; the last bit of the count names the valid one. Banks, requests and
-answers carry a number and a checksum, by which a reader proves that its copy is whole (`umo.system.shared_cells`). The
-causes of failures are for people alone: one that is read while it changes may be a mixture of two. The memory is
+Every cell has one writer, and means something by itself. Values that belong together are in one of two banks: the
+writer fills the invalid bank, then increments the count; the last bit of the count selects the valid bank. Banks,
+requests and answers carry a number and a checksum, by which a reader proves that its copy is whole
+(`umo.system.shared_cells`). The causes of failures are for people alone: one that is read while it changes may be a
+mixture of two. The memory is
 anonymous: no file of it could be cut by others.
 """
 
@@ -23,7 +24,7 @@ import numpy as np
 from umo.drivers.contract import Channel, IntArray
 from umo.system.shared_cells import SharedText
 
-NEVER = -1
+NO_TIME = -1
 """Stamp of a value that has not come yet."""
 TEXT_BYTES = 200
 """Room for the cause of a failure, bytes."""
@@ -48,7 +49,7 @@ class Cell(IntEnum):
     GENERATION = 2
     """Worker: how often it has begun to initialise the outputs."""
     AWAY_SINCE = 3
-    """Worker: ns on its clock since which the device does not answer; NEVER: it answers."""
+    """Worker: ns on its clock since which the device does not answer; NO_TIME: it answers."""
     ANSWERED = 4
     """Worker: the number of the last request that it has answered."""
     REQUESTED = 5
@@ -58,7 +59,7 @@ class Cell(IntEnum):
     CYCLIC = 7
     """Control process: whether the worker transfers by itself, at its period."""
     NOW = 8
-    """Control process: the machine's time in ns, by which injected faults act; NEVER: there are none."""
+    """Control process: the machine's time in ns, by which injected faults act; NO_TIME: there are none."""
     INITIALIZED = 9
     """Worker: the last generation whose outputs have all been initialised."""
 
@@ -69,7 +70,7 @@ class Row(IntEnum):
     RAW = 0
     """Inputs: what was read last. Outputs: what was accepted last."""
     STAMP = 1
-    """Time in ns at which the transfer began that brought it; NEVER: none has."""
+    """Time in ns at which the transfer began that brought it; NO_TIME: none has."""
     ORDER = 2
     """The number of the last order that was carried out."""
     GENERATION = 3
@@ -90,7 +91,7 @@ class Wanted(IntEnum):
 
 
 class Order(IntEnum):
-    """What an order asks for."""
+    """The kind of an order."""
 
     WRITE = 0
     RESET = 1
@@ -158,7 +159,7 @@ class Exchange:
         """The number of each channel, by its text."""
         count = len(self.channels)
         own = np.zeros((len(Row), count), np.int64)
-        own[Row.STAMP] = NEVER
+        own[Row.STAMP] = NO_TIME
         wanted = np.zeros((len(Wanted), count), np.int64)
         split = len(Cell) + Banks.words(own.shape)
         words = split + Banks.words(wanted.shape)
@@ -168,7 +169,7 @@ class Exchange:
         numbers.fill(0)
         cells = numbers[: len(Cell)]
         self.cells: Any = cells.data
-        self.cells[Cell.AWAY_SINCE] = self.cells[Cell.NOW] = NEVER
+        self.cells[Cell.AWAY_SINCE] = self.cells[Cell.NOW] = NO_TIME
         self.arrivals = Banks(numbers[len(Cell) : split], cells, Cell.ARRIVED, own)
         """Worker: the values of all channels (`Row`)."""
         self.wanted = Banks(numbers[split:], cells, Cell.POSTED, wanted)
@@ -181,7 +182,7 @@ class Exchange:
     # Texts -----------------------------------------------------------------------------------------------
 
     def set_cause(self, channel: int, text: str) -> None:
-        """Why the last call for a channel failed, by its number; -1: of the whole driver. "": it did not."""
+        """Set why the last call failed for a channel, by its number; -1: for the whole driver; "": it did not fail."""
         at = self._texts + TEXT_BYTES * (channel + 1)
         self._memory[at : at + TEXT_BYTES] = text.encode(errors="replace")[:TEXT_BYTES].ljust(TEXT_BYTES, b"\0")
 
@@ -199,8 +200,8 @@ class Exchange:
         return number
 
     def asked(self) -> tuple[int, dict[str, Any]] | None:
-        """The request that is not answered yet, with its number. None as well while one takes the place of another that
-        nobody waits for any longer."""
+        """The request that is not answered yet, with its number. None also while a request replaces another one for
+        which nothing waits any more."""
         number = int(self.cells[Cell.REQUESTED])
         return None if number == self.cells[Cell.ANSWERED] else _of_number(self._request, number)
 
@@ -209,12 +210,12 @@ class Exchange:
         self.cells[Cell.ANSWERED] = number
 
     def answered(self, number: int) -> dict[str, Any] | None:
-        """The answer to the request of this number; None: not yet."""
+        """Return the answer to the request of this number, or None if not yet."""
         found = _of_number(self._answer, number)
         return None if found is None else found[1]
 
 
 def _of_number(text: SharedText, number: int) -> tuple[int, dict[str, Any]] | None:
-    """What is there under this number; None: not yet, or no longer."""
+    """Return the content under this number, or None if it is not there yet or no longer."""
     found = text.get()
     return (number, json.loads(found[1])) if found is not None and found[0] == number else None

@@ -17,13 +17,14 @@ _CODES = {8: "b", 16: "h", 32: "i", 64: "q"}
 
 
 class BlockPart(NamedTuple):
-    """A register in a block: where its bytes begin, and its channels with their places among the values of the call."""
+    """A register in a block: the place of its bytes, and its channels with their places among the values of the
+    call."""
 
     register: Register
     start: int
     channels: tuple[tuple[int, RegisterChannel], ...]
     whole: bool
-    """All of its bits are written."""
+    """True if all of its bits are written."""
 
 
 class LikeRegisters:
@@ -55,7 +56,7 @@ class RegisterBlock(NamedTuple):
     places: tuple[Hashable, ...]
     """Places of its bytes in the chip."""
     like: LikeRegisters | None
-    """None: the registers differ, and are converted one by one."""
+    """None if the registers differ, and are converted individually."""
 
     @property
     def first(self) -> int:
@@ -63,8 +64,8 @@ class RegisterBlock(NamedTuple):
 
 
 def plan(channels: Sequence[RegisterChannel], *, joined: bool, max_size: int) -> tuple[RegisterBlock, ...]:
-    """Each register once, with all of its fields. `joined`: those that follow each other go in one block of at most
-    `max_size` bytes. Blocks are in the order of the channels."""
+    """Return the blocks, with each register once and all of its fields. `joined`: consecutive registers are combined
+    into blocks of at most `max_size` bytes. Blocks are in the order of the channels."""
     of: dict[Register, list[tuple[int, RegisterChannel]]] = {}
     for placed in enumerate(channels):
         of.setdefault(placed[1].register, []).append(placed)

@@ -1,4 +1,4 @@
-"""What the drivers of I2C and SPI have in common: a chip with registers, one transfer for each block of them."""
+"""The common part of the drivers of I2C and SPI: a chip with registers, one transfer for each block of them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers.contract import Direction, IntArray
 from umo.drivers.option_checks import within
 from umo.drivers.registers.blocks import BlockPart, RegisterBlock, places_of, plan
-from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel
+from umo.drivers.registers.map import FORMS, ChipRegisters, Register, RegisterChannel, RegisterOptions
+from umo.duration import duration
 from umo.errors import DeviceTimeout, DriverError, WiringError
-from umo.presentation.durations import duration
 
 D = TypeVar("D")
 T = TypeVar("T")
@@ -30,11 +30,11 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
 
     forms = ("REGISTER", "REGISTER.FIELD (names of the option registers)", *FORMS)
     max_block_size = 32
-    """Bytes of a block at most."""
+    """Largest number of bytes of a block."""
 
     def __init__(
         self,
-        registers: Mapping[str, Mapping[str, Any]],
+        registers: Mapping[str, RegisterOptions],
         page_register: int | None,
         auto_increment: bool,
         identity: Mapping[str, int],
@@ -134,7 +134,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
 
     @abstractmethod
     def _get(self, address: int, size: int) -> bytes:
-        """Read so many bytes from a register on, in one transfer; OSError."""
+        """Read a number of bytes from a register on, in one transfer; OSError."""
 
     @abstractmethod
     def _put(self, address: int, data: bytes) -> None:

@@ -1,6 +1,7 @@
 """Register maps: the registers of a chip as its datasheet has them, and the channels on them. No device.
 
-A register has an address, a width of whole bytes, a byte order, perhaps a page, and may be divided into bit fields.
+A register has an address, a width of whole bytes, a byte order and optionally a page, and may be divided into bit
+fields.
 """
 
 from __future__ import annotations
@@ -10,20 +11,41 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from typing_extensions import TypedDict
+
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.option_checks import checked_table, one_of, truth, within
 from umo.errors import ChannelError, WiringError
 
 WIDTHS = (8, 16, 24, 32, 40, 48, 56, 64)
 ACCESS = {"r": Direction.INPUT, "w": Direction.OUTPUT, "rw": Direction.BOTH}
-KEYS = ("address", "bits", "byte_order", "signed", "shift", "page", "access", "initial", "fields")
-FIELD_KEYS = ("bits", "signed")
 FORMS = ("ADDRESS:BITS[:big|little][:signed]", "REGISTER.BIT", "REGISTER.HIGH:LOW")
 """Forms of channels that the wiring does not name."""
 
 _DIRECT = re.compile(r"(0x[0-9a-fA-F]+|[0-9]+):([0-9]+)(?::(big|little))?(:signed)?")
 _BITS = re.compile(r"([0-9]+)(?::([0-9]+))?")
 _PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+class FieldOptions(TypedDict, total=False):
+    """The table of a bit field."""
+
+    bits: int | str
+    signed: bool
+
+
+class RegisterOptions(TypedDict, total=False):
+    """The table of a register. It needs `address`."""
+
+    address: int
+    bits: int
+    byte_order: Literal["big", "little"]
+    signed: bool
+    shift: int
+    page: int
+    access: str
+    initial: int
+    fields: dict[str, int | str | FieldOptions]
 
 
 @dataclass(frozen=True)
@@ -104,7 +126,7 @@ class ChipRegisters:
     """
 
     def __init__(
-        self, tables: Mapping[str, Mapping[str, Any]], *, address_bits: int, paged: bool, bytewise: bool
+        self, tables: Mapping[str, RegisterOptions], *, address_bits: int, paged: bool, bytewise: bool
     ) -> None:
         self._highest = (1 << address_bits) - 1
         self._paged, self._bytewise = paged, bytewise
@@ -150,11 +172,11 @@ class ChipRegisters:
         """Addresses after the first one that a register takes."""
         return bits // 8 - 1 if self._bytewise else 0
 
-    def _add(self, name: str, table: Mapping[str, Any]) -> None:
+    def _add(self, name: str, table: RegisterOptions) -> None:
         what = f"registers.{name}"
         if not _PLAIN_NAME.fullmatch(name):
             raise WiringError(f"{what}: a register's name is made of letters, digits and _")
-        checked_table(what, table, KEYS, "{ address = 0x05, bits = 16 }")
+        checked_table(what, table, RegisterOptions.__annotations__, "{ address = 0x05, bits = 16 }")
         if "address" not in table:
             raise WiringError(f"{what}.address is missing")
         bits = one_of(f"{what}.bits", table.get("bits", 8), WIDTHS)
@@ -185,7 +207,7 @@ def _field(what: str, given: Any, width: int) -> tuple[int, int, bool]:
     if not _PLAIN_NAME.fullmatch(what.rpartition(".")[2]):
         raise WiringError(f"{what}: a field's name is made of letters, digits and _")
     if isinstance(given, Mapping):
-        checked_table(what, given, FIELD_KEYS, '{ bits = "11:9", signed = true }')
+        checked_table(what, given, FieldOptions.__annotations__, '{ bits = "11:9", signed = true }')
         signed, given = truth(f"{what}.signed", given.get("signed", False)), given.get("bits")
     return (*_bits_of(what, given, width), signed)
 

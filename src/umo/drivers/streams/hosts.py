@@ -60,7 +60,7 @@ class TcpDial:
         raise TimedOut if timed_out else Gone(why)
 
     def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
-        """The same, without waiting: None while it goes on, then the stream."""
+        """Open without waiting: yield None while it continues, then the stream."""
         if not self._found:
             outcome = _begin_look_up(self._host, self._port)
             while not outcome.done() and monotonic() < deadline:
@@ -109,7 +109,7 @@ def _connected(place: tuple[Any, ...], seconds: float) -> socket.socket:
 
 
 def _connecting(place: tuple[Any, ...], until: float) -> Iterator[socket.socket | None]:
-    """The same without waiting: None while it goes on, then the connection; OSError if there is none."""
+    """Connect without waiting: yield None while it is in progress, then the connection; OSError if it fails."""
     family, kind, protocol, _, address = place
     connection: socket.socket | None = socket.socket(family, kind, protocol)
     try:

@@ -22,7 +22,8 @@ from umo.errors import DriverError
 Parity = Literal["none", "even", "odd", "mark", "space"]
 Flow = Literal["none", "rtscts", "xonxoff"]
 _RETRY_INTERVAL = 0.02
-"""Time in s until a line is opened again that another process, perhaps one of umo that is ending, still holds."""
+"""Time in s after which umo tries again to open a line that another process still holds, such as one of umo that is
+ending."""
 
 
 @dataclass(frozen=True)

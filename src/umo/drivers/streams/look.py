@@ -46,7 +46,8 @@ class Look:
         self._steps = self._look(request, has_answered, monotonic() + seconds, is_ready)
 
     def found(self) -> Stream | None:
-        """The stream on which the device has answered; None: not known yet. Raises Lost or DriverError: not now."""
+        """Return the stream on which the device has answered; None if not known yet. Raise Lost or DriverError if it
+        does not answer now."""
         if self._steps is None:
             return None
         try:
@@ -95,6 +96,6 @@ class Look:
 
 
 def _check(deadline: float) -> None:
-    """Nothing more can be done now: TimedOut if the time is over."""
+    """Raise TimedOut if the time is over, because nothing more can be done now."""
     if monotonic() >= deadline:
         raise TimedOut("no answer")

@@ -1,4 +1,4 @@
-"""Where a device is: a host, or a serial line. Needs no library."""
+"""The place of a device: a host or a serial line. Needs no library."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Host:
         return [f"{self.protocol} {address}:{self.port}" for address in hosts.addresses(self.host)]
 
     def prepared(self) -> bool:
-        """Whether the library that it needs is there."""
+        """True if the library that it needs is there."""
         return True
 
     def dial(self) -> Dial:

@@ -45,7 +45,7 @@ class Stream:
             self._file.close()
 
     def idle(self) -> bool:
-        """Nothing has come in, and the stream has not ended."""
+        """Return True if nothing has come in, and the stream has not ended."""
         return not self._in.poll(0)
 
     def waiting(self) -> bytes:
@@ -88,7 +88,7 @@ class Stream:
 
 
 def _nothing(error: OSError) -> bytes:
-    """Nothing was transferred, as the stream is not ready. Any other error is Gone."""
+    """Return no bytes if the stream is not ready. Any other error is Gone."""
     if isinstance(error, BlockingIOError):
         return b""
     raise Gone(reason_of(error)) from None
@@ -101,4 +101,4 @@ class Dial(Protocol):
         """An open stream, by the deadline."""
 
     def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
-        """None again and again while it is being opened, by the deadline; then the open stream."""
+        """Yield None repeatedly while the stream is being opened, until the deadline; then the open stream."""

@@ -30,7 +30,7 @@ class Ends(NamedTuple):
 
     @classmethod
     def of(cls, table: ChannelOptions | QueryOptions, where: str) -> Ends:
-        """Those of a table."""
+        """Return the terminators in a table."""
         if table.get("answer_terminator") == "":
             raise WiringError(f"{where}.answer_terminator must not be empty")
         found = cls(table.get("terminator"), table.get("answer_terminator"))
@@ -77,7 +77,7 @@ class Query:
 
     @classmethod
     def parse(cls, table: QueryOptions | None, where: str) -> Query | None:
-        """None for none, and for an empty table."""
+        """Return the query in a table; None for None and for an empty table."""
         if table is None:
             return None
         checked_table(where, table, QueryOptions.__annotations__, '{ ask = "POS?", answer = "POS={}" }')
@@ -123,7 +123,7 @@ class WriteCommand:
     acknowledge: Pattern | None
     confirm: Query | None
     sets_level: bool = field(default=False, compare=False)
-    """Whether it may be sent twice: it sets a level, and does not command an event."""
+    """True if it may be sent twice: it sets a level, and does not command an event."""
     ends: Ends = DRIVERS_ENDS
 
     def request(self, raw: int) -> str:
@@ -148,7 +148,7 @@ class TextChannel(Channel):
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """What it sets; for an input what it asks, and which part of the answer it takes."""
+        """Return what the channel sets; for an input its request, and the part of the answer that it takes."""
         if self.setting is not None:
             return (self.setting.place,)
         assert self.reading is not None
@@ -156,7 +156,7 @@ class TextChannel(Channel):
 
     @property
     def event(self) -> bool:
-        """Whether it is not known to set a level."""
+        """True if it is not known to set a level."""
         return self.setting is not None and not self.setting.sets_level
 
     @property
@@ -184,7 +184,7 @@ class TextChannel(Channel):
 
 @dataclass
 class Channels:
-    """All channels of a wiring, made when they are named: `zone{n}` stands for zone0, zone1, ..."""
+    """All channels of a wiring, made when they are first used: `zone{n}` stands for zone0, zone1, ..."""
 
     tables: Mapping[str, ChannelOptions]
     acknowledge: Pattern | None
@@ -194,7 +194,7 @@ class Channels:
     _known: dict[str, TextChannel] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Every table is tried, so that a fault is found before its channel is used."""
+        """Parse every table, so that a mistake is found before its channel is used."""
         if not self.tables:
             raise WiringError("channels is empty: each channel needs a table [drivers.NAME.channels.CHANNEL]")
         for name in self.tables:

@@ -23,8 +23,9 @@ from umo.drivers.text.exchange import QueryLine, RequestLine, plan_reads, plan_w
 from umo.drivers.text.link_settings import LinkSettings
 from umo.drivers.text.pattern import NoValue, Pattern
 from umo.drivers.text.text_link import TextLink
+from umo.duration import duration
 from umo.errors import DriverError, WiringError
-from umo.presentation.durations import duration
+from umo.system.packages import how_to_install
 
 _DEFAULT_QUIET = 0.5
 """Quiet time in s of a serial line."""
@@ -84,9 +85,9 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         watchdog_set: the request that arms the device's watchdog, with {s} or {ms} for the time; 0 disarms it.
 
     Each call returns within `timeout`, including a reconnection. There is no retry. After a timeout, an answer that is
-    neither as declared nor in `errors`, or data that nobody asked for, the connection is closed, and the next call
-    opens it again. A serial line has no transaction numbers: an answer that comes later than `timeout` + `quiet` after
-    its request can be taken for that of another, unless `identify` finds it. `quiet` is doubled with each failure in
+    neither as declared nor in `errors`, or unrequested data, the connection is closed, and the next call opens it
+    again. A serial line has no transaction numbers: an answer that comes later than `timeout` + `quiet` after its
+    request can be taken for that of another, unless `identify` finds it. `quiet` is doubled with each failure in
     succession, up to 16 times. A channel without acknowledge and confirm counts as written when its request is sent.
     """
 
@@ -180,7 +181,7 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
     def open(self) -> None:
         """Connect and identify the device, within `timeout`."""
         if not self._prepared:
-            raise DriverError('a serial line needs pyserial: pip install "umo[text]"')
+            raise DriverError(f"a serial line needs pyserial: {how_to_install('text')}")
         self._link = TextLink(self.place.dial(), self._dialogue)
         self._link.begin(self.timeout)
 
@@ -235,7 +236,7 @@ def _texts_of(line: QueryLine | RequestLine) -> Sequence[str]:
 
 
 def _ends_call(error: DriverError) -> bool:
-    """Whether the connection is lost with it: the later lines fail too."""
+    """True if the connection is lost with it: the later lines fail too."""
     return not isinstance(error, NoValue)
 
 
@@ -258,7 +259,7 @@ def _check_texts(
 
 
 def _check_sendable(thing: object, terminator: str, encoding: str) -> None:
-    """Every text, those of answers too, can be encoded, and none contains the end of a line."""
+    """Check that every text, including those of answers, can be encoded and contains no terminator."""
     if isinstance(thing, str):
         try:
             thing.encode(encoding)

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class QueryLine(NamedTuple):
-    """One line that asks, and the channels that take a part of its answer."""
+    """One line with a request, and the channels that take a part of its answer."""
 
     request: str
     ends: Ends
@@ -80,7 +80,7 @@ class RequestLine(NamedTuple):
 
 
 def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) -> tuple[QueryLine, ...]:
-    """Each request once, whatever number of channels takes a part of its answer."""
+    """Return each request once, for any number of channels that take a part of its answer."""
     readers: dict[Ends, dict[str, list[tuple[int, TextChannel]]]] = {}
     for i, channel in enumerate(channels):
         if (reading := channel.reading) is None:
@@ -96,7 +96,7 @@ def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) ->
 
 
 def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[RequestLine, ...]:
-    """Each channel by itself; those that follow each other and are not acknowledged together, if `by` joins them."""
+    """Return one request per channel. Consecutive ones without acknowledgement are joined by `by`, if given."""
     lines: list[RequestLine] = []
     for (acknowledge, confirm, ends), run in groupby(range(len(channels)), lambda i: channels[i].done):
         places = tuple(run)

@@ -26,7 +26,7 @@ class LinkSettings:
     quiet: float
     boot_time: float
     starts_always: bool
-    """Whether each new connection starts the device; else only the first one does."""
+    """True if each new connection starts the device; else only the first one does."""
     longest_answer: int
     skip_empty_lines: bool
 
@@ -41,5 +41,5 @@ class LinkSettings:
 
 
 def is_blank(line: bytes) -> bool:
-    """Whether a line has blanks only."""
+    """True if a line has blanks only."""
     return not line.strip(LINE_BLANKS.encode())

@@ -28,7 +28,7 @@ class NoValue(DriverError):
 
 
 class UnexpectedAnswer(DriverError):
-    """The answer is not of the form declared: perhaps it belongs to another request, so the connection is dropped."""
+    """The answer does not have the declared form. It may belong to another request, so the connection is dropped."""
 
 
 def shown(text: object) -> str:
@@ -53,7 +53,7 @@ class Pattern:
     regex: re.Pattern[str] | None = field(init=False, compare=False, default=None)
     pieces: tuple[str, ...] = field(init=False, compare=False, default=())
     is_whole_line: bool = field(init=False, compare=False, default=False)
-    """Whether it is "{}": the whole line is the value."""
+    """True if it is "{}": the whole line is the value."""
 
     def __post_init__(self) -> None:
         text = self.text

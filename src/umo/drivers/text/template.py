@@ -82,7 +82,7 @@ class Template:
                 raise WiringError(f"{what} writes {written!r} for {number:f}; use {{{fixed}}}")
 
     def _read(self, written: str) -> Decimal | None:
-        """The number that a device reads in this text; None if there is none."""
+        """Return the number that a device reads in this text, or None."""
         text = written.strip(BLANKS)
         if self._base in (None, 10):
             return Decimal(text) if NUMBER.fullmatch(text) else None

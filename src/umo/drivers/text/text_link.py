@@ -10,8 +10,8 @@ from umo.drivers.text.channel import DRIVERS_ENDS, Ends, Query
 from umo.drivers.text.link_settings import LinkSettings, is_blank
 from umo.drivers.text.pattern import BLANKS, LINE_BLANKS, NoValue, Pattern, UnexpectedAnswer, shown
 from umo.drivers.text.text_look import TextLook
+from umo.duration import duration
 from umo.errors import DeviceTimeout, DriverError
-from umo.presentation.durations import duration
 
 _MAX_EMPTY_LINES = 100
 """Empty lines before an answer at most, where they are skipped."""
@@ -33,9 +33,9 @@ class TextLink:
         self._stream: Stream | None = None
         self._ready = False
         self._was_found = False
-        """Whether the device has answered a look on this connection."""
+        """True if the device has answered a look on this connection."""
         self._is_known_idle = False
-        """Whether it is known that nothing has come in unasked since the last look."""
+        """True if it is known that nothing has come in unasked since the last look."""
         self._boots = True
         self._failures = 0
         """Connections that were dropped in succession."""
@@ -66,8 +66,8 @@ class TextLink:
         self._search.stop()
 
     def look(self, query: str, ends: Ends, seconds: float) -> bool | None:
-        """Whether the device answers this query, whatever it answers, on a new connection, found out without waiting;
-        without a query, whether it can be connected. None: not known yet. DriverError: not now."""
+        """Return whether the device answers this query in any way, on a new connection and without waiting; without a
+        query, whether it can be connected. None if not known yet; DriverError if it does not answer now."""
         if (self._ready or self._was_found) and self._stream is not None and self._stream.idle():
             return True  # it answered the last request: any failure would have dropped the connection
         try:
@@ -129,7 +129,8 @@ class TextLink:
     # Opening -------------------------------------------------------------------------------------------
 
     def _open(self) -> Stream:
-        """Each TCP connection starts the device; of a serial line the first one, or one after the device was away."""
+        """Open the stream. Each TCP connection starts the device; on a serial line only the first one, or one after the
+        device was away."""
         boots, self._boots = self._boots, True
         try:
             stream = self._stream = self._dial(self._deadline)
@@ -143,7 +144,7 @@ class TextLink:
         return stream
 
     def _prepare(self, stream: Stream) -> None:
-        """Bring a new connection into step. If the time of the call ends first, the next call goes on with it."""
+        """Bring a new connection into step. If the time of the call ends first, the next call continues with it."""
         try:
             self._settle(stream)
             self._data.clear()
@@ -161,7 +162,7 @@ class TextLink:
         self._ready = True
 
     def _settle(self, stream: Stream) -> None:
-        """Wait until the device has started and the line was quiet for its time; what comes in is thrown away."""
+        """Wait until the device has started and the line was quiet for its time. Received data are discarded."""
         dialogue = self._dialogue
         quiet = dialogue.quiet * 2 ** min(max(self._failures - 1, 0), _MAX_DOUBLINGS)
         while (ready := max(self._heard + quiet, self._started)) > (now := monotonic()):
@@ -184,14 +185,14 @@ class TextLink:
         return any(greeting.match(line.decode(encoding, "replace").strip(BLANKS)) is not None for line in lines)
 
     def _look(self, stream: Stream) -> None:
-        """Nothing may have come in unasked: it would be taken for the answer to the next request."""
+        """Check that nothing has come in without a request: it would be taken for the answer to the next request."""
         data = bytearray(stream.waiting())
         if data and not self._skips(data):
             self._data += data
             raise self._unasked()
 
     def _skips(self, data: bytearray) -> bool:
-        """Whether the data is of empty lines only, which count for nothing; it is thrown away."""
+        """True if the data is of empty lines only, which count for nothing; it is thrown away."""
         skips = self._dialogue.skip_empty_lines and is_blank(bytes(data).replace(self._end, b""))
         if skips:
             data.clear()
@@ -265,7 +266,7 @@ class TextLink:
             raise self.dropped(UnexpectedAnswer(text)) from None
 
     def _pieces(self, received: bytes, stream: Stream, request: str) -> bytes:
-        """The next line of what has been received and what follows."""
+        """Return the next line of the received data and what follows."""
         data, end, searched = self._data, self._end, 0
         data += received
         while (at := data.find(end, searched)) < 0:

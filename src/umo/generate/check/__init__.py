@@ -1,1 +1,1 @@
-"""What is found out of the form: what may change what, where statements lead, and what has no effect."""
+"""Analyses and simplifies the form: effects, ways out of statements, and code without effect."""

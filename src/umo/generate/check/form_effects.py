@@ -1,4 +1,4 @@
-"""What statements may change, and where they may lead."""
+"""Finds what statements may change and where they may lead."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from umo.generate.form import (
     Address,
     Assign,
     CallStatement,
-    Checked,
+    CheckedArithmetic,
     Choose,
     CountedLoop,
-    Do,
     Element,
     Elements,
+    EndlessLoop,
     Fail,
     Field,
     Finally,
-    Forever,
     FormNode,
     If,
     Labelled,
@@ -31,14 +30,15 @@ from umo.generate.form import (
     OfObject,
     Return,
     Runtime,
+    RuntimeCall,
     Statement,
-    TellStatement,
     Temporary,
+    TextStatement,
     Try,
     Value,
     WholeMachine,
-    children,
     root,
+    statements,
     walk,
 )
 
@@ -48,52 +48,52 @@ JUMPS = Return, Fail, Leave, NextTurn
 
 
 def changes(statement: Statement) -> bool:
-    """Whether what an expression before this statement has seen may be another one after it."""
-    return any(map(_changes, walk(statement)))
+    """True if the value of an expression computed before this statement may be different after it."""
+    return any(map(_changes, statements(statement)))
 
 
 def _changes(node: FormNode) -> bool:
-    if isinstance(node, Assign | Checked | Choose):
+    if isinstance(node, Assign | CheckedArithmetic | Choose):
         return not _is_own(root(node.place))
-    if isinstance(node, Do):
+    if isinstance(node, RuntimeCall):
         filled = [each.place for each in node.call.arguments if isinstance(each, Address)]
         return not filled or not all(_is_own(root(each)) for each in filled)
     return isinstance(node, CallStatement)
 
 
 def _is_own(place: Value) -> bool:
-    """Whether no expression before has seen it."""
+    """True if no expression before this statement can have read the place."""
     return isinstance(place, Temporary) or (isinstance(place, Local) and place.of_generator)
 
 
 def changes_machine(statement: Statement) -> bool:
-    """Whether a function is called that may change fields and objects."""
-    return any(_changes(each) for each in walk(statement) if isinstance(each, CallStatement | Do))
+    """True if a function is called that may change fields or objects."""
+    return any(_changes(each) for each in statements(statement) if isinstance(each, CallStatement | RuntimeCall))
 
 
-def calls(statements: Iterable[Statement]) -> bool:
-    """Whether a function is called that may change anything."""
-    return any(isinstance(each, CallStatement) for each in walk(*statements))
+def calls(body: Iterable[Statement]) -> bool:
+    """True if a function is called that may change anything."""
+    return any(isinstance(each, CallStatement) for each in statements(*body))
 
 
-def leaves(label: str, statements: Iterable[Statement]) -> bool:
-    """Whether one of these statements leaves what has this label."""
-    return any(isinstance(each, Leave) and each.label == label for each in walk(*statements))
+def leaves(label: str, body: Iterable[Statement]) -> bool:
+    """True if one of these statements leaves the statement with this label."""
+    return any(isinstance(each, Leave) and each.label == label for each in statements(*body))
 
 
-def may_fail(statements: Iterable[Statement]) -> bool:
-    """Whether a failure comes out of these statements. One that is caught goes on where no handler is for it."""
-    return any(isinstance(each, Fail | CallStatement | Checked | TellStatement) for each in walk(*statements))
+def may_fail(body: Iterable[Statement]) -> bool:
+    """True if a failure may leave these statements. A failure that is caught continues if it has no handler."""
+    return any(isinstance(each, Fail | CallStatement | CheckedArithmetic | TextStatement) for each in statements(*body))
 
 
-def returns(statements: Iterable[Statement]) -> bool:
-    """Whether the function may return in these statements."""
-    return any(isinstance(each, Return) for each in walk(*statements))
+def returns(body: Iterable[Statement]) -> bool:
+    """True if these statements may return from the function."""
+    return any(isinstance(each, Return) for each in statements(*body))
 
 
-def goes_on(statements: Iterable[Statement]) -> bool:
-    """Whether what stands after these statements may be reached."""
-    return all(map(_goes_on, statements))
+def goes_on(body: Iterable[Statement]) -> bool:
+    """True if the code after these statements may be reached."""
+    return all(map(_goes_on, body))
 
 
 def _goes_on(statement: Statement) -> bool:
@@ -103,7 +103,7 @@ def _goes_on(statement: Statement) -> bool:
         return goes_on(statement.body) or goes_on(statement.orelse)
     if isinstance(statement, Labelled):
         return goes_on(statement.body) or leaves(statement.label, statement.body)
-    if isinstance(statement, Forever):
+    if isinstance(statement, EndlessLoop):
         return leaves(statement.label, statement.body)
     if isinstance(statement, Try):
         way = goes_on((*statement.body, *statement.orelse))
@@ -117,12 +117,12 @@ def _goes_on(statement: Statement) -> bool:
 
 
 def own_values(statement: Statement) -> Iterator[Value]:
-    """The values of a statement itself, without those of statements in it."""
-    return (each for each in children(statement) if isinstance(each, Value))
+    """The values in a statement, without those of the statements inside it."""
+    return (each for each in statement.children if isinstance(each, Value))
 
 
 def indices(place: Value) -> Iterator[Value]:
-    """What is computed to find a place."""
+    """The values that are computed to find a place."""
     while isinstance(place, Member | Element):
         if isinstance(place, Element):
             yield place.index
@@ -130,10 +130,10 @@ def indices(place: Value) -> Iterator[Value]:
 
 
 def read_values(statement: Statement) -> Iterator[Value]:
-    """What a statement itself computes with."""
+    """The values that a statement itself reads."""
     if isinstance(statement, Assign):
         yield from (statement.value, *indices(statement.place))
-    elif isinstance(statement, Checked):
+    elif isinstance(statement, CheckedArithmetic):
         yield from (statement.left, statement.right, *indices(statement.place))
     elif isinstance(statement, Choose):
         yield from (*statement.values, statement.index, *indices(statement.place))
@@ -144,13 +144,13 @@ def read_values(statement: Statement) -> Iterator[Value]:
 
 
 def written(statement: Statement) -> set[Value]:
-    """The variables and fields that a statement, or one in it, writes itself; a function that is called may write any
-    field."""
+    """The variables and fields that a statement, or a statement inside it, writes itself. A called function may write
+    any field."""
     return {root(place) for each in walk(statement) for place in _places(each)}
 
 
 def _places(node: FormNode) -> Iterator[Value]:
-    if isinstance(node, Assign | Checked | Choose | Address):
+    if isinstance(node, Assign | CheckedArithmetic | Choose | Address):
         yield node.place
     elif isinstance(node, CallStatement) and node.out is not None:
         yield node.out.array if isinstance(node.out, Elements) else node.out
@@ -163,8 +163,8 @@ def _places(node: FormNode) -> Iterator[Value]:
 
 
 def effects_of(program: MachineForm) -> dict[str, set[str | int]]:
-    """What each function and those that it calls do: the functions of the runtime that are called, the members of
-    objects that are read, ASSIGNS, the numbers of texts that are told."""
+    """Return the effects of each function and of those that it calls: the functions of the runtime it calls, the
+    members of objects it reads, ASSIGNS, and the numbers of the texts it makes."""
     forms = {each.name: each for each in program.functions}
     found: dict[str, set[str | int]] = {}
 
@@ -182,12 +182,12 @@ def _effects(node: FormNode) -> Iterator[str | int]:
         yield node.function
     elif isinstance(node, Runtime | OfObject):
         yield node.name
-    elif isinstance(node, TellStatement):
+    elif isinstance(node, TextStatement):
         yield node.number
     if any(isinstance(root(each), Field) for each in _places(node)):
         yield ASSIGNS
 
 
 def reads_machine(value: Value) -> bool:
-    """Whether a function that is called may change what this is."""
+    """True if a called function may change this value."""
     return any(isinstance(each, Field | Object | ObjectOf | WholeMachine) for each in walk(value))

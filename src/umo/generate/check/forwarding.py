@@ -1,4 +1,4 @@
-"""A temporary that is read once is computed where it is read, as long as nothing between changes what it is made of."""
+"""Moves a temporary that is read once to the place where it is read, if nothing in between changes its operands."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from umo.generate.form import (
     CountedLoop,
     Element,
     Elements,
+    EndlessLoop,
     Field,
-    Forever,
     FormNode,
     FunctionForm,
     Literal,
@@ -26,7 +26,6 @@ from umo.generate.form import (
     Statements,
     Temporary,
     Value,
-    children,
     is_place,
     rebuilt,
     walk,
@@ -37,7 +36,7 @@ ARITHMETIC = "+-*/"
 
 
 def forwarded(function: FunctionForm) -> FunctionForm:
-    """The same, with temporaries that are read once where they are read."""
+    """Return the function with temporaries that are read once moved to where they are read."""
     count = Counter(each for each in walk(*function.body) if isinstance(each, Temporary))
     once = {each for each, number in count.items() if number == 2}  # assigned, and read
     return replace(function, body=_body(function.body, once))
@@ -61,11 +60,11 @@ def _put(one: Assign, each: Any) -> Any:
 
 
 def _reader(temporary: Temporary, value: Value, rest: list[Statement]) -> int | None:
-    """Which of these statements reads the temporary, and may compute it; None: none."""
+    """Return the index of the statement that reads the temporary and may compute it, or None."""
     made_of = {each for each in walk(value) if isinstance(each, Local | Temporary | Field)}
     for number, each in enumerate(rest):
-        if temporary in walk(*read_values(each)):
-            may = not isinstance(each, Forever | CountedLoop) and _fits(temporary, value, each)
+        if any(temporary in one.mentioned for one in read_values(each)):
+            may = not isinstance(each, EndlessLoop | CountedLoop) and _fits(temporary, value, each)
             return number if may else None
         if not written(each).isdisjoint(made_of) or (reads_machine(value) and changes_machine(each)):
             return None
@@ -73,10 +72,10 @@ def _reader(temporary: Temporary, value: Value, rest: list[Statement]) -> int | 
 
 
 def _fits(temporary: Temporary, value: Value, reader: FormNode) -> bool:
-    """Whether the value may stand where the temporary is read. A part of it is taken of a place only; compilers warn
-    where they see what a number is that is compared with a constant, or with itself."""
+    """True if the value may stand where the temporary is read. Parts are taken of places only. Compilers warn of a
+    comparison whose result they can compute."""
     for each in walk(reader):
-        if temporary in children(each):
+        if temporary in each.children:
             if isinstance(each, Address):
                 return False
             if isinstance(each, Operator) and each.sign not in ARITHMETIC:

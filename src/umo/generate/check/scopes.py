@@ -1,4 +1,4 @@
-"""Where each variable begins: at its first use, in the innermost body that has all that is done with it."""
+"""Places the declaration of each variable at its first use, in the innermost body that contains all its uses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from umo.generate.form import (
     CallStatement,
     Choose,
     CountedLoop,
-    Forever,
+    EndlessLoop,
     FormNode,
     FunctionForm,
     Local,
@@ -30,18 +30,18 @@ Types = Mapping[str, CType]
 
 
 def scoped(function: FunctionForm) -> FunctionForm:
-    """The same, in which each variable begins where it is first used."""
+    """Return the function with each variable declared at its first use."""
     body = _body(function.body, dict(function.variables))
     count = Counter(each for each in walk(*body) if isinstance(each, Temporary))
     return replace(function, variables=(), body=_without_copies(body, count))
 
 
 def _names(*nodes: FormNode) -> set[str]:
-    return {each.name for each in walk(*nodes) if isinstance(each, Local | Temporary)}
+    return {each.name for node in nodes for each in node.mentioned}
 
 
 def _body(body: Statements, types: Types) -> Statements:
-    """`types`: of the variables that are used in this body only."""
+    """`types`: types of the variables that are used in this body only."""
     used = [_names(each) for each in body]
     begun: set[str] = set()
     found: list[Statement] = []
@@ -59,7 +59,7 @@ def _body(body: Statements, types: Types) -> Statements:
 
 
 def _without_copies(body: Statements, count: Counter[Temporary]) -> Statements:
-    """A variable that begins with what a call has given is where the call puts it."""
+    """Store the result of a call directly in the variable that would begin with a copy of it."""
     found: list[Statement] = []
     for each in (with_bodies(one, lambda inner: _without_copies(inner, count)) for one in body):
         if isinstance(each, Begin) and len(found) > 1:
@@ -72,7 +72,7 @@ def _without_copies(body: Statements, count: Counter[Temporary]) -> Statements:
 
 
 def _is_given(copy: Begin, begin: Begin, call: CallStatement, count: Counter[Temporary]) -> bool:
-    """Whether a temporary begins with nothing, is given by a call and copied, and that is all."""
+    """True if a temporary is declared, filled by a call, copied once, and not used otherwise."""
     temporary = begin.place
     if not isinstance(temporary, Temporary) or begin.value is not None or count[temporary] != 3:
         return False
@@ -85,12 +85,12 @@ def _of(types: Types, body: Statements) -> Types:
 
 
 def _is_of_one_body(name: str, statement: Statement, within: Sequence[tuple[Statements, set[str]]]) -> bool:
-    """Whether a variable is used in one body of a statement only; in a loop it has a value of its own in each turn.
-    `within`: the bodies, with the names that are in each."""
+    """True if a variable is used in one body of a statement only. In a loop it then has a new value in each turn.
+    `within`: the bodies, with the names used in each."""
     users = [body for body, names in within if name in names]
     if len(users) != 1:
         return False
-    return not isinstance(statement, Forever | CountedLoop) or _is_set_first(name, users[0])
+    return not isinstance(statement, EndlessLoop | CountedLoop) or _is_set_first(name, users[0])
 
 
 def _is_set_first(name: str, body: Statements) -> bool:
@@ -102,7 +102,7 @@ def _is_set_first(name: str, body: Statements) -> bool:
 
 
 def _begin(statement: Statement, types: Types, later: set[str]) -> list[Statement]:
-    """A statement, before which these variables begin, or with which."""
+    """Return a statement with the declarations of these variables before it or in it."""
     before: list[Statement] = []
     for name, of in types.items():
         if isinstance(statement, CountedLoop) and _is_turn(statement, name) and name not in later:

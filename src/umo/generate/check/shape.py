@@ -1,18 +1,21 @@
-"""What has no effect is left out: assignments that nothing reads, empty branches and loops, known conditions."""
+"""Removes code without effect: assignments that nothing reads, empty branches and loops, known conditions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+from umo.generate.c_types import BOOL
 from umo.generate.check.form_effects import may_fail, own_values, read_values
 from umo.generate.check.forwarding import forwarded
 from umo.generate.check.scopes import scoped
 from umo.generate.form import (
     Assign,
+    CallStatement,
     Choose,
     CountedLoop,
+    ErrorHandler,
     Finally,
     FunctionForm,
     If,
@@ -20,7 +23,9 @@ from umo.generate.form import (
     Literal,
     Local,
     MachineForm,
+    ObjectOf,
     Operator,
+    SlotTable,
     Statement,
     Statements,
     Temporary,
@@ -29,6 +34,7 @@ from umo.generate.form import (
     negated,
     rebuilt,
     root,
+    statements,
     walk,
     with_bodies,
 )
@@ -37,20 +43,49 @@ OPPOSITES = {"==": "!=", "!=": "=="}
 """Comparisons whose opposite is one too, also of NaN."""
 
 
-def shaped(program: MachineForm) -> MachineForm:
-    """The same program without what has no effect."""
-    return replace(program, functions=[_shaped(each) for each in program.functions])
+def shaped(program: MachineForm, entry: Iterable[str]) -> MachineForm:
+    """Return the program without code that has no effect, and without functions that none of these entry functions
+    calls: compilers warn of both."""
+    functions = _called([_shaped(each) for each in program.functions], entry)
+    used = list(walk(*functions))
+    tables = {each.table for each in used if isinstance(each, ObjectOf)}
+    tables |= {each.name for each in used if isinstance(each, SlotTable)}
+    caught = {each.kinds for each in used if isinstance(each, ErrorHandler)}
+    return replace(
+        program,
+        functions=functions,
+        tables={name: slots for name, slots in program.tables.items() if name in tables},
+        handled={kinds: names for kinds, names in program.handled.items() if kinds in caught},
+    )
+
+
+def _called(functions: Sequence[FunctionForm], entry: Iterable[str]) -> list[FunctionForm]:
+    """The entry functions and the functions that they call, in their order."""
+    by_name = {each.name: each for each in functions}
+    found, waiting = set[str](), list(entry)
+    while waiting:
+        name = waiting.pop()
+        if name in by_name and name not in found:
+            found.add(name)
+            waiting += [each.function for each in statements(by_name[name]) if isinstance(each, CallStatement)]
+    return [each for each in functions if each.name in found]
 
 
 def _shaped(function: FunctionForm) -> FunctionForm:
+    return scoped(_reduced(forwarded(_reduced(function))))
+
+
+def _reduced(function: FunctionForm) -> FunctionForm:
     function = rebuilt(function, _simple)
     while (body := tuple(_kept(function.body, _read(function.body)))) != function.body:
         function = replace(function, body=body)
-    return scoped(forwarded(function))
+    return function
 
 
 def _simple(node: Any) -> Any:
-    """The same value in fewer words."""
+    """Return a simpler expression with the same value."""
+    if isinstance(node, Operator) and node.sign in OPPOSITES and _never_equal(node.left, node.right):
+        return Literal(node.sign == "!=", BOOL)
     if not (isinstance(node, Unary) and node.sign == "!"):
         return node
     inner = node.operand
@@ -63,11 +98,24 @@ def _simple(node: Any) -> Any:
     return node
 
 
+def _never_equal(one: Value, other: Value) -> bool:
+    """True if one number always has bits that the other never has: compilers warn of such a comparison."""
+    if isinstance(one, Literal):
+        one, other = other, one
+    if not (isinstance(one, Operator) and isinstance(other, Literal)):
+        return False
+    masks = [int(each.value) for each in (one.left, one.right) if isinstance(each, Literal)]
+    return len(masks) == 1 and (
+        (one.sign == "|" and int(other.value) & masks[0] != masks[0])
+        or (one.sign == "&" and int(other.value) & ~masks[0] != 0)
+    )
+
+
 # What nothing reads -----------------------------------------------------------------------------------------
 
 
 def _read(body: Statements) -> set[Value]:
-    """The variables whose values matter: those that something else than an assignment reads, and those that they are
+    """The variables whose values matter: those read by statements other than assignments, and those that these are
     computed from."""
     found: set[Value] = set()
     sources: dict[Value, set[Value]] = {}
@@ -84,11 +132,11 @@ def _read(body: Statements) -> set[Value]:
 
 
 def _statements(body: Iterable[Statement]) -> Iterator[Statement]:
-    return (each for each in walk(*body) if isinstance(each, Statement))
+    return (each for each in statements(*body) if isinstance(each, Statement))
 
 
 def _variables(*values: Value) -> set[Value]:
-    return {each for each in walk(*values) if isinstance(each, Local | Temporary)}
+    return set[Value]().union(*(each.mentioned for each in values))
 
 
 def _kept(body: Statements, read: set[Value]) -> Iterator[Statement]:
@@ -105,7 +153,7 @@ def _kept(body: Statements, read: set[Value]) -> Iterator[Statement]:
 
 
 def _smaller(each: Statement, read: set[Value]) -> Statement:
-    """The same, with smaller bodies."""
+    """Return the statement with simplified bodies."""
     new = with_bodies(each, lambda body: tuple(_kept(body, read)))
     return replace(new, pending=None) if isinstance(new, Finally) and not may_fail(new.body) else new
 

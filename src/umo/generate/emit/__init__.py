@@ -1,1 +1,1 @@
-"""From the form to text of C, and the files around it: only here C is written."""
+"""Prints the form as C, with the files around it. C is written here only."""

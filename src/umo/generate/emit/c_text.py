@@ -10,11 +10,11 @@ import numpy as np
 from umo.generate.translation import ControllerTarget
 
 PER_LINE = 8
-"""Numbers of a table in a line."""
+"""Numbers of a table per line."""
 
 
 def real(number: float, target: ControllerTarget) -> str:
-    """A number of the target, which reads back as the same."""
+    """Return a number of the target's real type; it reads back as the same number."""
     if isnan(number):
         return "(umo_real)NAN"
     if isinf(number):
@@ -30,7 +30,7 @@ def real_or(number: float | None, otherwise: float, target: ControllerTarget) ->
 
 
 def time_of(seconds: float | None, target: ControllerTarget) -> str:
-    """A time in s; -1 for none."""
+    """Return a time in s; -1 for None."""
     return real_or(seconds, -1.0, target)
 
 
@@ -39,12 +39,12 @@ def truth(value: object) -> str:
 
 
 def comment(text: str) -> str:
-    """A text within a comment."""
+    """Return a text that may stand in a comment."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").split())
 
 
 def array(kind: str, name: str, numbers: Sequence[str]) -> str:
-    """A constant array; one element of 0 where there is none, as C has no empty ones."""
+    """Return a constant array; with one element 0 if it is empty, as C has no empty arrays."""
     rows = [numbers[i : i + PER_LINE] for i in range(0, len(numbers), PER_LINE)] or [["0"]]
     body = "".join(f"    {', '.join(row)},\n" for row in rows)
     return f"static const UMO_FLASH {kind} {name}[] = {{\n{body}}};\n"

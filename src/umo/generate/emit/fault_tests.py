@@ -1,12 +1,15 @@
-"""Names in C that the form does not have."""
+"""Names in C that are not part of the form."""
 
 from __future__ import annotations
 
 from umo.generate.form import MachineForm
 from umo.generate.names import identifier
 
+IS_LIMIT = "is_limit"
+"""The function that tests whether a fault is one that Python does not have."""
+
 
 def tests_of(program: MachineForm) -> dict[tuple[type[BaseException], ...], str]:
-    """The functions that tell whether a fault is of these classes of errors, by the classes."""
+    """Return the functions that test whether a fault is of these classes of errors, by the classes."""
     stems = {kinds: identifier("_or_".join(each.__name__ for each in kinds)) for kinds in program.handled}
     return {kinds: f"is_{number}_{stem}" for number, (kinds, stem) in enumerate(stems.items())}

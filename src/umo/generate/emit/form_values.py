@@ -1,4 +1,4 @@
-"""Values of the form as text of C, with the parentheses that they need, and those that compilers want to see."""
+"""Prints values of the form as C, with the parentheses that C needs and those that compilers recommend."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Any
 from umo.generate.c_types import BOOL, MASK, REAL
 from umo.generate.emit.c_text import real, truth
 from umo.generate.form import (
-    Absent,
     Address,
     Conditional,
     Conversion,
     Element,
     Elements,
     Field,
-    Given,
     Literal,
     Local,
     Member,
+    NoneValue,
     Null,
     Object,
     ObjectOf,
     OfObject,
     Operator,
+    OptionalValue,
     Reals,
     Runtime,
     SlotTable,
@@ -37,7 +37,7 @@ from umo.generate.names import member_name
 from umo.generate.translation import ControllerTarget
 
 RANKS = {"*": 6, "/": 6, "+": 5, "-": 5, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4, "&&": 3, "||": 2}
-"""How strongly an operator binds; one that is not here stands between parentheses, and so do its operands."""
+"""The precedence of operators. Others stand in parentheses, and so do their operands."""
 LEAST_INT = -(2**31)
 
 
@@ -79,7 +79,7 @@ class FormValues:
         return f"{test} ? {one} : {other}"
 
     def _tight(self, value: Value) -> str:
-        """The text where nothing may come apart."""
+        """Return the text in parentheses where operators around it could bind more tightly."""
         text = self.text(value)
         return f"({text})" if isinstance(value, Operator | Conditional) else text
 
@@ -96,7 +96,7 @@ class FormValues:
         return self.text(value) if is_chain or is_tighter else self._tight(value)
 
     def object(self, value: Value) -> str:
-        """An atomic object as itself, not its address."""
+        """Return an atomic object itself, not its address."""
         if isinstance(value, ObjectOf):
             return f"m->objects[{value.table}[{self.text(value.index)}]]"
         assert isinstance(value, Object)
@@ -120,8 +120,8 @@ PRINTED: dict[type[Value], Callable[[FormValues, Any], str]] = {
     Runtime: lambda c, value: f"{value.name}({c.texts(value.arguments)})",
     Conversion: lambda c, value: f"({value.of.name}){c._tight(value.operand)}",
     TupleOf: lambda c, value: f"({value.of.name}){{{c.texts(value.parts)}}}",
-    Absent: lambda _, value: f"({value.of.name}){{.has = false}}",
-    Given: lambda c, value: f"({value.of.name}){{true, {c.text(value.value)}}}",
+    NoneValue: lambda _, value: f"({value.of.name}){{.has = false}}",
+    OptionalValue: lambda c, value: f"({value.of.name}){{true, {c.text(value.value)}}}",
     WholeMachine: lambda _, value: "m",
     Object: lambda c, value: f"&{c.object(value)}",
     ObjectOf: lambda c, value: f"&{c.object(value)}",
@@ -131,4 +131,4 @@ PRINTED: dict[type[Value], Callable[[FormValues, Any], str]] = {
     Null: lambda _, value: "NULL",
     Reals: FormValues.reals,
 }
-"""How each kind of value is printed."""
+"""The printer of each kind of value."""

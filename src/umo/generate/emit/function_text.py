@@ -1,4 +1,4 @@
-"""Functions of the form as text of C: their statements, where a fault leads, and what they declare."""
+"""Prints functions of the form as C: declarations, statements, and jumps at faults."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ from typing import Any
 from umo.generate.c_types import BOOL, NOTHING, ArrayType, CType, OptionalType, TupleType
 from umo.generate.check.form_effects import goes_on
 from umo.generate.emit.c_text import comment
-from umo.generate.emit.fault_tests import tests_of
+from umo.generate.emit.fault_tests import IS_LIMIT, tests_of
 from umo.generate.emit.form_values import FormValues
 from umo.generate.form import (
     Address,
     Assign,
     Begin,
     CallStatement,
-    Checked,
+    CheckedArithmetic,
     Choose,
     CountedLoop,
-    Do,
     Elements,
+    EndlessLoop,
     Fail,
     Field,
     Finally,
-    Forever,
     FunctionForm,
     If,
     Labelled,
@@ -38,10 +37,11 @@ from umo.generate.form import (
     ObjectOf,
     OfObject,
     Return,
+    RuntimeCall,
     Statement,
     Statements,
-    TellStatement,
     Temporary,
+    TextStatement,
     Try,
     TupleOf,
     Value,
@@ -52,46 +52,46 @@ from umo.generate.translation import ControllerTarget
 
 INDENT = "    "
 OVERFLOWS = {name: f"__builtin_{name}_overflow" for name in ("add", "sub", "mul")} | {"shift_left": "!umo_shift_left"}
-"""What is true where a number leaves 32 bits, and else puts it in its place."""
+"""Conditions that are true if the result leaves 32 bits, and otherwise store the result."""
 OF_MACHINE = WholeMachine, Field, Object, ObjectOf, OfObject
 """Values that name the machine in C."""
 
 
 @dataclass
-class FaultWay:
-    """Where faults lead inside of `try`."""
+class FaultTarget:
+    """The label to which faults lead inside `try`."""
 
     label: str
     variable: str
-    """Keeps the fault."""
+    """The variable that keeps the fault."""
     returning: str = ""
-    """Keeps that the function returns; "": nothing is to be done on the way out."""
+    """The variable that keeps the return; "" if nothing is done on the way out."""
 
 
 @dataclass
 class FunctionText:
-    """The text of one function, while it is printed."""
+    """The text of one function while it is printed."""
 
     function: FunctionForm
     program: MachineForm
     values: FormValues
     lines: list[str] = field(default_factory=list)
     depth: int = 1
-    ways: list[FaultWay] = field(default_factory=list)
+    ways: list[FaultTarget] = field(default_factory=list)
     loops: list[str] = field(default_factory=list)
-    """The labels of the loops around."""
+    """The labels of the loops around the statement."""
     leads_to: set[str] = field(default_factory=set)
     """The labels to which a `goto` leads."""
     has_fault: bool = False
     line: int = 0
-    """The line of Python that is printed."""
+    """The line of Python of the statement."""
     shown: int = 0
-    """The one that was told last."""
-    tells_places: bool = False
-    """Whether Python is to know where the runtime had a fault."""
+    """The line printed last."""
+    records_places: bool = False
+    """True if Python needs the place of a fault of the runtime."""
 
     def text(self) -> str:
-        """The whole function."""
+        """Return the whole function."""
         one = self.function
         self.body(one.body)
         if not one.body or not isinstance(one.body[-1], Return | Fail):
@@ -119,7 +119,7 @@ class FunctionText:
     # Lines ---------------------------------------------------------------------------------------------
 
     def put(self, text: str) -> None:
-        """A line; the first one of another line of Python tells which."""
+        """Add a line. The first line of each new line of Python has a comment with its number."""
         told = ""
         if self.line and self.line != self.shown:
             self.shown = self.line
@@ -135,7 +135,7 @@ class FunctionText:
         self.lines.append(f"{INDENT * self.depth}{tail}")
 
     def place(self, label: str) -> None:
-        """A label, where something leads to it."""
+        """Add a label if something jumps to it."""
         if label in self.leads_to:
             self.put(f"{label}:;")
 
@@ -182,7 +182,7 @@ class FunctionText:
 
     def tried(self, each: Try) -> None:
         number, caught = self._number(), each.caught.name
-        way, after = FaultWay(f"except_{number}", caught), f"after_{number}"
+        way, after = FaultTarget(f"except_{number}", caught), f"after_{number}"
         self.ways.append(way)
         self.body(each.body)
         self.ways.pop()
@@ -211,7 +211,7 @@ class FunctionText:
     def finally_(self, each: Finally) -> None:
         returning = "" if each.returning is None else each.returning.name
         pending = "" if each.pending is None else each.pending.name
-        way = FaultWay(f"finally_{self._number()}", pending, returning)
+        way = FaultTarget(f"finally_{self._number()}", pending, returning)
         if pending:
             self.put(f"{pending} = UMO_OK;")
         if returning:
@@ -220,8 +220,13 @@ class FunctionText:
         self.body(each.body)
         self.ways.pop()
         self.place(way.label)
+        if pending and self.program.limits:
+            with self.block(f"if ({IS_LIMIT}({pending}))"):
+                self.fail(f"(umo_fault){pending}")
         self.body(each.last)
         if not goes_on(each.last):
+            for name in filter(None, (pending, returning)):
+                self.put(f"(void){name};")
             return
         if pending:
             with self.block(f"if ({pending} != UMO_OK)"):
@@ -247,14 +252,14 @@ class FunctionText:
         if each.out is not None:
             arguments.append(self.values.text(each.out if isinstance(each.out, Elements) else Address(each.out)))
         called = f"{each.function}({', '.join(arguments)})"
-        if not self.tells_places or each.function in self.program.own:
+        if not self.records_places or each.function in self.program.own:
             return called
         return f"umo_at(m, {self.program.files.index(self.function.file)}, {self.line}, {called})"
 
     def called(self, each: CallStatement) -> None:
         self._tried(self.call(each))
 
-    def tells(self, each: TellStatement) -> None:
+    def text_statement(self, each: TextStatement) -> None:
         given = ", ".join(f"&{self.values.text(one)}" for one in each.given) or "NULL"
         self._tried(f"umo_tell(m, {each.number}, (const void *const[]){{{given}}})")
 
@@ -264,7 +269,7 @@ class FunctionText:
         with self.block("if (fault != UMO_OK)"):
             self.fail("fault")
 
-    def checked(self, each: Checked) -> None:
+    def checked(self, each: CheckedArithmetic) -> None:
         operands = self.values.texts((each.left, each.right, Address(each.place)))
         with self.block(f"if ({OVERFLOWS[each.what]}({operands}))"):
             self.fail(self.program.faults[each.fault])
@@ -277,7 +282,7 @@ class FunctionText:
         self.put(f"{self.values.text(each.place)} = {each.table}[{self.values.text(each.index)}];")
 
     def initial(self, value: Value) -> str:
-        """A value within braces."""
+        """Return an initial value, in braces if it needs them."""
         if isinstance(value, TupleOf):
             return f"{{{', '.join(map(self.initial, value.parts))}}}"
         return self.values.text(value)
@@ -294,7 +299,7 @@ class FunctionText:
             self._inner(each.orelse)
         self.lines.append(f"{INDENT * self.depth}}}")
 
-    def forever(self, each: Forever) -> None:
+    def forever(self, each: EndlessLoop) -> None:
         self._loop("for (;;)", each)
 
     def count(self, each: CountedLoop) -> None:
@@ -304,7 +309,7 @@ class FunctionText:
         declared = "" if each.of is None else f"{each.of.name} "
         self._loop(f"for ({declared}{turn} = {first}; {turn} {sign} {end}; {step})", each)
 
-    def _loop(self, head: str, each: Forever | CountedLoop) -> None:
+    def _loop(self, head: str, each: EndlessLoop | CountedLoop) -> None:
         self.loops.append(each.label)
         with self.block(head):
             self.body(each.body)
@@ -332,20 +337,20 @@ class FunctionText:
         else:
             self.put(f"{each.of.name} {name} = {self.values.text(each.value)};")
 
-    def do(self, each: Do) -> None:
+    def do(self, each: RuntimeCall) -> None:
         self.put(f"{self.values.text(each.call)};")
 
 
 PRINTED: dict[type[Statement], Callable[[FunctionText, Any], None]] = {
     Assign: FunctionText.assign,
     Begin: FunctionText.begin,
-    Do: FunctionText.do,
+    RuntimeCall: FunctionText.do,
     CallStatement: FunctionText.called,
-    TellStatement: FunctionText.tells,
-    Checked: FunctionText.checked,
+    TextStatement: FunctionText.text_statement,
+    CheckedArithmetic: FunctionText.checked,
     Choose: FunctionText.choose,
     If: FunctionText.if_,
-    Forever: FunctionText.forever,
+    EndlessLoop: FunctionText.forever,
     CountedLoop: FunctionText.count,
     Labelled: FunctionText.labelled,
     Leave: FunctionText.leave,
@@ -355,15 +360,15 @@ PRINTED: dict[type[Statement], Callable[[FunctionText, Any], None]] = {
     Finally: FunctionText.finally_,
     Return: FunctionText.returns,
 }
-"""How each kind of statement is printed."""
+"""The printer of each kind of statement."""
 
 
 def function_text(function: FunctionForm, program: MachineForm, target: ControllerTarget) -> str:
-    return FunctionText(function, program, FormValues(target), tells_places=target.tells).text()
+    return FunctionText(function, program, FormValues(target), records_places=target.makes_texts).text()
 
 
 def statements_text(statements: Sequence[Statement], target: ControllerTarget) -> list[str]:
-    """Assignments, a line each."""
+    """Return assignments, one per line."""
     function = FunctionForm("", "", "", 0, (), (), NOTHING, tuple(statements))
     printed = FunctionText(function, MachineForm(), FormValues(target))
     printed.body(function.body)

@@ -11,7 +11,7 @@ from umo.generate.names import identifiers
 from umo.generate.translation import ControllerTarget, Translation
 
 HEADER = """\
-/* machine.h: the controller of {name}, made by umo generate for the target {target}. Do not edit it: change the
+/* machine.h: the controller of {name}, made by umo new controller for the target {target}. Do not edit it: change the
  * declaration, and generate again.
  *
  * Numbers are {real}s. Each period: machine_step, then what is in raws_out to the hardware, then machine_sent. At any
@@ -26,11 +26,11 @@ HEADER = """\
 enum {{ MACHINE_INPUTS = {inputs}, MACHINE_OUTPUTS = {outputs}, MACHINE_OBJECTS = {objects} }};
 enum {{ MACHINE_EQUIPMENT = {equipment} }}; /* parts that fail alone */
 
-/* TruePlaces in raws_in and failed_in. */
+/* Places in raws_in and failed_in. */
 enum machine_inputs {{
 {input_names}}};
 
-/* TruePlaces in raws_out and failed_out. */
+/* Places in raws_out and failed_out. */
 enum machine_outputs {{
 {output_names}}};
 
@@ -186,7 +186,7 @@ def header_of(model: ControllerModel, translation: Translation, target: Controll
 
 
 def _names(prefix: str, objects: Sequence[ControllerObject]) -> str:
-    """The members of an enum: each object with its channel, units and what its raw integers are."""
+    """The members of an enum: each object with its channel, its units and the meaning of its raw integers."""
     lines = []
     for number, (one, name) in enumerate(zip(objects, identifiers(each.path for each in objects), strict=True)):
         resolution, zero_offset = one.scale
@@ -208,7 +208,7 @@ def _equipment_names(model: ControllerModel) -> str:
 def source_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
     """The text of machine.c."""
     parts = [
-        f"/* machine.c: the controller of {model.name}. Made by umo generate; do not edit it. */\n",
+        f"/* machine.c: the controller of {model.name}. Made by umo new controller; do not edit it. */\n",
         '#include "machine.h"\n#include "machine_faults.h"\n\n',
         translation.source,
         "\n",
@@ -225,7 +225,8 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
 
 
 def _steps(model: ControllerModel, translation: Translation) -> str:
-    """What the program calls. Parts with rates of their own act once the outputs of the whole were sent."""
+    """Return the functions that the program calls. Parts with rates of their own act after the outputs of the whole
+    machine were sent."""
     any_group = bool(model.groups)
     return STEPS.format(
         groups="    m->core.groups = m->groups;\n" if any_group else "",
@@ -255,7 +256,8 @@ def _groups(model: ControllerModel, translation: Translation, target: Controller
 
 
 def _braking(model: ControllerModel, translation: Translation) -> str:
-    """What brings the axes to standstill. One that cannot tell whether it moves counts as one that does not."""
+    """Return the function that brings the axes to standstill. An axis that does not report whether it moves counts as
+    standing."""
     brakes, moves = [], []
     for axis in model.axes:
         brakes.append(f"    if (!fault)\n        fault = {translation.entry[axis._brake].call()};\n")
@@ -274,7 +276,7 @@ def _law(call: str, equipment: int) -> str:
 
 
 def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[str]:
-    """The conditions as functions of one kind, and what they inhibit."""
+    """The conditions as functions, all of one type, and the outputs that they inhibit."""
     for number, each in enumerate(model.interlocks):
         yield f"/* {comment(each.reason)} */\n"
         yield f"static umo_fault interlock_condition_{number}(umo_machine *m, bool *holds)\n"
@@ -290,7 +292,7 @@ def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[st
 
 
 def _equipment(model: ControllerModel, translation: Translation) -> Iterator[str]:
-    """What stands around each equipment, and what is called when its fault begins."""
+    """The equipment around each equipment, and the functions called when its fault begins."""
     if not model.equipment:
         return
     lines = []

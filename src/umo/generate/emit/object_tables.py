@@ -1,4 +1,4 @@
-"""The numbers of the objects as tables in C: their traits, and the curves of their linearizations."""
+"""The numbers of the objects as tables in C: their properties and the curves of their linearizations."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from umo.objects.interpolation import Cubics, Segments
 
 
 def tables_of(model: ControllerModel, target: ControllerTarget) -> str:
-    """The numbers of the objects, as tables in C."""
+    """Return the numbers of the objects as tables in C."""
     return "".join(_tables(model, target))
 
 
 class _Curve(NamedTuple):
-    """A curve of a linearization, and the numbers of its table."""
+    """A curve of a linearization and the numbers of its table."""
 
     way: str
     slot: int
-    """Of the first object that has it."""
+    """The slot of the first object with this curve."""
     curve: Cubics | Segments
     numbers: tuple[float, ...]
 
@@ -34,7 +34,7 @@ class _Curve(NamedTuple):
 
 
 def _curves(objects: Iterable[ControllerObject]) -> dict[int, _Curve]:
-    """That of each object, by slot. Objects whose curves are the same share one."""
+    """Return the curve of each object, by slot. Objects with equal curves share one."""
     found: dict[tuple[Any, ...], _Curve] = {}
     of_slot = {}
     for one in objects:
@@ -46,7 +46,7 @@ def _curves(objects: Iterable[ControllerObject]) -> dict[int, _Curve]:
 
 
 def large_tables(model: ControllerModel, target: ControllerTarget) -> Iterator[NotGenerated]:
-    """The linearizations whose table the target does not hold; of those that are the same the first."""
+    """The linearizations whose table is too large for the target; of equal ones only the first."""
     if target.table_bytes is None or model.problems:
         return
     for slot, curve in _curves(model.objects).items():
@@ -54,7 +54,7 @@ def large_tables(model: ControllerModel, target: ControllerTarget) -> Iterator[N
         if slot == curve.slot and size > target.table_bytes:
             one = next(each for each in model.objects if each.slot == slot)
             reason = (
-                f"the table of {one.linearization} has {size} bytes, and on {target.name} {target.table_bytes} at most"
+                f"the table of {one.linearization} has {size} bytes; {target.name} allows at most {target.table_bytes}"
             )
             yield NotGenerated(one.path, reason, "a LookupTable of fewer points, or --target cortex-m")
 

@@ -1,1 +1,2 @@
-"""From a connected machine and its control code to the form: each rule of Python's meaning stands here once."""
+"""Lowers the control code of a connected machine to the form. Each rule of Python's semantics is implemented here
+once."""

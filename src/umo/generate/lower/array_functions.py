@@ -1,4 +1,4 @@
-"""The functions of numpy that translate."""
+"""The functions of numpy that can be translated."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ OF_ELEMENTS: dict[Any, tuple[str, CType, CType]] = {
     np.isnan: ("umo_is_nan", REAL, BOOL),
     np.logical_not: ("!", BOOL, BOOL),
 }
-"""Functions of each element: that of the runtime, or an operator; type that it takes and that it gives."""
+"""Element-wise functions: the runtime function or operator, the type it takes and the type it returns."""
 WHOLE_BEFORE = np.floor, np.ceil, np.trunc
-"""Functions that give whole numbers for those, or reals, as it is in this numpy and in others."""
+"""Functions that return integers for integers in some versions of numpy, and reals in others."""
 BINARY: dict[Any, ast.operator | str] = {
     np.add: ast.Add(),
     np.subtract: ast.Sub(),
@@ -36,7 +36,7 @@ BINARY: dict[Any, ast.operator | str] = {
     np.minimum: "umo_np_min",
     np.maximum: "umo_np_max",
 }
-"""Functions of two: an operator, or a function of the runtime."""
+"""Functions of two arguments: an operator or a function of the runtime."""
 REDUCED: dict[Any, str] = {
     np.any: "any",
     np.all: "all",
@@ -46,7 +46,7 @@ REDUCED: dict[Any, str] = {
     np.min: "min",
     np.mean: "mean",
 }
-"""Functions that give one number."""
+"""Functions that return one number."""
 CREATED: dict[Any, tuple[float | None, bool]] = {
     np.zeros: (0.0, False),
     np.ones: (1.0, False),
@@ -55,7 +55,7 @@ CREATED: dict[Any, tuple[float | None, bool]] = {
     np.ones_like: (1.0, True),
     np.full_like: (None, True),
 }
-"""New arrays: what they are filled with, None: an argument; and whether the length is that of another one."""
+"""New arrays: the fill value (None: an argument), and True if the length is that of another array."""
 DTYPES: dict[Any, CType] = {
     float: REAL,
     np.float64: REAL,

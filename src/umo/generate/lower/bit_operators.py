@@ -1,5 +1,5 @@
-"""Bit operators and shifts of whole numbers and bools, as Python's: of two bools `& | ^` give a bool; whole numbers are
-in two's complement, of which a controller has 32 bits."""
+"""Bit operators and shifts of integers and bools with the results of Python: `& | ^` of two bools give a bool; integers
+are in two's complement, with 32 bits on a controller."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from umo.generate.c_types import BOOL, INT, CType, MixedNumber, NumpyNumber, may_be_bool, plain
-from umo.generate.form import ZERO, Checked, Literal, Operator, Runtime, Value, negated
+from umo.generate.form import ZERO, CheckedArithmetic, Literal, Operator, Runtime, Value, negated
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.translation import ControllerLimit
@@ -22,7 +22,7 @@ KNOWN: dict[type[ast.AST], Callable[..., Any]] = {
     ast.LShift: operator.lshift, ast.RShift: operator.rshift,
 }  # fmt: skip
 MOST_SHIFT = 64
-"""A shift of known numbers at most."""
+"""The largest shift of known numbers."""
 
 
 def is_of_bits(sign: ast.AST) -> bool:
@@ -30,7 +30,7 @@ def is_of_bits(sign: ast.AST) -> bool:
 
 
 def of_known(f: FunctionBuilder, sign: ast.operator, numbers: Sequence[Any], node: ast.AST) -> Known:
-    """The operator of two known numbers."""
+    """Return the result of an operator on two known numbers."""
     one, other = numbers
     _check_whole(f, [Known(one), Known(other)], node)
     if isinstance(sign, SHIFTS):
@@ -45,7 +45,7 @@ def of_known(f: FunctionBuilder, sign: ast.operator, numbers: Sequence[Any], nod
 def of_bits(
     f: FunctionBuilder, sign: ast.operator, terms: tuple[Term, Term], codes: tuple[Code, Code], node: ast.AST
 ) -> Code:
-    """The operator of two numbers of Python."""
+    """Return the result of an operator on two Python numbers."""
     _check_whole(f, [*terms, *codes], node)
     a, b = codes
     if isinstance(sign, SHIFTS):
@@ -59,8 +59,8 @@ def of_bits(
 
 
 def inverted(f: FunctionBuilder, term: Term, code: Code, node: ast.AST) -> Code:
-    """`~` of a number. It is not C's, which compilers do not take of what is true or false; of a bool of numpy it is
-    `not`, of one of Python a number."""
+    """Return `~` of a number. C's `~` is not used, as compilers warn of it on truth values. For a numpy bool it is
+    `not`, for a Python bool a number."""
     _check_whole(f, [term, code], node)
     of = plain(term.type) if isinstance(term, Code) else None
     if isinstance(of, NumpyNumber) and code.type == BOOL:
@@ -81,12 +81,12 @@ def _shifted(f: FunctionBuilder, sign: ast.operator, number: Value, places: Valu
     if isinstance(sign, ast.RShift):
         return Code(INT, Runtime("umo_shift_right", (number, by)))
     result = f.temporary(INT, "n")
-    f.add(Checked("shift_left", result, number, by, f.fault(ControllerLimit, node)))
+    f.add(CheckedArithmetic("shift_left", result, number, by, f.fault(ControllerLimit, node)))
     return Code(INT, result)
 
 
 def _type_of_two(one: Term, other: Term) -> CType:
-    """Whole numbers; a bool, perhaps, where both may be one."""
+    """Return the type of the result: integer, or maybe bool if both operands may be bools."""
     is_mixed = any(isinstance(each, Code) and isinstance(plain(each.type), MixedNumber) for each in (one, other))
     if is_mixed and _may_be_bool(one) and _may_be_bool(other):
         return MixedNumber(INT.name, INT, True)
@@ -102,6 +102,6 @@ def _may_be_bool(term: Term) -> bool:
 def _check_whole(f: FunctionBuilder, terms: list[Term], node: ast.AST) -> None:
     for each in terms:
         if isinstance(each, Known) and not isinstance(each.value, int):
-            raise f.refused(node, "an operator of bits with something else than whole numbers", "int(...)")
+            raise f.refused(node, "a bit operator on something other than integers", "int(...)")
         if isinstance(each, Code) and getattr(plain(each.type), "of", plain(each.type)) not in (INT, BOOL):
-            raise f.refused(node, "an operator of bits with something else than whole numbers", "int(...)")
+            raise f.refused(node, "a bit operator on something other than integers", "int(...)")

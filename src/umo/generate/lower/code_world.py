@@ -1,4 +1,5 @@
-"""The functions of one machine while they are translated: each once for each object and type that it is called with."""
+"""The functions of one machine while they are translated, once for each object and each combination of types they are
+called with."""
 
 from __future__ import annotations
 
@@ -31,12 +32,12 @@ from umo.generate.form import (
     Return,
     Statement,
     Struct,
-    TellStatement,
     Temporary,
+    TextStatement,
     Value,
     WholeMachine,
     root,
-    walk,
+    statements,
     whole,
 )
 from umo.generate.function_source import SourcedFunction
@@ -45,8 +46,8 @@ from umo.generate.lower.function_builder import FunctionBuilder, NoTranslation
 from umo.generate.lower.function_lowering import FunctionLowering
 from umo.generate.lower.live_fields import LiveFields, LiveStruct, _hinted_parameter
 from umo.generate.lower.lowered_values import only_asked
-from umo.generate.lower.terms import NO_VALUE, Code, Known, Many, Present, SliceView, Term, Truth, UnknownText
-from umo.generate.lower.translation_memory import TranslationMemory
+from umo.generate.lower.terms import NO_VALUE, Code, Known, NullTest, SliceView, Term, TruthTest, TupleTerm, UnknownText
+from umo.generate.lower.translation_memory import Learner, TranslationMemory
 from umo.generate.names import identifier
 from umo.generate.translation import (
     FIRST_FAULT,
@@ -55,13 +56,13 @@ from umo.generate.translation import (
     CodeFault,
     ControllerLimit,
     ControllerTarget,
-    Teller,
+    TextMaker,
     Untranslatable,
 )
 
 
 class TranslatedFunction:
-    """A function of the form, and what a call of it gives."""
+    """A function of the form and the result of a call of it."""
 
     def __init__(
         self,
@@ -73,11 +74,11 @@ class TranslatedFunction:
     ) -> None:
         self.name, self.result, self.live, self.form = name, result, live, form
         self.keeps = scope is not None and scope.aliases.keeps
-        """Whether an array that it is given is had by others afterwards."""
+        """True if arguments that are arrays may have other references after the call."""
         self.changes: set[Value] = set() if scope is None else scope.aliases.changes
         """Arrays that a call changes in place."""
         self.sole = scope is not None and scope.aliases.sole_result
-        """Whether nobody else has an array that it returns."""
+        """True if an array that it returns has no other reference."""
 
 
 class CodeWorld:
@@ -88,9 +89,11 @@ class CodeWorld:
         self.fields = LiveFields(memory)
         self.known = KnownValues()
         self.functions: dict[Any, TranslatedFunction] = {}
+        self._learners: dict[Any, Learner] = {}
+        """The lowering of each function, by key."""
         self.faults: list[CodeFault] = []
         self._faults: dict[tuple[str, str, str, int], int] = {}
-        """Their numbers, by class, text, file and line."""
+        """The numbers of faults, by class, text, file and line."""
         self.kinds: dict[int, type[BaseException]] = {
             n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
         }
@@ -99,12 +102,12 @@ class CodeWorld:
         self.notes: list[str] = []
         self.on_host: list[Untranslatable] = []
         self.hosts: list[tuple[Any, str]] = []
-        self.tellers: list[Teller] = []
+        self.text_makers: list[TextMaker] = []
         self._under_way: list[Any] = []
         self._names: set[str] = set()
         self._kept: list[Any] = []
         self._tables: dict[tuple[int, ...], str] = {}
-        """Names of tables of the numbers of objects."""
+        """The names of tables of slots."""
 
     # What functions ask for ----------------------------------------------------------------------------
 
@@ -124,7 +127,7 @@ class CodeWorld:
 
     def note_inexact(self, name: str) -> None:
         if not self.target.exact_libm:
-            self.note(f"{name} may differ from Python in its last bit: it is that of the target's library")
+            self.note(f"{name} may differ from Python in its last bit: it is a function of the target's library")
 
     def host_call(self, owner: Any, name: str) -> int:
         found = next((n for n, (each, called) in enumerate(self.hosts) if each is owner and called == name), None)
@@ -133,42 +136,42 @@ class CodeWorld:
             found = len(self.hosts) - 1
         return found
 
-    def teller(self, teller: Teller) -> int:
-        self.tellers.append(teller)
-        return len(self.tellers) - 1
+    def text_maker(self, text_maker: TextMaker) -> int:
+        self.text_makers.append(text_maker)
+        return len(self.text_makers) - 1
 
-    def only_tells(self, statements: Iterable[Statement]) -> bool:
-        """Whether statements do nothing but tell."""
+    def only_makes_texts(self, statements: Iterable[Statement]) -> bool:
+        """True if these statements only make texts."""
         return all(map(self._tells, statements))
 
     def _tells(self, statement: Statement) -> bool:
         if isinstance(statement, CallStatement):
             called = next((each.form for each in self.functions.values() if each.name == statement.function), None)
-            return called is not None and statement.out is None and self.only_tells(called.body)
-        return isinstance(statement, TellStatement) or statement == Return()
+            return called is not None and statement.out is None and self.only_makes_texts(called.body)
+        return isinstance(statement, TextStatement) or statement == Return()
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
-        """A result; None: there is none."""
+        """Return a result as a value, or None if there is none."""
         of = scope.values.type_of(term)
-        if isinstance(term, Present | Truth):
+        if isinstance(term, NullTest | TruthTest):
             raise scope.refused(node, *only_asked(term))
         if of is None:
             if isinstance(term, Known):
                 if any(map(_is_code, scope.results)):
-                    raise scope.refused(node, "an object is returned, and elsewhere a number", "one of both")
+                    raise scope.refused(node, "it returns an object here and a number elsewhere", "only one of the two")
                 return None
-            if isinstance(term, Many) and any(
+            if isinstance(term, TupleTerm) and any(
                 isinstance(scope.values.type_of(each), MixedNumber) for each in term.terms
             ):
-                raise scope.refused(node, "a tuple with what may be a whole number or a float", "0.0, float(...)")
-            raise scope.refused(node, "the result is no number, state or tuple of them")
+                raise scope.refused(node, "a tuple with a number that may be an int or a float", "0.0, float(...)")
+            raise scope.refused(node, "the result is not a number, a state or a tuple of these")
         of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
         return None if of == NOTHING else scope.values.as_type(term, of, node)
 
     # Functions -----------------------------------------------------------------------------------------
 
     def invoke(self, caller: Any, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
-        """A call of a function: its result. The function is translated if it is not yet."""
+        """Return the result of a call of a function. The function is translated first if necessary."""
         given: dict[str, CType | Known] = {}
         arguments: list[Value] = []
         for name, term in terms.items():
@@ -181,7 +184,7 @@ class CodeWorld:
         for term in shared:
             place = term.base if isinstance(term, SliceView) else term.value
             if isinstance(plain(term.type), ArrayType) and whole(place) in found.changes:
-                raise NoTranslation(node, "the function changes an array that it has under another name, too", "a copy")
+                raise NoTranslation(node, "the function changes an array that it also has under another name", "a copy")
         caller.aliases.changes |= {each for each in found.changes if isinstance(root(each), Field)}
         for term in shared if found.keeps else []:
             caller.aliases.share(term)
@@ -197,7 +200,7 @@ class CodeWorld:
         return Code(found.result, result)
 
     def changed_by(self, functions: Set[str]) -> set[Value]:
-        """The arrays that these functions of C change in place."""
+        """The arrays that these C functions change in place."""
         return set[Value]().union(*(each.changes for each in self.functions.values() if each.name in functions))
 
     def _parameter(
@@ -211,7 +214,7 @@ class CodeWorld:
             if type(term.value) in (int, float, bool):
                 return self._as_hinted(self.fields.type_of_value(term.value) or NOTHING, hinted)
             return term
-        if isinstance(term, Many):
+        if isinstance(term, TupleTerm):
             if term.kind in (None, list) and all(isinstance(each, Known) for each in term.terms):
                 live = tuple(each.value for each in term.terms)  # type: ignore[union-attr]
                 self._kept.append(live)
@@ -221,11 +224,11 @@ class CodeWorld:
                 return of
         if isinstance(term, Code):
             return self._as_hinted(term.type, hinted)
-        raise NoTranslation(node, f"the argument {name!r} is no value of a controller")
+        raise NoTranslation(node, f"the argument {name!r} is not a value that a controller can hold")
 
     @staticmethod
     def _as_hinted(of: CType, hinted: CType | None) -> CType:
-        """The type of an argument where the function declares another one; a bool stays one."""
+        """Return the type of an argument whose parameter is annotated with another type. A bool stays a bool."""
         if of == BOOL:
             return of
         if (hinted == REAL and is_number(of)) or (
@@ -249,6 +252,7 @@ class CodeWorld:
             tuple((n, ("live", _identity(g.value)) if isinstance(g, Known) else g) for n, g in given.items()),
         )
         if key in self.functions:
+            self._learners[key].used_by(self.memory.current.learner)
             return self.functions[key]
         if key in self._under_way:
             raise NoTranslation(node, "it calls itself", "a loop")
@@ -259,6 +263,7 @@ class CodeWorld:
         self._under_way.append(key)
         try:
             self.functions[key] = found = self._translate(source, given, key)
+            self._learners[key] = self.memory.current.learner
         finally:
             self._under_way.pop()
         return found
@@ -291,11 +296,11 @@ class CodeWorld:
         if ends is not False:
             scope.results.append(Known(None))
             value = None
-            gives = self.memory.results.get(key, NOTHING) != NOTHING or any(map(_is_code, scope.results))
+            gives = (self.memory.results.get(key) or NOTHING) != NOTHING or any(map(_is_code, scope.results))
             if gives and len(self.problems) == problems:
                 value = self.result_of(scope, Known(None), source.tree)
             scope.add(Return(value))
-        result = self.memory.results.get(key, NOTHING)
+        result = self.memory.results.get(key) or NOTHING
         for of in (*scope.variables.values(), *scope.given.values(), result):
             self.fields.use(of)
         live = self._live_result(scope, result)
@@ -304,7 +309,7 @@ class CodeWorld:
         return TranslatedFunction(scope.c_name, result, live, form, scope)
 
     def _told(self, scope: FunctionBuilder, refused: NoTranslation, before: int) -> None:
-        """What does not translate, told once for each place; what follows from it is not told."""
+        """Record an obstacle once per place. Obstacles that only follow from it are not reported."""
         if NO_VALUE[0] in refused.reason and len(self.problems) > before:
             return
         line = getattr(refused.node, "lineno", 0)
@@ -319,10 +324,12 @@ class CodeWorld:
             return first
         objects = [each for each in scope.results if isinstance(each, Known) and self._is_object(each.value)]
         if objects and result != NOTHING:
-            told = scope.refused(scope.source.tree, "an object is returned, and elsewhere a number", "one of both")
+            told = scope.refused(
+                scope.source.tree, "it returns an object here and a number elsewhere", "only one of the two"
+            )
             self._told(scope, told, len(self.problems))
         if result == NOTHING and any(isinstance(each, Known) and each.value is not None for each in scope.results):
-            told = scope.refused(scope.source.tree, "it returns different objects", "one object for each call")
+            told = scope.refused(scope.source.tree, "it returns different objects", "one object per call")
             self._told(scope, told, len(self.problems))
         return None
 
@@ -341,16 +348,21 @@ class CodeWorld:
         self._names.add(name)
         return name
 
+    def forget_stale(self) -> None:
+        """Forget the functions whose lowering may give a different result now."""
+        for key in [key for key, learner in self._learners.items() if learner.is_stale]:
+            del self.functions[key], self._learners[key]
+
     # The whole -----------------------------------------------------------------------------------------
 
     def table(self, slots: Sequence[int]) -> str:
         return self._tables.setdefault(tuple(slots), f"vector_{len(self._tables)}")
 
     def program(self) -> MachineForm:
-        """The form of all functions."""
+        """Return the form of all functions."""
         functions = [each.form for each in self.functions.values() if each.form is not None]
         names = {each.number: each.name for each in self.faults}
-        handled = dict.fromkeys(each.kinds for each in walk(*functions) if isinstance(each, ErrorHandler))
+        handled = dict.fromkeys(each.kinds for each in statements(*functions) if isinstance(each, ErrorHandler))
         return MachineForm(
             records=self.fields.records(),
             structs=[_struct(each) for each in self.fields.filled],
@@ -359,6 +371,7 @@ class CodeWorld:
             begin=tuple(self.fields.begin()) if not self.problems else (),
             faults=names,
             handled={kinds: self._caught(kinds) for kinds in handled},
+            limits=[names[n] for n, kind in self.kinds.items() if issubclass(kind, ControllerLimit)],
         )
 
     def _caught(self, kinds: tuple[type[BaseException], ...]) -> list[str]:
@@ -371,8 +384,8 @@ class CodeWorld:
         ]
 
     def _is_caught(self, number: int, kind: type[BaseException], kinds: tuple[type[BaseException], ...]) -> bool:
-        """Whether a handler of these classes catches a fault. One that Python does not have goes on to the end: what is
-        beyond the controller, and what has no host, but for who asks for that by name."""
+        """True if a handler of these classes catches a fault. A ControllerLimit is never caught, and a missing host
+        only by a handler that names TaskFailed."""
         return not issubclass(kind, ControllerLimit) and (number != NO_HOST or TaskFailed in kinds)
 
 
@@ -381,11 +394,11 @@ def _odd(node: ast.AST) -> None:
 
 
 def _is_code(term: Term | None) -> bool:
-    return isinstance(term, Code | Many)
+    return isinstance(term, Code | TupleTerm)
 
 
 def _identity(value: Any) -> Any:
-    """What tells two live values apart; a tuple is made anew in each pass."""
+    """Return what distinguishes two live values. A tuple is made again in each pass, so its elements are compared."""
     if type(value) is tuple:
         return tuple(map(_identity, value))
     is_plain = value is None or (isinstance(value, str | bytes) and not isinstance(value, UnknownText))

@@ -1,4 +1,4 @@
-"""What is known at a place of a function: what each name stands for, and what is not None."""
+"""What is known at a point in a function: the meaning of each name, and which values are not None."""
 
 from __future__ import annotations
 
@@ -11,70 +11,71 @@ from umo.generate.form import Field, inside, root
 from umo.generate.lower.terms import Code, Term
 
 Names: TypeAlias = dict[str, CType | Term]
-"""Local names: the types of those that are variables, or what each stands for: a live object, one or some of several,
-the array of another name."""
+"""Local names: the type of a variable, or the meaning of any other name: a live object, one or some of several, the
+array of another name."""
 
 
-class Way(NamedTuple):
-    """What is known at a place of a function."""
+class FlowState(NamedTuple):
+    """What is known at one point in a function."""
 
     names: Names
     known: set[str]
 
 
 class KnownFlow:
-    """What is known where the next statement stands."""
+    """What is known at the next statement."""
 
     def __init__(self) -> None:
         self.names: Names = {}
         self.known: set[str] = set()
-        """Expressions that are not None here: local names, and fields."""
-        self.left: dict[str, list[Way]] = {}
-        """What was known where each label is left to."""
+        """Expressions that are not None here: local names and fields."""
+        self.left: dict[str, list[FlowState]] = {}
+        """What is known where each label is jumped to."""
         self._decided: dict[ast.AST, tuple[Names, Names]] = {}
-        """The names where an `and` or an `or` that was lowered is true, and where it is false."""
+        """What is known if an `and` or an `or` that was lowered is true, and if it is false."""
 
     # What is known at a place ----------------------------------------------------------------------------
 
-    def way(self) -> Way:
-        """What is known here."""
-        return Way(dict(self.names), set(self.known))
+    def way(self) -> FlowState:
+        """Return what is known at this point."""
+        return FlowState(dict(self.names), set(self.known))
 
-    def go_on_from(self, ways: Sequence[Way]) -> None:
-        """What is known where these ways meet: names that have the same on all of them."""
+    def go_on_from(self, ways: Sequence[FlowState]) -> None:
+        """Continue where these branches meet: names that have the same meaning in all of them stay known."""
         first, *rest = ways
         self.names = common([each.names for each in ways])
         self.known = first.known.intersection(*(way.known for way in rest))
 
     def forget(self, target: ast.AST) -> None:
-        """A name or an attribute has another value from here on, and so has what is found through it."""
+        """Forget what is known of a name or an attribute that is assigned, and of everything found through it."""
         if isinstance(target, ast.Name):
             self.known = without_name(self.known, target.id)
         elif isinstance(target, ast.Attribute):
             self.known = {each for each in self.known if f"attr='{target.attr}'" not in each}
 
     def proved(self, term: Term, node: ast.AST) -> Term:
-        """What may be None, as what it is where it is not None here; any other term as it is. What a property gives
-        may be something else each time."""
+        """Return an optional term as its value if it is proved not to be None here; any other term unchanged. A
+        property may return something else each time."""
         if not (isinstance(term, Code) and isinstance(term.type, OptionalType)):
             return term
         lasting = isinstance(node, ast.Name) or (
             isinstance(node, ast.Attribute) and isinstance(root(term.value), Field)
         )
-        return Code(term.type.of, inside(term.value)) if lasting and ast.dump(node) in self.known else term
+        return Code(term.type.of, inside(term.value)) if lasting and expression_text(node) in self.known else term
 
     def only(self, names: Names) -> None:
-        """Of these names those that still have the same."""
+        """Keep only the names that still have the same meaning."""
         self.names = common([names, self.names])
 
     def forget_fields(self) -> None:
-        """Any field may have another value from here on."""
+        """Forget what is known of fields: each may have changed."""
         self.known = {each for each in self.known if each.startswith("Name(")}
 
     # Names that a condition gives a value (`:=`) ----------------------------------------------------------
 
     def decide(self, node: ast.BoolOp, both: bool, early: Sequence[Names], last: tuple[Names, Names]) -> None:
-        """`and` (`both`) or `or`: the names where it was decided `early`, and where its last part is true or false."""
+        """Record the names after `and` (`both`) or `or`: those where an operand decided `early`, and those where the
+        last operand is true or false."""
         when_true, when_false = last
         if both:
             when_false = common([*early, when_false])
@@ -84,7 +85,7 @@ class KnownFlow:
         self.names = common([when_true, when_false])
 
     def names_if(self, test: ast.AST) -> tuple[Names, Names]:
-        """The names where a condition, which was lowered last, is true, and where it is false."""
+        """Return the names if a condition, which must be the last one lowered, is true, and if it is false."""
         if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
             when_true, when_false = self.names_if(test.operand)
             return when_false, when_true
@@ -93,32 +94,41 @@ class KnownFlow:
 
 
 def proved_by(test: ast.AST) -> set[str]:
-    """What is not None where a condition holds: expressions, as `ast.dump` writes them."""
+    """The expressions that are not None if a condition holds, as written by `expression_text`."""
     if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And):
         return set().union(*map(proved_by, test.values))
     if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
         return disproved_by(test.operand)
     if _compares_none(test, ast.IsNot):
-        return {ast.dump(test.left)}  # type: ignore[attr-defined]
-    return {ast.dump(test)} if isinstance(test, ast.Name | ast.Attribute) else set()
+        return {expression_text(test.left)}  # type: ignore[attr-defined]
+    return {expression_text(test)} if isinstance(test, ast.Name | ast.Attribute) else set()
 
 
 def disproved_by(test: ast.AST) -> set[str]:
-    """What is not None where it does not hold."""
+    """The expressions that are not None if a condition does not hold."""
     if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
         return set().union(*map(disproved_by, test.values))
     if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
         return proved_by(test.operand)
-    return {ast.dump(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+    return {expression_text(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+
+
+def expression_text(node: ast.AST) -> str:
+    """Return a unique text for an expression. A place has the same text when it is set and when it is read."""
+    if isinstance(node, ast.Name):
+        return f"Name(id={node.id!r})"
+    if isinstance(node, ast.Attribute):
+        return f"Attribute(value={expression_text(node.value)}, attr={node.attr!r})"
+    return ast.dump(node)
 
 
 def without_name(known: Set[str], name: str) -> set[str]:
-    """Of these expressions those that have no such name in them."""
+    """The expressions that do not contain this name."""
     return {each for each in known if f"id='{name}'" not in each}
 
 
 def common(ways: Sequence[Names]) -> Names:
-    """The names that stand for the same on each of these ways."""
+    """The names that have the same meaning at all of these points."""
     first, *rest = ways
     return {name: each for name, each in first.items() if all(way.get(name) == each for way in rest)}
 

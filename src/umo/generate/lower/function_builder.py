@@ -1,11 +1,10 @@
-"""The function that is being lowered: its statements, its variables, and what is raised and taken as known in it."""
+"""Collects the form of one function while it is lowered: statements, variables, errors and known values."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -42,21 +41,29 @@ from umo.generate.lower.subjects import (
     AskedOfLoops,
     AskedOfRings,
     AskedOfSequences,
-    AskedOfTelling,
+    AskedOfTexts,
     AskedOfValues,
     AskedOfVectors,
 )
 from umo.generate.lower.terms import Code, Term
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier
-from umo.generate.translation import ControllerTarget, Teller, Untranslatable
+from umo.generate.translation import ControllerTarget, TextMaker, Untranslatable
 
-UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
-"""What the lowering of a statement may raise that nobody has thought of."""
+UNEXPECTED_ERRORS = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+"""Errors that lowering a statement may raise unexpectedly."""
 
 
 class NoTranslation(Exception):
-    """Something does not translate."""
+    """A piece of Python cannot be translated."""
 
     def __init__(self, node: ast.AST, reason: str, nearest: str = "") -> None:
         super().__init__(reason)
@@ -64,11 +71,11 @@ class NoTranslation(Exception):
 
 
 class FunctionBuilder:
-    """The statements of one function, while it is lowered, and the subjects of its lowering."""
+    """Collects the statements of one function while it is lowered, and has the subjects of its lowering."""
 
     values: AskedOfValues
     aliases: AskedOfAliases
-    telling: AskedOfTelling
+    texts: AskedOfTexts
     expressions: AskedOfExpressions
     arrays: AskedOfArrays
     vectors: AskedOfVectors
@@ -83,13 +90,13 @@ class FunctionBuilder:
     rings: AskedOfRings
     errors: AskedOfErrors
     of_expressions: Mapping[type[ast.AST], Callable[[Any], Term]]
-    """Which subject each expression of Python belongs to."""
+    """The subject of each class of expressions."""
     of_statements: Mapping[type[ast.AST], Callable[[Any], bool | None]]
 
     def __init__(self, world: CodeContext, source: SourcedFunction, key: Any, name: str) -> None:
         self.world, self.source, self.key, self.c_name = world, source, key, name
         self.statements: list[Statement] = []
-        """Of the innermost body that is being lowered."""
+        """The statements of the innermost body that is being lowered."""
         self.depth = 0
         """The number of bodies around it."""
         self.variables: dict[Value, CType] = {}
@@ -99,7 +106,7 @@ class FunctionBuilder:
         """The parameters in C."""
         self.results: list[Term | None] = []
         self.line = 0
-        """Of the statement that is being lowered."""
+        """The line of the statement that is being lowered."""
         self.flow = KnownFlow()
         self._locals: dict[str, Local] = {}
         self._labels = 0
@@ -107,15 +114,16 @@ class FunctionBuilder:
     # Statements ----------------------------------------------------------------------------------------
 
     def add(self, statement: Statement) -> None:
-        self.statements.append(replace(statement, line=self.line))
+        self.statements.append(statement.at(self.line))
 
     def changed_since(self, at: int) -> bool:
-        """Whether the statements from this place of the body on may change what an expression has seen."""
+        """True if the statements from this index of the body on may change the value of an expression computed
+        before."""
         return any(map(changes, self.statements[at:]))
 
     @contextmanager
     def body_of(self) -> Iterator[list[Statement]]:
-        """The body of a branch or a loop. What is proved in it holds in it only."""
+        """Return a context for the body of a branch or a loop. What is proved inside holds only inside."""
         known = set(self.flow.known)
         with self.one_of_two() as found:
             yield found
@@ -123,7 +131,7 @@ class FunctionBuilder:
 
     @contextmanager
     def gathered(self) -> Iterator[list[Statement]]:
-        """Statements that are not added here, and may be later."""
+        """Return a context whose statements are collected and not added here. They may be added later."""
         around, self.statements = self.statements, []
         try:
             yield self.statements
@@ -132,7 +140,7 @@ class FunctionBuilder:
 
     @contextmanager
     def one_of_two(self) -> Iterator[list[Statement]]:
-        """Statements that are gathered, and reached on one of two ways only."""
+        """Return a context whose statements are collected, for one of two branches."""
         self.depth += 1
         try:
             with self.gathered() as found:
@@ -141,7 +149,7 @@ class FunctionBuilder:
             self.depth -= 1
 
     def add_if(self, test: Value, *body: Statement) -> None:
-        self.add(If(test, tuple(replace(each, line=self.line) for each in body)))
+        self.add(If(test, tuple(each.at(self.line) for each in body)))
 
     def assign(self, place: Value, value: Value) -> None:
         self.add(Assign(place, value))
@@ -162,7 +170,8 @@ class FunctionBuilder:
         return [self.local(name) for name in self.parameters]
 
     def local(self, name: str) -> Local:
-        """The variable of a local name: no other one has its name, and nothing else has an underscore after its `v`."""
+        """Return the variable of a local name. The name is unique: only names of locals have an underscore after
+        `v`."""
         found = self._locals.get(name)
         if found is None:
             text, others = f"v_{identifier(name)}", {each.name for each in self._locals.values()}
@@ -172,7 +181,7 @@ class FunctionBuilder:
         return found
 
     def add_parameter(self, name: str, given: CType, of: CType) -> None:
-        """A parameter; it has another type inside where the function assigns to it what it was not given."""
+        """Add a parameter. If the function assigns a wider type to it, it gets a variable of that type inside."""
         self.parameters[name] = self.flow.names[name] = of
         local = self.local(name)
         if of == given:
@@ -184,16 +193,16 @@ class FunctionBuilder:
         self.assign(local, self.values.as_type(Code(given, before), of, self.source.tree))
 
     def term(self, node: ast.AST) -> Term:
-        """What an expression is, without None where that is proved; statements that it needs are added."""
+        """Return the term of an expression, without None if that is proved. Statements that it needs are added."""
         lower = self.of_expressions.get(type(node))
         if lower is None:
             raise self.refused(
-                node, "this does not translate", "numbers, states, comparisons, arithmetic, calls of functions"
+                node, "this cannot be translated", "numbers, states, comparisons, arithmetic, calls of functions"
             )
         return self.flow.proved(lower(node), node)
 
     def ordered(self, nodes: Sequence[ast.AST], lower: Callable[[ast.AST], Term] | None = None) -> list[Term]:
-        """Several expressions, each computed after those before it."""
+        """Return the terms of several expressions, each computed after those before it."""
         terms: list[Term] = []
         for each in nodes:
             with self.gathered() as rest:
@@ -205,18 +214,18 @@ class FunctionBuilder:
         return terms
 
     def body(self, statements: Sequence[ast.stmt]) -> bool:
-        """Statements in a row; False if nothing after them is reached."""
+        """Lower statements in order. Return False if the end is not reached."""
         for each in statements:
             lower = self.of_statements.get(type(each))
             if lower is None:
                 raise self.refused(
-                    each, "this statement does not translate", "if, for, while, try, raise, return, assignments"
+                    each, "this statement cannot be translated", "if, for, while, try, raise, return, assignments"
                 )
             around, self.line = self.line, getattr(each, "lineno", self.line)
             try:
                 if lower(each) is False:
                     return False
-            except UNFORESEEN as error:
+            except UNEXPECTED_ERRORS as error:
                 raise self.refused(each, f"it cannot be translated ({text_of(error)})") from error
             finally:
                 self.line = around
@@ -227,7 +236,7 @@ class FunctionBuilder:
     def raises(
         self, kind: type[BaseException], node: ast.AST, test: Value | None = None, text: str | None = None
     ) -> None:
-        """Python raises this here, if the condition holds."""
+        """Add the error that Python raises here if the condition holds."""
         failure = Fail(self.fault(kind, node, text))
         if test is None:
             self.add(failure)
@@ -235,34 +244,34 @@ class FunctionBuilder:
             self.add_if(test, failure)
 
     def fault(self, kind: type[BaseException], node: ast.AST, text: str | None = None) -> int:
-        """The number of what Python raises here."""
+        """Return the number of the fault for an error that Python raises here."""
         said = self.source.segment(node) if text is None else text
         return self.world.fault(kind, said, self.source, getattr(node, "lineno", 0))
 
     def called(self, function: str, *arguments: Value, out: Value | None = None) -> None:
-        """A call that may fail."""
+        """Add a call that may fail."""
         self.add(CallStatement(function, arguments, out))
         self.flow.forget_fields()
 
     # What is taken as known ------------------------------------------------------------------------------
 
     def takes(self, owner: Any, name: str, node: ast.AST) -> None:
-        """An attribute of a live object is taken as known here."""
+        """Record that an attribute of a live object is taken as known here."""
         self._taken(partial(self.world.known.attribute, owner, name), node)
 
     def takes_variable(self, name: str, node: ast.AST) -> None:
-        """A name of the module, or of an enclosing function, is taken as known here."""
+        """Record that a name of the module or of an enclosing function is taken as known here."""
         self._taken(partial(self.world.known.variable, self.source.function, name), node)
 
     def takes_class(self, owner: Any, name: str, node: ast.AST) -> None:
-        """A tracked number may be an attribute of the class of its object."""
+        """Record that a tracked number may be an attribute of the class of its object."""
         self._taken(partial(self.world.known.tracked, owner, name), node)
 
     def _taken(self, take: Callable[[tuple[str, int]], None], node: ast.AST) -> None:
         try:
             take((self.source.file, getattr(node, "lineno", 0)))
         except Unwatchable as error:
-            raise self.refused(node, str(error), "an attribute that is set as usual, or a tuple") from None
+            raise self.refused(node, str(error), "an ordinary attribute, or a tuple") from None
 
     def refused(self, node: ast.AST, reason: str, nearest: str = "") -> NoTranslation:
         return NoTranslation(node, reason, nearest)
@@ -274,39 +283,39 @@ class CodeContext(Protocol):
     memory: TranslationMemory
     fields: LiveFields
     known: KnownValues
-    """What is taken as known."""
+    """The values that are taken as known."""
     target: ControllerTarget
     on_host: list[Untranslatable]
-    """What works on this computer only."""
+    """Code that works on this computer only."""
 
     def table(self, slots: Sequence[int]) -> str:
-        """The name of a table of the numbers of objects."""
+        """Return the name of a table of slots."""
 
     def fault(self, kind: type[BaseException], text: str, source: SourcedFunction, line: int) -> int:
-        """The number of a fault."""
+        """Return the number of a fault."""
 
     def note(self, text: str) -> None:
-        """Something that is to be said of the C."""
+        """Add a note about the generated C for the user."""
 
     def note_inexact(self, name: str) -> None:
-        """This function may differ from Python's."""
+        """Note that the results of this function may differ from Python's."""
 
     def host_call(self, owner: Any, name: str) -> int:
-        """The number of what the host is asked for."""
+        """Return the number of a request to the host."""
 
-    def teller(self, teller: Teller) -> int:
-        """The number of a text that Python makes."""
+    def text_maker(self, text_maker: TextMaker) -> int:
+        """Return the number of a text that Python makes."""
 
-    def only_tells(self, statements: Iterable[Statement]) -> bool:
-        """Whether statements do nothing but tell."""
+    def only_makes_texts(self, statements: Iterable[Statement]) -> bool:
+        """True if these statements only make texts."""
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
-        """A result; None: there is none."""
+        """Return a result as a value, or None if there is none."""
 
     def invoke(
         self, caller: FunctionBuilder, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST
     ) -> Term:
-        """A call of a function: its result."""
+        """Return the result of a call of a function."""
 
     def changed_by(self, functions: Set[str]) -> set[Value]:
-        """The arrays that these functions of C change in place."""
+        """The arrays that these C functions change in place."""

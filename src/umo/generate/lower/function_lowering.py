@@ -1,4 +1,4 @@
-"""The lowering of one function: its subjects, and which of them each expression and statement of Python belongs to."""
+"""Lowers one function: assigns each expression and statement of Python to the subject that lowers it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from umo.generate.lower.lowered_loops import LoweredLoops
 from umo.generate.lower.lowered_rings import LoweredRings
 from umo.generate.lower.lowered_sequences import LoweredSequences
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_telling import LoweredTelling
+from umo.generate.lower.lowered_telling import LoweredTexts
 from umo.generate.lower.lowered_values import LoweredValues
 from umo.generate.lower.lowered_vectors import LoweredVectors
 
@@ -33,7 +33,7 @@ class FunctionLowering(FunctionBuilder):
 
     def __init__(self, world: CodeContext, source: SourcedFunction, key: Any, name: str) -> None:
         super().__init__(world, source, key, name)
-        self.values, self.aliases, self.telling = LoweredValues(self), LoweredAliases(self), LoweredTelling(self)
+        self.values, self.aliases, self.texts = LoweredValues(self), LoweredAliases(self), LoweredTexts(self)
         self.expressions, self.conditions = LoweredExpressions(self), LoweredConditions(self)
         self.arrays, self.vectors = LoweredArrays(self), LoweredVectors(self)
         self.attributes, self.calls, self.builtins = LoweredAttributes(self), LoweredCalls(self), LoweredBuiltins(self)
@@ -83,7 +83,7 @@ class FunctionLowering(FunctionBuilder):
         }
 
     def end(self) -> None:
-        """Its subjects forget it: nothing keeps it, and the values of the machine that it refers to, any longer."""
+        """Release the subjects, so that no reference to the function or to the machine's values remains."""
         for each in vars(self).values():
             if isinstance(each, LoweredSubject):
                 del each.f

@@ -1,5 +1,5 @@
-"""Tables that are known, with a place or a key that is computed: tuples and lists of numbers, states or tuples of
-these, and dicts by members of one Enum or by whole numbers."""
+"""Known tables with a computed index or key: tuples and lists of numbers, states or tuples of these, and dicts whose
+keys are members of one Enum or integers."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from umo.generate.value_kinds import is_container, is_plain_enum, own_methods
 
 MOST_ENTRIES = 256
 OF_OBJECTS = (
-    "which of several objects it is, is not known when the code is generated",
+    "the object is chosen at run time",
     "for n, each in enumerate(...): if n == place: ...",
 )
-"""Why one of several objects does not translate."""
+"""Why a choice of one of several objects does not translate."""
 
 
 def is_table(value: Any) -> bool:
@@ -31,22 +31,22 @@ def is_dict(value: Any) -> bool:
 
 
 def element_of(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Code:
-    """IndexError beyond its ends."""
+    """Return the element at an index. IndexError beyond the ends."""
     return value_of_each(f, table, element_place(f, table, index, node), node)
 
 
 def element_place(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Value:
-    """The place in a table; IndexError beyond its ends."""
+    """Return the index into the table. IndexError beyond the ends."""
     f.world.memory.place_known(table)
     return _place(f, index, len(table), node)
 
 
 def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, node: ast.AST) -> Code:
-    """An element of a tuple whose values are computed; they have one type."""
+    """Return an element of a tuple of computed values, which all have one type."""
     codes = [f.values.code(each, node) for each in terms]
     of = codes[0].type
     if any(each.type != of for each in codes) or not (is_number(of) or isinstance(of, StateType)):
-        raise f.refused(node, "an element of a tuple whose values are not of one class", "one class for all")
+        raise f.refused(node, "an element of a tuple with values of several classes", "one class for all elements")
     at = _place(f, index, len(codes), node)
     return _chosen(f, [each.value for each in codes], of, at)
 
@@ -54,26 +54,26 @@ def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, nod
 def _place(f: FunctionBuilder, index: Term, length: int, node: ast.AST) -> Value:
     code = f.values.number(index, node)
     if code.type not in (INT, BOOL):
-        raise f.refused(node, "a place in a table is a whole number")
+        raise f.refused(node, "an index into a table must be an integer")
     return f.expressions.place_in(Code(INT, f.values.as_type(code, INT, node)), length, node)
 
 
 def value_of(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
-    """KeyError where it has no such key."""
+    """Return the value of a key. KeyError if the table has no such key."""
     return value_of_each(f, list(table.values()), key_place(f, table, key, node), node)
 
 
 def key_place(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Value:
-    """The number of a key; KeyError where there is none."""
+    """Return the number of a key. KeyError if the table has no such key."""
     place = _place_of_key(f, table, key, node)
     f.raises(KeyError, node, Operator("<", place, ZERO))
     return place
 
 
 def member_of(f: FunctionBuilder, kind: type[Enum], value: Term, node: ast.AST) -> Term:
-    """The member of an Enum that has this value: ValueError where there is none."""
+    """Return the member of an Enum with this value. ValueError if there is none."""
     if "_missing_" in own_methods(kind, ("_missing_",)) or not is_plain_enum(kind):
-        raise f.refused(node, f"{kind.__name__} decides which member a value stands for", "a dict of its members")
+        raise f.refused(node, f"{kind.__name__} defines the member for a value itself", "a dict of its members")
     if isinstance(value, Code) and isinstance(value.type, StateType) and value.type.kind is kind:
         return value
     table = {each.value: each for each in kind}
@@ -83,11 +83,11 @@ def member_of(f: FunctionBuilder, kind: type[Enum], value: Term, node: ast.AST) 
 
 
 def of_dict(f: FunctionBuilder, method: Known, given: Sequence[Term], node: ast.AST) -> Term | None:
-    """`get`, `keys`, `values` and `items` of a dict that is known; None: another method."""
+    """Return the result of `get`, `keys`, `values` or `items` of a known dict, or None for other methods."""
     table, name = method.owner, method.name
     if name == "get" and len(given) in (1, 2):
         key, default = (*given, Known(None))[:2]
-        f.telling.check_decided(key, node)
+        f.texts.check_decided(key, node)
         if isinstance(key, Known):
             f.world.memory.place_known(table)
             return Known(table[key.value]) if key.value in table else default
@@ -102,7 +102,7 @@ def _value_or(f: FunctionBuilder, table: dict[Any, Any], key: Term, default: Ter
     of = _type_of_all(f, list(table.values()), node)
     none = isinstance(default, Known) and default.value is None
     if not none and f.values.code(default, node).type != of:
-        raise f.refused(node, "a default of another class than the values of the dict", "0.0 in the place of 0")
+        raise f.refused(node, "the default is not of the class of the dict's values", "0.0 instead of 0")
     wanted = optional(of) if none else of
     place = _place_of_key(f, table, key, node)
     found = f.temporary(wanted)
@@ -114,7 +114,7 @@ def _value_or(f: FunctionBuilder, table: dict[Any, Any], key: Term, default: Ter
 
 
 def _place_of_key(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Value:
-    """The number of a key, -1 where it is none."""
+    """Return the number of a key, or -1."""
     f.world.memory.place_known(table)
     given = f.values.kept(f.values.code(key, node))
     is_there = given.type if isinstance(given.type, OptionalType) else None
@@ -129,13 +129,13 @@ def _place_of_key(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: as
 
 
 def value_of_each(f: FunctionBuilder, values: Sequence[Any], place: Value, node: ast.AST) -> Code:
-    """The value at a place that there is."""
+    """Return the value at an index that is within the table."""
     of = _type_of_all(f, values, node)
     return _chosen(f, [_initial(f, each, of, node) for each in values], of, place)
 
 
 def _key(f: FunctionBuilder, table: dict[Any, Any], code: Code, node: ast.AST) -> Code:
-    """A key that is computed, of the class that all keys have."""
+    """Return a computed key, of the class of all keys."""
     kinds = {type(each) for each in table}
     (kind, *others) = kinds
     if not others and isinstance(code.type, StateType) and code.type.kind is kind:
@@ -144,11 +144,11 @@ def _key(f: FunctionBuilder, table: dict[Any, Any], code: Code, node: ast.AST) -
         return Code(f.world.memory.text_type(*table), code.value)
     if not others and kind is int and code.type in (INT, BOOL):
         return Code(INT, f.values.as_type(code, INT, node))
-    raise f.refused(node, "the key of a dict that is not of the class of all its keys", "members of one Enum, int")
+    raise f.refused(node, "the key is not of the class of the dict's keys", "members of one Enum, int")
 
 
 def _type_of_all(f: FunctionBuilder, values: Sequence[Any], node: ast.AST) -> CType:
-    """The type of all values: they are of one class, so that nothing is converted."""
+    """Return the type of all values. They are of one class, so that nothing is converted."""
     types = {f.world.fields.type_of_value(each) for each in values}
     first = next(iter(types))
     kinds = {type(each) for each in values}
@@ -157,7 +157,7 @@ def _type_of_all(f: FunctionBuilder, values: Sequence[Any], node: ast.AST) -> CT
         if any(hasattr(each, "__dict__") and not isinstance(each, Enum) for each in values):
             raise f.refused(node, *OF_OBJECTS)
         told = "a table whose values are not numbers, states or tuples of one class"
-        raise f.refused(node, told, "0.0 in the place of 0, one class for all")
+        raise f.refused(node, told, "0.0 instead of 0, one class for all elements")
     assert first is not None
     return first
 
@@ -176,7 +176,7 @@ def _initial(f: FunctionBuilder, value: Any, of: CType, node: ast.AST) -> Value:
 
 
 def _chosen(f: FunctionBuilder, values: Sequence[Value], of: CType, place: Value) -> Code:
-    """One of the values, under a name of its own."""
+    """Return one of the values under a name of its own."""
     found = f.temporary(of)
     f.add(Choose(found, f.label("table"), of, tuple(values), place))
     return Code(of, found)

@@ -1,4 +1,4 @@
-"""The attributes of live objects that become fields of structs, and what type they have."""
+"""The attributes of live objects that become fields of structs, and the types of these fields."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from types import UnionType
 from typing import Annotated, Any, ForwardRef, Union, get_args, get_origin
 
@@ -37,7 +37,7 @@ from umo.generate.c_types import (
     unmixed,
 )
 from umo.generate.form import FALSE, TRUE, Assign, Element, Field, Literal, Member, Statement, Value, has, inside
-from umo.generate.function_source import NoSource, bound
+from umo.generate.function_source import NoSource, bound, nodes_of
 from umo.generate.known_values import is_installed
 from umo.generate.lower.translation_memory import TranslationMemory
 from umo.generate.names import identifier, member_name
@@ -47,9 +47,9 @@ from umo.objects import Node, Quality
 
 MOST_INT = 2**31 - 1
 ACCEPTED = "_accept"
-"""Attributes of this name are qualities that are accepted, one or several."""
+"""Attributes of this name are accepted qualities, one or several."""
 DTYPES = (np.float64, np.int64, np.bool_)
-"""Numbers of arrays; smaller ones are rounded and cut by numpy."""
+"""Types of numbers in arrays. Smaller types are rounded and cut by numpy."""
 PLAIN: dict[Any, CType] = {float: REAL, int: INT, bool: BOOL}
 
 
@@ -63,11 +63,11 @@ class LiveStruct:
     """The member of the machine's struct."""
     fields: dict[str, CType] = field(default_factory=dict)
     kinds: dict[str, CType] = field(default_factory=dict)
-    """The types of the fields as Python has them: a number may be of another class than in C."""
+    """The types of the fields in Python, if the class of a number differs from that in C."""
 
 
 class LiveFields:
-    """The structs of the live objects of one machine, as far as translated code uses them."""
+    """The structs of the live objects of one machine that translated code uses."""
 
     def __init__(self, memory: TranslationMemory) -> None:
         self._memory = memory
@@ -75,12 +75,12 @@ class LiveFields:
         self._names: set[str] = set()
         self.tuples: dict[str, TupleType] = {}
         self.lengths: set[int] = set()
-        """Of the arrays that translated code computes."""
+        """The lengths of arrays that translated code computes."""
         self.lists: set[ArrayType] = set()
         """Lists that translated code makes."""
 
     def known(self, owner: Any, path: str) -> LiveStruct:
-        """The struct of an object; `path` is its path if it is new."""
+        """Return the struct of an object. `path` is its path if it is new."""
         found = self.structs.get(id(owner))
         if found is None:
             path = owner._path if isinstance(owner, Node) else path
@@ -92,28 +92,31 @@ class LiveFields:
         return found
 
     def type_of(self, owner: Any, name: str, value: Any) -> CType | None:
-        """The type of an attribute as a field; None: it is none. It tells reals that may be whole numbers."""
-        key = id(owner), name
-        assigned = key in self._memory.assigned
-        if name.isupper() and not assigned:
+        """Return the type of an attribute as a field, or None if it cannot be a field. Reals that may be integers are
+        noted."""
+        key, assigned = (id(owner), name), self._memory.assigned
+        if name.isupper() and key not in assigned:
             return None
         if name == ACCEPTED:
             return MASK
         found = self.type_of_value(value)
-        if found is None and assigned:
+        if found is None and key in assigned:
             found = self.record_type(value)
         if type(value) is str and self._memory.is_text_state(owner, name):
             found = self._memory.text_type(value)
-        hinted = _hinted(type(owner), name)
-        if found is None or (found == NOTHING and not assigned and hinted is None):
+        if found is None:
             return None
-        for each in (hinted, self._memory.fields.get(key)):
-            if each is not None:
-                try:
-                    found = joined(found, each)
-                except TypeError:
-                    return None
-        return found
+        hinted = self._hinted(type(owner), name)
+        if found == NOTHING and hinted is None and key not in assigned:
+            return None
+        found = _both(found, hinted)
+        return found and self._memory.fields.look(key, partial(_both, found))
+
+    def _hinted(self, kind: type, name: str) -> CType | None:
+        hints = self._memory.hints
+        if (kind, name) not in hints:
+            hints[kind, name] = _hinted(kind, name)
+        return hints[kind, name]
 
     def type_of_value(self, value: Any) -> CType | None:
         if isinstance(value, np.generic):
@@ -137,21 +140,22 @@ class LiveFields:
         return None
 
     def record_type(self, value: Any) -> TupleType | None:
-        """The type of a frozen dataclass as a value; None: it is none."""
+        """Return the type of a frozen dataclass as a value, or None if it has none."""
         if not is_plain_dataclass(type(value)):
             return None
         return self._type_of_parts(parts_of(value), tuple(each.name for each in fields(value)), type(value))
 
     def _type_of_parts(self, parts: Sequence[Any], names: tuple[str, ...], kind: Any) -> TupleType | None:
-        """The type of a tuple that has these values: each of the class that is declared for it."""
+        """Return the type of a tuple with these values, each of the class declared for it."""
         types = [self.type_of_value(each) for each in parts]
         found = self.tuple_type(types, names, kind)
         return found if found is not None and [of for _, of in found.members] == types else None
 
     def tuple_type(self, types: list[CType | None], names: tuple[str, ...], kind: Any) -> TupleType | None:
-        """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
+        """Return the type of a tuple of numbers, or None if it has other elements. The types of a NamedTuple are those
+        it declares."""
         if names:
-            types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
+            types = [self._hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
         if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
             return None  # a tuple would forget it
         if not types:
@@ -173,13 +177,13 @@ class LiveFields:
         return found
 
     def field(self, owner: Any, name: str, of: CType, path: str) -> Field:
-        """The field of an attribute."""
+        """Return the field of an attribute."""
         found = self.known(owner, path)
         found.fields[name], found.kinds[name] = unmixed(of), of
         return Field(found.member, name)
 
     def use(self, of: CType) -> None:
-        """The C has something of this type."""
+        """Record that the C needs this type."""
         if isinstance(of, OptionalType):
             self.use(of.of)
         elif isinstance(of, TupleType):
@@ -190,13 +194,13 @@ class LiveFields:
             self.lists |= {of} if of.listed else set()
 
     def records(self) -> list[CType]:
-        """The arrays and the tuples that there are, each after what it is made of."""
+        """The types of arrays and tuples, each after the types of its parts."""
         arrays = self._arrays()
         of_numbers = [each for each in arrays if not isinstance(each.of, TupleType)]
         return [*of_numbers, *self.tuples.values(), *(each for each in arrays if each not in of_numbers)]
 
     def _arrays(self) -> list[ArrayType]:
-        """Every kind of array that there may be: those of numbers have a kind for each length."""
+        """All types of arrays. Arrays of numbers have a type for each length."""
         for each in self.filled:
             for of in each.fields.values():
                 self.use(of)
@@ -208,7 +212,7 @@ class LiveFields:
         return [*{each.name: each for each in (*others, *lists, *of_numbers)}.values()]
 
     def begin(self) -> list[Statement]:
-        """What gives each field the value that its live object has."""
+        """The statements that give each field the value of its live object."""
         return [
             line
             for each in self.filled
@@ -250,7 +254,7 @@ class LiveFields:
 
 
 def literal(value: Any, of: CType) -> Literal:
-    """A live value as one of this type; ValueError if it does not fit."""
+    """Return a live value as a literal of this type. ValueError if it does not fit."""
     if of == MASK:
         return Literal(mask_of(value), of)
     if of == REAL:
@@ -269,9 +273,17 @@ RESERVED = {"core", "objects", "outputs", "conditionings", "interlocks"}
 
 
 def mask_of(accept: Any) -> int:
-    """The qualities of an `accept` as bits."""
+    """Return accepted qualities (`accept`) as bits."""
     one = isinstance(accept, Quality)
     return sum(1 << each for each in Quality if (each is accept if one else each in accept))
+
+
+def _both(one: CType, other: CType | None) -> CType | None:
+    """Return the type of an attribute that has one type and perhaps another; None if no type holds both."""
+    try:
+        return one if other is None else joined(one, other)
+    except TypeError:
+        return None
 
 
 def _letter(of: CType | None) -> str:
@@ -281,8 +293,8 @@ def _letter(of: CType | None) -> str:
 
 
 def _hinted(owner: Any, name: str) -> CType | None:
-    """The type that a class declares for an attribute, if it is a number, a state, or one of these or None. Where it is
-    set first, only what may be None is declared."""
+    """Return the type that a class declares for an attribute, if it is a number or a state, or optional. Later
+    declarations count only if the value may be None."""
     for each in owner.__mro__:
         names = vars(sys.modules[each.__module__])
         if name in getattr(each, "__annotations__", {}):
@@ -295,19 +307,19 @@ def _hinted(owner: Any, name: str) -> CType | None:
 
 @cache
 def _hints_of(kind: type) -> dict[str, str]:
-    """The annotations of `self.name: float | None = None` in `setup` and `__init__`."""
+    """Return the annotations in `setup` and `__init__`, such as `self.name: float | None = None`."""
     found: dict[str, str] = {}
     for each in ("__init__", "setup") if not is_installed(kind.__module__) else ():
         with suppress(NoSource):
             tree = bound(vars(kind).get(each)).source.tree  # type: ignore[arg-type]
-            for node in (node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign)):
+            for node in (node for node in nodes_of(tree) if isinstance(node, ast.AnnAssign)):
                 if isinstance(node.target, ast.Attribute) and isinstance(node.target.value, ast.Name):
                     found[node.target.attr] = ast.unparse(node.annotation)
     return found
 
 
 def _evaluated(hint: Any, names: dict[str, Any]) -> Any:
-    """An annotation as what it stands for; None: it has names that exist for type checkers only."""
+    """Return the type that an annotation names, or None if it uses names that exist only for type checkers."""
     hint = hint.__forward_arg__ if isinstance(hint, ForwardRef) else hint
     try:
         return eval(hint, names) if isinstance(hint, str) else hint
@@ -328,5 +340,5 @@ def _type_of_hint(hint: Any) -> CType | None:
 
 
 def _hinted_parameter(function: Any, name: str) -> CType | None:
-    """The type that a function declares for a parameter."""
+    """Return the type that a function declares for a parameter."""
     return _type_of_hint(_evaluated(function.__annotations__.get(name), function.__globals__))

@@ -1,10 +1,12 @@
-"""Functions within a function, which only it calls: what they have of it is given to them at each call, as Python looks
-it up then."""
+"""Functions inside a function that only it calls. The values that they use from it are passed at each call, as Python
+looks them up then."""
 
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import is_
 from types import CellType, CodeType, FunctionType
 from typing import Any
 
@@ -15,34 +17,42 @@ from umo.generate.lower.terms import NO_VALUE, Known, Term
 
 @dataclass(frozen=True, eq=False)
 class LocalFunction:
-    """A function that was made in the function of this key."""
+    """A function that was defined in the function with this key."""
 
     source: SourcedFunction
     home: Any
 
+    def is_made_by(self, node: ast.FunctionDef, defaults: Sequence[Any]) -> bool:
+        """True if this statement defines the same function again, as in the next turn of a loop."""
+        own = self.source.function.__defaults__ or ()
+        return self.source.tree is node and len(own) == len(defaults) and all(map(is_, own, defaults))
+
 
 def local_function(f: FunctionBuilder, node: ast.FunctionDef) -> Known:
-    """What the name of a function within a function stands for."""
+    """Return the term for the name of a nested function."""
     inner = [each for each in ast.walk(node) if each is not node]
     if node.decorator_list or any(isinstance(each, ast.Yield | ast.YieldFrom) for each in inner):
-        raise f.refused(node, "a function in a function that is decorated, or a generator", "a method")
+        raise f.refused(node, "a nested function that is decorated or a generator", "a method")
     arguments = node.args
     defaults = [f.term(each) for each in arguments.defaults]
     if any(arguments.kw_defaults) or not all(isinstance(each, Known) for each in defaults):
-        raise f.refused(node, "a default of a function in a function that is computed", "an argument")
+        raise f.refused(node, "a computed default of a nested function", "an argument")
+    given = tuple(each.value for each in defaults)  # type: ignore[union-attr]
+    before = f.flow.names.get(node.name)
+    if isinstance(before, Known) and isinstance(before.value, LocalFunction) and before.value.is_made_by(node, given):
+        return before
     outer = f.source.function
     codes = [each for each in outer.__code__.co_consts if isinstance(each, CodeType)]
     code = next(each for each in codes if (each.co_name, each.co_firstlineno) == (node.name, node.lineno))
-    given = tuple(each.value for each in defaults)  # type: ignore[union-attr]
     cells = tuple(CellType() for _ in code.co_freevars)
     function = FunctionType(code, outer.__globals__, node.name, given, cells)
     return Known(LocalFunction(f.source._replace(function=function, tree=node), f.key), name=node.name)
 
 
 def terms_around(f: FunctionBuilder, local: LocalFunction, node: ast.AST) -> dict[str, Term]:
-    """What a function within this one has of it now."""
+    """Return the current values that a nested function uses from this one."""
     if local.home != f.key:
-        raise f.refused(node, "a function that was made in another one is called", "a method")
+        raise f.refused(node, "a function that was defined inside another one is called", "a method")
     found = {}
     for name in local.source.function.__code__.co_freevars:
         if name not in f.flow.names:

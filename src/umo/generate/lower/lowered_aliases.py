@@ -1,4 +1,4 @@
-"""Names and fields that may stand for one list or array: only what has one name is changed in place."""
+"""Tracks names and fields that may refer to the same list or array: it is changed in place only if it has one name."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from umo.generate.form import (
 )
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Many, SliceView, Term
+from umo.generate.lower.terms import Code, Elementwise, SliceView, Term, TupleTerm
 
 
 class LoweredAliases(LoweredSubject):
-    """What is known of the arrays of a function."""
+    """What is known of references to the arrays of a function."""
 
     def __init__(self, f: FunctionBuilder) -> None:
         super().__init__(f)
         self.shared: set[Value] = set()
         """Arrays that have several names."""
         self.sole: set[Value] = set()
-        """Temporary arrays that nobody else has."""
+        """Temporary arrays without another reference."""
         self.sole_result = True
-        """Whether nobody else has an array that the function returns."""
+        """True if an array that the function returns has no other reference."""
         self.rebound: list[Value] = []
         """Arrays that were assigned as a whole."""
         self.changes: set[Value] = set()
-        """Arrays that are changed in place, here and in what is called."""
+        """Arrays that are changed in place, here and in called functions."""
         self.keeps = False
-        """Whether an array that it was given is had by others after it."""
+        """True if an array argument may have another reference after the call."""
 
     def check_sole(self, place: Code, node: ast.AST) -> None:
-        """That nobody else has this array; one that may be None is not looked at."""
+        """Refuse an array that may have another reference. An array that may be None is not checked."""
         if isinstance(place, Elementwise) or place.value != whole(place.value) or self.shares(place.value):
             nearest = "a new array: x = x + 1, np.where, a copy"
-            raise self.f.refused(node, "an array is changed in place, and may have another name", nearest)
+            raise self.f.refused(node, "an array that may have another name is changed in place", nearest)
 
     def shares(self, place: Value) -> bool:
-        """Whether an array may be had by others too."""
+        """True if an array may have other references."""
         if isinstance(root(place), Field):
             return place in self.f.world.memory.shared
         if isinstance(place, Temporary) and place not in self.sole:
@@ -55,7 +55,7 @@ class LoweredAliases(LoweredSubject):
         )
 
     def is_sole(self, term: Term) -> bool:
-        """Whether nobody else has an array."""
+        """True if an array has no other reference."""
         if isinstance(term, SliceView):
             return False
         is_list = isinstance(term, Code) and isinstance(plain(term.type), ArrayType)
@@ -64,16 +64,16 @@ class LoweredAliases(LoweredSubject):
         return isinstance(term, Code) and not self.shares(term.value)
 
     def is_copied(self, term: Term) -> bool:
-        """Whether this is computed, and no other name for what there is."""
+        """True if this is a computed value and not another name for an existing array."""
         return not isinstance(term, Code) or (isinstance(term, Elementwise) and not isinstance(term, SliceView))
 
     def is_new(self, term: Term) -> bool:
-        """Whether an array was made here, and has no name yet."""
+        """True if an array was made here and has no name yet."""
         return isinstance(term, Code) and isinstance(term.value, Temporary) and not self.shares(term.value)
 
     def share(self, term: Term) -> None:
-        """Another name is given to an array: neither is changed in place from now on."""
-        if isinstance(term, Many):
+        """Note that an array gets another name: from now on it is not changed in place."""
+        if isinstance(term, TupleTerm):
             for each in term.terms:
                 self.share(each)
         if isinstance(term, SliceView):

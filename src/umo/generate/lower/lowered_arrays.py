@@ -1,9 +1,8 @@
-"""Arrays of numbers as C: what is computed element by element becomes loops.
+"""Arrays of numbers in C: element-wise operations become loops.
 
-An array is a struct in C, so that it is assigned, passed and returned as a value. In Python it is shared: whoever
-changes it in place changes it for all who have it. So only an array that nobody else has is changed in place; anything
-else is refused.
-"""
+An array is a struct in C, so that it is assigned, passed and returned as a value. In Python it is shared: a change in
+place is seen through all references. So only an array without other references is changed in place; any other change is
+refused."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     CType,
-    Loose,
+    MaybeScalar,
     array,
     is_number,
     numpy_number,
@@ -33,13 +32,13 @@ from umo.generate.form import (
     ONE,
     ZERO,
     Assign,
-    Checked,
+    CheckedArithmetic,
     Conditional,
     Conversion,
     CountedLoop,
+    CurrentIndex,
     Element,
     Elements,
-    Here,
     Literal,
     Operator,
     Runtime,
@@ -55,7 +54,7 @@ from umo.generate.lower.array_functions import BINARY, CREATED, DTYPES, OF_ELEME
 from umo.generate.lower.lowered_expressions import CHECKED, SIGNS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.numpy_functions import of_numbers, one_after_the_other, place_of, rolled, sign_of
-from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, Many, SliceView, Term, Truth
+from umo.generate.lower.terms import ArrayMethod, Code, Elementwise, Known, SliceView, Term, TruthTest, TupleTerm
 from umo.generate.lower.whole_powers import MOST_POWER
 from umo.generate.translation import ControllerLimit
 
@@ -68,7 +67,7 @@ EXACT_POWERS: dict[float, Callable[[Value], Value]] = {
     2: lambda x: Operator("*", x, x),
 }
 MOST_SUMMED = 128
-"""Numbers that numpy sums in one block."""
+"""The number of elements that numpy sums in one block."""
 
 
 class LoweredArrays(LoweredSubject):
@@ -83,18 +82,19 @@ class LoweredArrays(LoweredSubject):
         return isinstance(of, ArrayType) and not of.listed
 
     def array(self, term: Term, node: ast.AST) -> Code:
-        """An array, or a number. For numpy None is NaN, an object, or an error."""
+        """Return an array or a number. For numpy None is NaN, an object, or an error."""
         if isinstance(term, Known) and isinstance(term.value, int) and not isinstance(term.value, bool):
             term = Known(int(term.value))  # a Quality beside numbers of qualities
         code = self.f.values.code(term, node)
-        self.f.values.check_there(code.type, "beside an array, or in one", node)
+        self.f.values.check_there(code.type, "next to an array or in one", node)
         code = replace(code, type=plain_number(code.type))
         if not isinstance(code.type, ArrayType) and not is_number(code.type):
             raise self.f.refused(node, "it is neither an array nor a number")
         return code
 
     def length(self, codes: Sequence[Code], node: ast.AST) -> int:
-        """The length of what is computed of these; numbers and arrays of one element are taken for each."""
+        """Return the length of the result of these operands. A number or an array of one element counts as an array of
+        any length."""
         types = [each.type for each in codes if isinstance(each.type, ArrayType)]
         found = {each.length for each in types}
         more = found - {1}
@@ -104,45 +104,45 @@ class LoweredArrays(LoweredSubject):
             raise self.f.refused(node, f"arrays of {' and '.join(map(str, sorted(more)))} elements")
         length = next(iter(more or found))
         strict = any(each.length == length and not each.loose for each in types)
-        return length if strict else Loose(length)
+        return length if strict else MaybeScalar(length)
 
     def length_of(self, code: Code, node: ast.AST) -> int:
-        """The length of one array, which is known."""
+        """Return the length of one array, which is known."""
         assert isinstance(code.type, ArrayType)
         self.check_length(code.type, node)
         return code.type.length
 
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
-        """The length is known."""
+        """Refuse an array whose length is not known."""
         if of.loose:
-            raise self.f.refused(node, "it may have one element in Python, or more", "np.zeros(n), np.full(n, ...)")
+            raise self.f.refused(node, "it may have one or more elements in Python", "np.zeros(n), np.full(n, ...)")
 
     def at(self, code: Code, of: CType, length: int) -> Value:
-        """An element, as this type."""
+        """Return an element as this type."""
         if not isinstance(code.type, ArrayType):
             value, kind = self.f.values.kept(code).value, code.type
         else:
             kind = code.type.of
-            value = code.value if isinstance(code, Elementwise) else Element(self.kept_place(code), Here())
+            value = code.value if isinstance(code, Elementwise) else Element(self.kept_place(code), CurrentIndex())
             if code.type.length == 1 < length:  # one for all
                 value = placed(value, ZERO)
         return value if kind == of else Conversion(of, value)
 
     def kept_place(self, code: Code) -> Value:
-        """An array as a variable or a field."""
+        """Return an array as a variable or a field."""
         return (
             code.value if is_named(code.value) and not isinstance(code, Elementwise) else self.f.values.kept(code).value
         )
 
     def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
-        """A loop that sets the elements of an array, those for which the condition holds. What it reads of the array at
-        another place is computed before."""
+        """Add a loop that sets the elements of an array for which the condition holds. Elements of the same array that
+        are read at another index are copied first."""
         assert isinstance(code.type, ArrayType)
         length = code.type.length
         if _reads_elsewhere(place, code.value):
-            code = Elementwise(code.type, Element(self.f.values.kept(code).value, Here()))
+            code = Elementwise(code.type, Element(self.f.values.kept(code).value, CurrentIndex()))
         if test is not None and _reads_elsewhere(place, test):
-            test = Element(self.f.values.kept(Elementwise(array(BOOL, length), test)).value, Here())
+            test = Element(self.f.values.kept(Elementwise(array(BOOL, length), test)).value, CurrentIndex())
         with self.each_place(length) as turn:
             step = Assign(Element(place, turn), placed(code.value, turn))
             if test is None:
@@ -152,14 +152,14 @@ class LoweredArrays(LoweredSubject):
 
     @contextmanager
     def each_place(self, length: int) -> Iterator[Value]:
-        """A loop over the places of an array."""
+        """Return a context for a loop over the indices of an array."""
         turn = self.f.temporary(INT, "k")
         with self.f.body_of() as body:
             yield turn
         self.f.add(CountedLoop(self.f.label("turn"), turn, ZERO, Literal(length, INT), 1, tuple(body)))
 
     def as_array(self, term: Term, of: ArrayType, node: ast.AST) -> Value:
-        """A term as an array of this type."""
+        """Return a term as an array of this type."""
         code = self.array(term, node)
         if code.type.name == of.name and not isinstance(code, Elementwise):
             return code.value
@@ -170,17 +170,17 @@ class LoweredArrays(LoweredSubject):
     # Slices --------------------------------------------------------------------------------------------
 
     def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
-        """A part of an array: other names for its elements."""
+        """Return a slice of an array: its elements under other indices."""
         if isinstance(term, Known):
             self.f.world.memory.place_known(term.value)
             return Known(term.value[part])
         code = self.array(term, node)
         place, of = self.kept_place(code), code.type
         at, count = self._places(of, part, node)
-        return SliceView(array(self.of(code), count), Element(place, at(Here())), place, at)
+        return SliceView(array(self.of(code), count), Element(place, at(CurrentIndex())), place, at)
 
     def _places(self, of: CType, part: slice, node: ast.AST) -> tuple[Callable[[Value], Value], int]:
-        """Where the elements of a slice are, and how many."""
+        """Return the index of each element of a slice, and their number."""
         assert isinstance(of, ArrayType)
         self.check_length(of, node)
         first, end, step = part.indices(of.length)
@@ -199,7 +199,7 @@ class LoweredArrays(LoweredSubject):
         return at, count
 
     def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
-        """The elements of a slice become others, which are computed before."""
+        """Set the elements of a slice to values that are computed first."""
         self.f.aliases.check_sole(base, node)
         self.f.aliases.changes.add(base.value)
         at, count = self._places(base.type, part, node)
@@ -210,19 +210,19 @@ class LoweredArrays(LoweredSubject):
             self.f.assign(Element(base.value, at(turn)), placed(each, turn))
 
     def _given(self, base: Code, value: Term, count: int, node: ast.AST) -> Code:
-        """What is set in so many places of an array."""
-        code = self.array(self.listed(value, node) if isinstance(value, Many) else value, node)
+        """Return the values for this number of elements of an array."""
+        code = self.array(self.listed(value, node) if isinstance(value, TupleTerm) else value, node)
         of = self.of(base)
         if of != REAL and self.of(code) not in (of, BOOL):  # numpy cuts them in silence
-            raise self.f.refused(node, "numbers of another type are set in the array", "a new array")
+            raise self.f.refused(node, "the array is assigned numbers of another type", "a new array")
         if isinstance(code.type, ArrayType) and code.type.length not in (1, count):
-            raise self.f.refused(node, "an array of another length is set in it", "one number for all")
+            raise self.f.refused(node, "it is assigned an array of another length", "one number for all elements")
         return code
 
     # Arithmetic ----------------------------------------------------------------------------------------
 
     def of_arrays(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Code:
-        """An operator between arrays, or an array and a number."""
+        """Return the result of an operator between arrays, or an array and a number."""
         a, b = self.array(left, node), self.array(right, node)
         n, kinds = self.length((a, b), node), {self.of(a), self.of(b)}
         if isinstance(sign, ast.BitAnd | ast.BitOr | ast.BitXor):
@@ -232,7 +232,7 @@ class LoweredArrays(LoweredSubject):
             return Elementwise(array(BOOL, n), Operator(of_bools, self.at(a, BOOL, n), self.at(b, BOOL, n)))
         if kinds == {BOOL} or type(sign) not in OF_ARRAYS:
             raise self.f.refused(
-                node, "this arithmetic of arrays does not translate", "+, -, *, /, //, %, **, & and | of booleans"
+                node, "this arithmetic of arrays cannot be translated", "+, -, *, /, //, %, **, & and | of booleans"
             )
         if isinstance(sign, ast.Pow):
             return self._power(a, right, n, node)
@@ -249,7 +249,7 @@ class LoweredArrays(LoweredSubject):
         return Elementwise(array(REAL, n), Operator("/" if isinstance(sign, ast.Div) else SIGNS[type(sign)], a, b))
 
     def _divided(self, sign: ast.operator, a: Value, b: Value, n: int, node: ast.AST) -> Code:
-        """Whole numbers divided by 0 are 0; ControllerLimit beyond 32 bits."""
+        """Return the quotient. Integers divided by 0 are 0. ControllerLimit beyond 32 bits."""
         if isinstance(sign, ast.FloorDiv):
             beyond = Operator("&&", Operator("==", b, Literal(-1, INT)), Operator("==", a, LEAST_INT))
             with self.each_place(n) as turn:
@@ -258,11 +258,12 @@ class LoweredArrays(LoweredSubject):
         return Elementwise(array(INT, n), Runtime(function, (a, b)))
 
     def of(self, code: Code) -> CType:
-        """The type of its elements."""
+        """Return the type of the elements."""
         return code.type.of if isinstance(code.type, ArrayType) else code.type
 
     def _power(self, base: Code, power: Term, n: int, node: ast.AST) -> Code:
-        """Those that numpy computes exactly: its own function for others has other bits than that of the library."""
+        """Return a power that numpy computes exactly. Others are refused: numpy's own function gives other bits than
+        that of the C library."""
         exponent = power.value if isinstance(power, Known) else None
         if self.of(base) == INT and type(exponent) is int and 0 <= exponent <= MOST_POWER:
             return self._whole_power(base, exponent, n, node)
@@ -282,15 +283,15 @@ class LoweredArrays(LoweredSubject):
         return found
 
     def _checked(self, what: str, a: Value, b: Value, n: int, node: ast.AST) -> Code:
-        """Whole numbers: ControllerLimit beyond 32 bits."""
+        """Return the result for integers. ControllerLimit beyond 32 bits."""
         result, fault = self.f.temporary(array(INT, n)), self.f.fault(ControllerLimit, node)
         with self.each_place(n) as turn:
-            self.f.add(Checked(what, Element(result, turn), placed(a, turn), placed(b, turn), fault))
+            self.f.add(CheckedArithmetic(what, Element(result, turn), placed(a, turn), placed(b, turn), fault))
         self.f.aliases.sole.add(result)
         return Code(array(INT, n), result)
 
     def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
-        """An operator before an array."""
+        """Return the result of a unary operator on an array."""
         code = self.array(term, node)
         n, of = self.length((code,), node), self.of(code)
         if isinstance(sign, ast.Invert) and of == BOOL:
@@ -299,7 +300,7 @@ class LoweredArrays(LoweredSubject):
             return Elementwise(array(REAL, n), Unary("-", self.at(code, REAL, n)))
         if isinstance(sign, ast.USub) and of == INT:
             return self._checked("sub", ZERO, self.at(code, INT, n), n, node)
-        raise self.f.refused(node, "this operator of an array does not translate", "- of numbers, ~ of booleans")
+        raise self.f.refused(node, "this operator of an array cannot be translated", "- of numbers, ~ of booleans")
 
     def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
         if type(sign) not in SIGNS:
@@ -311,7 +312,7 @@ class LoweredArrays(LoweredSubject):
     # Functions of numpy, methods -----------------------------------------------------------------------
 
     def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """A function of numpy with these arguments; None: it is none, or has no translation."""
+        """Return the result of a numpy function, or None if it is not one or cannot be translated."""
         others = {name: each for name, each in named.items() if name != "out"}
         out, found = named.get("out"), self._of_numpy(target, arguments, others, node)
         if found is None or out is None:
@@ -331,7 +332,7 @@ class LoweredArrays(LoweredSubject):
             return self._converted(target, arguments[0], node)
         if named:
             return None
-        if target is np.concatenate and len(arguments) == 1 and isinstance(arguments[0], Many):
+        if target is np.concatenate and len(arguments) == 1 and isinstance(arguments[0], TupleTerm):
             return one_after_the_other(self.f, arguments[0].terms, node)
         if not any(map(self.is_array, arguments)):
             return of_numbers(self.f, target, arguments, node)
@@ -358,13 +359,13 @@ class LoweredArrays(LoweredSubject):
         return None
 
     def _of_elements(self, target: Any, code: Code, node: ast.AST) -> Code:
-        """A function of each element."""
+        """Apply a function to each element."""
         function, takes, gives = OF_ELEMENTS[target]
         n, of = self.length((code,), node), self.of(code)
         if gives == REAL and of == BOOL:
-            raise self.f.refused(node, "what numpy computes of booleans in 16 bits, or not at all", "astype(float)")
+            raise self.f.refused(node, "numpy computes this of bools in 16 bits or not at all", "astype(float)")
         if target in WHOLE_BEFORE and of == INT:
-            raise self.f.refused(node, "whole numbers are rounded, which become real in some versions of numpy", "them")
+            raise self.f.refused(node, "integers are rounded, which gives floats in some versions of numpy", "them")
         if of == INT and target in (np.abs, np.sign):
             takes = gives = INT
         each = self.at(code, takes, n)
@@ -390,7 +391,7 @@ class LoweredArrays(LoweredSubject):
     def _where(self, condition: Term, one: Term, other: Term, node: ast.AST) -> Code:
         chosen, a, b = (self.array(each, node) for each in (condition, one, other))
         if self.of(chosen) != BOOL:
-            raise self.f.refused(node, "the condition of `where` is no array of booleans")
+            raise self.f.refused(node, "the condition of `where` is not an array of bools")
         n, kinds = self.length((chosen, a, b), node), {self.of(a), self.of(b)}
         of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
         return Elementwise(array(of, n), Conditional(self.at(chosen, BOOL, n), self.at(a, of, n), self.at(b, of, n)))
@@ -399,10 +400,10 @@ class LoweredArrays(LoweredSubject):
         value, like = CREATED[target]
         terms = list(arguments)
         rows = terms[0].value if isinstance(terms[0], Known) else None
-        if isinstance(terms[0], Many) and all(isinstance(each, Known) for each in terms[0].terms):
+        if isinstance(terms[0], TupleTerm) and all(isinstance(each, Known) for each in terms[0].terms):
             rows = tuple(each.value for each in terms[0].terms)  # type: ignore[union-attr]
         if isinstance(rows, tuple) and len(rows) == 2:  # rows that get a name each
-            return Many((self._created(target, [Known(rows[1]), *terms[1:]], named, node),) * rows[0])
+            return TupleTerm((self._created(target, [Known(rows[1]), *terms[1:]], named, node),) * rows[0])
         first = terms.pop(0)
         filled: Term = Known(value) if value is not None else terms.pop(0)
         dtype = named.get("dtype", terms[0] if terms else None)
@@ -425,12 +426,12 @@ class LoweredArrays(LoweredSubject):
         found = DTYPES.get(term.value) if isinstance(term, Known) else None
         if found is None:
             raise self.f.refused(
-                node, "this type of numbers does not translate", "float, np.float64, np.int64, np.bool_"
+                node, "this type of number cannot be translated", "float, np.float64, np.int64, np.bool_"
             )
         return found
 
     def _converted(self, target: Any, term: Term, node: ast.AST) -> Code:
-        if isinstance(term, Many):
+        if isinstance(term, TupleTerm):
             return self.listed(term, node)
         code = self.array(term, node)
         n, of = self.length((code,), node), self.of(code)
@@ -441,7 +442,7 @@ class LoweredArrays(LoweredSubject):
             array(of, n), Runtime("umo_nan_to_num", (each,)) if target is np.nan_to_num and of == REAL else each
         )
 
-    def listed(self, term: Many, node: ast.AST) -> Code:
+    def listed(self, term: TupleTerm, node: ast.AST) -> Code:
         codes = [self.f.values.number(self.array(each, node), node) for each in term.terms]
         kinds = {each.type for each in codes}
         of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
@@ -453,13 +454,13 @@ class LoweredArrays(LoweredSubject):
         return Code(kind, result)
 
     def counted(self, code: Code, node: ast.AST) -> Term:
-        """np.count_nonzero: of one element or more only whether there is one."""
+        """Return np.count_nonzero. If an array may have one element, only the truth of the result can be used."""
         found = self.reduced("count", code, node)
         loose = isinstance(code.type, ArrayType) and code.type.loose
-        return Truth(differs(found.value)) if loose else found
+        return TruthTest(differs(found.value)) if loose else found
 
     def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
-        """One number of an array."""
+        """Reduce an array to one number."""
         n, of = self.length((code,), node), self.of(code)
         if of == BOOL:
             what = {"max": "any", "min": "all"}.get(what, what)
@@ -482,7 +483,7 @@ class LoweredArrays(LoweredSubject):
         return replace(found, type=numpy_number(kind))
 
     def _loop(self, kind: CType, start: Value, step: Callable[[Value, Value], Value], code: Code, n: int) -> Code:
-        """What `step` makes of the number so far and each element, one after the other."""
+        """Add a loop that applies `step` to the result so far and each element in turn."""
         each = self.at(code, self.of(code), n)
         result = self.f.temporary(kind, "r")
         self.f.assign(result, start)
@@ -502,7 +503,9 @@ class LoweredArrays(LoweredSubject):
         each, result = self.at(code, INT, n), self.f.temporary(INT, "r")
         self.f.assign(result, ZERO)
         with self.each_place(n) as turn:
-            self.f.add(Checked("add", result, result, placed(each, turn), self.f.fault(ControllerLimit, node)))
+            self.f.add(
+                CheckedArithmetic("add", result, result, placed(each, turn), self.f.fault(ControllerLimit, node))
+            )
         return Code(numpy_number(INT), result)
 
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
@@ -518,7 +521,7 @@ class LoweredArrays(LoweredSubject):
         if name == "astype" and len(arguments) == 1:
             of, n = self._dtype(arguments[0], node), self.length((code,), node)
             if (self.of(code), of) == (REAL, INT):
-                raise self.f.refused(node, "a cast of real to whole numbers", "a loop with int()")
+                raise self.f.refused(node, "a conversion of floats to integers", "a loop with int()")
             return Elementwise(
                 array(of, n), differs(self.at(code, self.of(code), n)) if of == BOOL else self.at(code, of, n)
             )
@@ -527,14 +530,14 @@ class LoweredArrays(LoweredSubject):
         if name in ("argmin", "argmax") and not arguments:
             return place_of(self.f, getattr(np, name), code, node)
         nearest = "any, all, sum, mean, max, min, argmax, argmin, copy, astype"
-        raise self.f.refused(node, f"`{name}` of an array does not translate", nearest)
+        raise self.f.refused(node, f"`{name}` of an array cannot be translated", nearest)
 
     # In place ------------------------------------------------------------------------------------------
 
     def overwrite(
         self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
     ) -> None:
-        """The elements of an array become others: all, or those that a mask chooses, each that of its place."""
+        """Replace the elements of an array, all or those that a mask selects, each by the value at its index."""
         self.f.aliases.check_sole(place, node)
         self.f.aliases.changes.add(place.value)
         assert isinstance(place.type, ArrayType)
@@ -545,11 +548,11 @@ class LoweredArrays(LoweredSubject):
 
 
 def _is_zero(term: Term) -> bool:
-    """Whether it is known to be 0, and not -0.0."""
+    """True if the term is known to be 0 and not -0.0."""
     return isinstance(term, Known) and repr(term.value) in ("0", "0.0")
 
 
 def _reads_elsewhere(place: Value, value: Value) -> bool:
-    """Whether an element of an array is computed of another one of the same array."""
+    """True if an element of an array is computed from another element of the same array."""
     elements = (each for each in walk(value) if isinstance(each, Element) and each.whole == place)
-    return any(each.index != Here() for each in elements)
+    return any(each.index != CurrentIndex() for each in elements)

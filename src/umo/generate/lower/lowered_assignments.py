@@ -1,9 +1,9 @@
-"""Assignments: to names, fields, elements and tuples of these."""
+"""Assignments to names, fields, elements and tuples of these."""
 
 from __future__ import annotations
 
 import ast
-import inspect
+from collections.abc import Iterator
 from typing import Any
 
 from umo.generate.c_types import (
@@ -22,28 +22,29 @@ from umo.generate.c_types import (
 )
 from umo.generate.check.form_effects import changes
 from umo.generate.form import Element, Field
+from umo.generate.lower.flow import expression_text
 from umo.generate.lower.lowered_expressions import is_float, is_of_numpy
 from umo.generate.lower.lowered_sequences import is_sequence
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import NO_ELEMENTS, only_asked
 from umo.generate.lower.state_members import as_number
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, OneOf, Present, Selection, Term, Truth
+from umo.generate.lower.terms import Code, Elementwise, Known, NullTest, OneOf, Selection, Term, TruthTest, TupleTerm
 from umo.generate.lower.text_states import as_text
-from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store
+from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring, refused_store, static_attribute
 from umo.objects import Quality
 
 WHOLE_LIST = "a list is assigned as a whole", "its elements, one by one: x[:] = ..."
-"""Why a list is not assigned to an attribute."""
+"""Why a list cannot be assigned to an attribute."""
 CHOSEN = ast.Name("the chosen object", ast.Load())
-"""The one of several objects of which an attribute is changed."""
+"""The chosen object of which an attribute is changed."""
 
 
 class LoweredAssignments(LoweredSubject):
-    """The part of a function that is assignments."""
+    """Lowers the assignments of a function."""
 
     def lower_assign(self, node: ast.Assign) -> None:
         if isinstance(node.value, ast.GeneratorExp) and isinstance(node.targets[0], ast.Tuple | ast.List):
-            term: Term = Many(tuple(self.f.sequences.gone_through(node.value)))
+            term: Term = TupleTerm(tuple(self.f.sequences.gone_through(node.value)))
         else:
             term = self.f.term(node.value)
         if len(node.targets) == 1 and isinstance(term, Elementwise) and self.f.aliases.is_copied(term):
@@ -54,7 +55,8 @@ class LoweredAssignments(LoweredSubject):
             self.store(each, term, node)
 
     def _made(self, term: Elementwise, target: ast.expr) -> Code:
-        """A computed array for an attribute: computed before that is found, and nobody else has it."""
+        """Return a computed array for an attribute. It is computed before the object is found, and has no other
+        reference."""
         if not isinstance(target, ast.Attribute):
             return term
         found = self.f.values.kept(term)
@@ -62,10 +64,11 @@ class LoweredAssignments(LoweredSubject):
         return found
 
     def _is_stored_at_once(self, target: ast.expr, term: Term) -> bool:
-        """Whether nothing that finds this place changes the value, and the value has no other name by then."""
+        """True if finding this place cannot change the value, and the value has no other name. For a tuple of places
+        `store` copies the parts."""
         is_slice = isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice)
         is_attribute = isinstance(target, ast.Attribute) and self.f.aliases.is_new(term)
-        return isinstance(target, ast.Name) or is_slice or is_attribute
+        return isinstance(target, ast.Name | ast.Tuple | ast.List) or is_slice or is_attribute
 
     def lower_ann_assign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
@@ -84,11 +87,12 @@ class LoweredAssignments(LoweredSubject):
         self.f.flow.names.pop(CHOSEN.id, None)
 
     def _found_once(self, node: ast.AugAssign, target: ast.Attribute) -> ast.AugAssign:
-        """The object is found where it is read, and where it is set; one of several has a name."""
+        """Return the assignment with its object evaluated once, for reading and setting. One of several objects gets a
+        name."""
         at = len(self.f.statements)
         base = self.f.term(target.value)
         if self.f.changed_since(at):
-            raise self.f.refused(node, "what is changed is found by code that would run twice", "a name for it first")
+            raise self.f.refused(node, "finding the target runs code that would run twice", "assign it to a name first")
         if not isinstance(base, OneOf):
             return node
         self.f.flow.names[CHOSEN.id] = base
@@ -101,7 +105,7 @@ class LoweredAssignments(LoweredSubject):
         return self.f.term(loaded(node.target))
 
     def _after(self, left: Term, node: ast.AST) -> tuple[Term, Term]:
-        """A term, and an expression that is computed after it."""
+        """Return a term and an expression that is computed after it."""
         with self.f.gathered() as rest:
             right = self.f.term(node)
         if any(map(changes, rest)):
@@ -110,7 +114,7 @@ class LoweredAssignments(LoweredSubject):
         return left, right
 
     def _aug_element(self, node: ast.AugAssign, target: ast.Subscript) -> None:
-        """The place is found once, before the value is computed."""
+        """Lower `x[i] += value`. The index is computed once, before the value."""
         if isinstance(target.slice, ast.Slice):
             self._aug_slice(node, target, target.slice)
             return
@@ -128,13 +132,13 @@ class LoweredAssignments(LoweredSubject):
         self._set_element(target, base, index, self.f.values.settled(result), node)
 
     def _aug_masked(self, node: ast.AugAssign, target: ast.Subscript, base: Code, mask: Code) -> None:
-        """The elements that a mask chooses, and a number."""
+        """Lower an augmented assignment with a number to the elements that a mask selects."""
         with self.f.gathered() as needed:
             right = self.f.term(node.value)
         is_real = plain_number(self.f.arrays.of(base)) == REAL
         if any(map(changes, needed)) or self.f.arrays.is_array(right) or not is_real:
-            told = "what a mask chooses is changed by code, by an array, or are no real numbers"
-            raise self.f.refused(node, told, "a name for a number first, np.where")
+            told = "elements selected by a mask are changed by a call, by an array, or are not floats"
+            raise self.f.refused(node, told, "assign the number to a name first, np.where")
         self.f.statements += needed
         self._note_assigned(target)
         new = self.f.arrays.of_arrays(node.op, base, right, node)
@@ -147,7 +151,7 @@ class LoweredAssignments(LoweredSubject):
         with self.f.gathered() as needed:
             right = self.f.term(node.value)
         if any(map(changes, needed)):
-            raise self.f.refused(node, "the value changes something", "a name for it first")
+            raise self.f.refused(node, "computing the value changes something", "assign it to a name first")
         self.f.statements += needed
         self._note_assigned(target)
         left = self.f.arrays.sliced(base, part, node)
@@ -167,13 +171,23 @@ class LoweredAssignments(LoweredSubject):
         result = self.f.expressions.of_numbers(node.op, left, right, (node.target, node.value), node)
         self.store(node.target, result, node)
 
+    def _unpacked(self, targets: list[ast.expr], parts: list[Term], node: ast.AST) -> Iterator[tuple[ast.expr, Term]]:
+        """The value for each target of an assignment. A starred target gets a new list of the remaining values."""
+        starred = [place for place, each in enumerate(targets) if isinstance(each, ast.Starred)]
+        rest = len(parts) - len(targets) + len(starred)
+        if rest < 0 or (rest and not starred):
+            raise self.f.refused(node, f"{len(parts)} values for {len(targets)} names")
+        for place in starred:
+            of = targets[place].value  # type: ignore[attr-defined]
+            parts = [*parts[:place], TupleTerm(tuple(parts[place : place + rest]), kind=list), *parts[place + rest :]]
+            targets = [*targets[:place], of, *targets[place + 1 :]]
+        yield from zip(targets, parts, strict=True)
+
     def store(self, target: ast.AST, term: Term, node: ast.AST) -> None:
         self.f.flow.forget(target)
         if isinstance(target, ast.Tuple | ast.List):
-            parts = self.f.calls.parts(term, node)
-            if len(parts) != len(target.elts) or any(isinstance(each, ast.Starred) for each in target.elts):
-                raise self.f.refused(node, f"{len(parts)} values for {len(target.elts)} names")
-            for each, part in zip(target.elts, [self.f.values.settled(one) for one in parts], strict=True):
+            parts = [self.f.values.settled(one) for one in self.f.calls.parts(term, node)]
+            for each, part in self._unpacked(target.elts, parts, node):
                 self.store(each, part, node)
         elif isinstance(target, ast.Name):
             self._store_local(target.id, term, node)
@@ -182,34 +196,33 @@ class LoweredAssignments(LoweredSubject):
         elif isinstance(target, ast.Subscript):
             self._store_element(target, term, node)
         else:
-            raise self.f.refused(node, "it cannot be assigned to this", "names, attributes, elements")
+            raise self.f.refused(node, "this cannot be assigned to", "names, attributes, elements")
         if isinstance(target, ast.Name | ast.Attribute) and _is_there(term):
-            self.f.flow.known.add(ast.dump(loaded(target)))
+            self.f.flow.known.add(expression_text(target))
 
     def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
-        if isinstance(term, Many) and self._is_of_objects(term):
+        if isinstance(term, TupleTerm) and self._is_of_objects(term):
             term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
             self.f.flow.names[name] = term
             return
         if isinstance(term, OneOf | Selection):
             if self.f.world.memory.locals.get((self.f.key, name)) is not None:
-                raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
+                raise self.f.refused(node, f"{name!r} means different objects", "one name per object")
             self.f.flow.names[name] = term
             return
-        if isinstance(term, Present | Truth):
+        if isinstance(term, NullTest | TruthTest):
             raise self.f.refused(node, *only_asked(term))
-        if isinstance(term, Many) and term.kind is list and name in _changed_in_place(self.f.source.tree):
+        if isinstance(term, TupleTerm) and term.kind is list and name in _changed_in_place(self.f.source.tree):
             term = self.f.values.new_list(term.terms, node) or term
         of = self.f.values.type_of(term)
-        key = (self.f.key, name)
-        before = self.f.world.memory.locals.get(key)
-        if of is None or (of == NOTHING and before is None):
+        key, types = (self.f.key, name), self.f.world.memory.locals
+        if of is None or (of == NOTHING and types.get(key) is None):
             texts = isinstance(term, Known) and isinstance(term.value, str)
-            if isinstance(term, Known) and (before is None or texts):
+            if isinstance(term, Known) and (texts or types.get(key) is None):
                 self.f.flow.names[name] = term
                 return
-            raise self.f.refused(node, f"{name!r} stands for different objects", "a name for each")
-        of = self.f.world.memory.learn(self.f.world.memory.locals, key, of, lambda: self._odd(name, node))
+            raise self.f.refused(node, f"{name!r} means different objects", "one name per object")
+        of = self.f.world.memory.learn(types, key, of, lambda: self._odd(name, node))
         if isinstance(of, ArrayType) and isinstance(term, Code) and self._is_same(name, term):
             self.f.flow.names[name] = Code(of, term.value)
             return
@@ -230,16 +243,16 @@ class LoweredAssignments(LoweredSubject):
         if value != place:
             self.f.assign(place, value)
 
-    def _is_of_objects(self, term: Many) -> bool:
-        """Whether this is a tuple of live objects, or of qualities that are accepted."""
+    def _is_of_objects(self, term: TupleTerm) -> bool:
+        """True if this is a tuple of live objects or of accepted qualities."""
         if not term.terms or not all(isinstance(each, Known) for each in term.terms):
             return False
         is_tuple = term.kind is None and self.f.values.type_of(term) is None
         return is_tuple or all(map(_is_quality, term.terms))
 
     def _is_same(self, name: str, term: Code) -> bool:
-        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch; an
-        attribute is never assigned another one."""
+        """True if both names refer to one array from here on: each is assigned once, not in a loop or a branch. An
+        attribute must never be assigned again."""
         others = [each for each in self.f.flow.names if self.f.local(each) == term.value and each != name]
         of_field = isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
         if not (others or of_field) or self.f.depth or {term.value, self.f.local(name)} & self.f.given.keys():
@@ -260,7 +273,7 @@ class LoweredAssignments(LoweredSubject):
             self._set_field(base, target, term, node)
 
     def _set_field(self, base: Term, target: ast.Attribute, term: Term, node: ast.AST) -> Known:
-        """An attribute of one object."""
+        """Set an attribute of one object."""
         if not isinstance(base, Known):
             raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
         self._set_attribute(base, target, term, node)
@@ -268,26 +281,26 @@ class LoweredAssignments(LoweredSubject):
 
     def _set_attribute(self, base: Known, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         owner, name = base.value, target.attr
-        if type(static := inspect.getattr_static(type(owner), target.attr, None)) is property:
+        if type(static := static_attribute(type(owner), target.attr)) is property:
             if static.fset is None:
                 raise self.f.refused(node, f"the property {name} has no setter", "an attribute")
             self.f.calls.function(static.fset, [base, term], {}, node)
             self.f.flow.forget_fields()
             return
         if reason := refused_store(owner, name) or _odd_attribute(owner, name):
-            raise self.f.refused(node, reason, "an attribute of an object of its own")
+            raise self.f.refused(node, reason, "an attribute of another object")
         text = as_text(self.f, term, node)
         if text is not None or (isinstance(term, Known) and isinstance(term.value, str)):
             self.f.world.memory.add_text(owner, name)
             if text is None:
                 self.f.world.memory.take_text(owner, name, term.value)  # type: ignore[union-attr,arg-type]
             if text is None or not self.f.world.memory.is_text_state(owner, name):
-                if self.f.telling.tell_field(term, node, target, owner):
+                if self.f.texts.python_sets_field(term, node, target, owner):
                     return
                 self.f.world.note(f"{self.f.source.segment(target)} is a text: a controller does not have it")
                 return
             term = text
-        if isinstance(term, Present | Truth):
+        if isinstance(term, NullTest | TruthTest):
             raise self.f.refused(node, *only_asked(term))
         self.f.world.memory.assign(owner, name)
         if isinstance(term, Known) and is_plain_dataclass(type(term.value)):
@@ -295,28 +308,27 @@ class LoweredAssignments(LoweredSubject):
         new = self.f.values.type_of(term)
         key = id(owner), name
         if isinstance(new, TupleType) and new.kind is list:
-            is_made = isinstance(term, Many) and not self.f.world.target.tells
+            is_made = isinstance(term, TupleTerm) and not self.f.world.target.makes_texts
             made = self.f.values.new_list(term.terms, node) if is_made else None  # type: ignore[union-attr]
             if made is None:
                 raise self.f.refused(node, *WHOLE_LIST)
             term, new = made, made.type
         if new is None:
             raise self.f.refused(
-                node, f"{self.f.source.segment(target)} is no number or state", "numbers, states, tuples of them"
+                node, f"{self.f.source.segment(target)} is not a number or a state", "numbers, states, tuples of these"
             )
         if isinstance(plain(new), NumpyNumber):
-            self.f.world.memory.changed |= key not in self.f.world.memory.of_numpy
             self.f.world.memory.of_numpy.add(key)
         self.f.world.memory.learn(self.f.world.memory.fields, key, of_python(new), lambda: self._odd(name, node))
         if key in self.f.world.memory.texts and text is None:
-            raise self.f.refused(node, f"{name} has texts and other values", "a name for each")
+            raise self.f.refused(node, f"{name} has texts and other values", "one name per type")
         place = self.f.attributes.field(owner, name, base, target)
         if not isinstance(place, Code):
-            if not self.f.world.memory.changed and new != NOTHING:
+            if not self.f.world.memory.current.learner.is_stale and new != NOTHING:
                 raise self.f.refused(node, f"{name} does not become a field", "another name, or one type")
             return  # in the next pass it is a field
         if isinstance(plain(place.type), ArrayType):
-            if isinstance(getattr(owner, name), list) and self.f.world.target.tells:
+            if isinstance(getattr(owner, name), list) and self.f.world.target.makes_texts:
                 raise self.f.refused(node, *WHOLE_LIST)  # whoever has the list before would have the new one
             self.f.world.memory.rebind(place.value)
             self.f.aliases.rebound.append(place.value)
@@ -339,7 +351,7 @@ class LoweredAssignments(LoweredSubject):
         self._set_element(target, base, index, term, node)
 
     def _store_slice(self, target: ast.Subscript, ends: ast.Slice, term: Term, node: ast.AST) -> None:
-        """The elements of an array, or as many elements of a list as there are."""
+        """Set a slice: the elements of an array, or of a list by as many elements."""
         base, part = self.f.expressions.base_and_slice(target, ends)
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
             raise self.f.refused(node, "a slice of something that is not a list or an array of numbers")
@@ -350,12 +362,12 @@ class LoweredAssignments(LoweredSubject):
         places = range(base.type.length)[part]
         parts = [self.f.values.settled(each) for each in self.f.calls.parts(term, node)]
         if len(parts) != len(places) or not is_sequence(term):
-            raise self.f.refused(node, "a slice of a list of which the length changes", "as many elements")
+            raise self.f.refused(node, "a slice of a list whose length changes", "as many elements")
         for place, each in zip(places, parts, strict=True):
             self._set_element(target, base, Known(place), each, node)
 
     def _note_assigned(self, target: ast.Subscript) -> None:
-        """Elements of an attribute are assigned."""
+        """Note that elements of an attribute are assigned."""
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.f.term(target.value.value), Known):
             self.f.world.memory.assign(owner.value, target.value.attr)
 
@@ -373,34 +385,34 @@ class LoweredAssignments(LoweredSubject):
         self.f.arrays.check_length(base.type, node)
         self.f.values.check_there(self.f.values.type_of(term), "in a list or an array", node)
         if base.type.listed and is_of_numpy(term):
-            raise self.f.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
+            raise self.f.refused(node, "a list cannot contain a number of numpy", "float(...), int(...), bool(...)")
         if base.type.listed and base.type.of != BOOL and may_be_bool(self.f.values.type_of(term) or NOTHING):
             raise self.f.refused(node, "a bool in a list of numbers", "int(...)")
         if base.type.listed and base.type.of == REAL and not is_float(term):
-            raise self.f.refused(node, "a whole number in a list of real ones", "0.0, float(...)")
+            raise self.f.refused(node, "an int in a list of floats", "0.0, float(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.f.values.code(term, node).type) == REAL:
-            raise self.f.refused(node, "numbers of another type are set in the array", "int(...)")
+            raise self.f.refused(node, "the array is assigned numbers of another type", "int(...)")
         place = Element(base.value, self.f.expressions.index(base.type, index, node))
         self.f.aliases.changes.add(base.value)
         self.f.assign(place, self.f.values.as_type(term, base.type.of, node))
 
 
 def _is_mask(index: Term, of: Term) -> bool:
-    """Whether a place in an array is one of booleans, which chooses its elements; a list has no such places."""
+    """True if the index is an array of bools, which selects elements. A list has no such indices."""
     if not (isinstance(of, Code) and isinstance(of.type, ArrayType) and isinstance(index, Code)):
         return False
     return not of.type.listed and index.type.name == array(BOOL, of.type.length).name
 
 
 def _is_there(term: Term) -> bool:
-    """Whether a value is never None."""
+    """True if a value is never None."""
     if isinstance(term, Code):
         return not isinstance(term.type, OptionalType)
-    return isinstance(term, Many) or (isinstance(term, Known) and term.value is not None)
+    return isinstance(term, TupleTerm) or (isinstance(term, Known) and term.value is not None)
 
 
 def _odd_attribute(owner: Any, name: str) -> str:
-    """Why an attribute that is assigned is no plain one; empty: it is."""
+    """Return why an assigned attribute is not a plain one; empty if it is."""
     found = attribute_kind(owner, name)
     return "" if found == "value" else f"{name} is a {found}" if found in ("function", "property") else found
 
@@ -410,20 +422,20 @@ def _is_quality(term: Term) -> bool:
 
 
 def _assigned(tree: ast.AST) -> list[ast.Name]:
-    """The names to which a function assigns; what is changed in place is not among them."""
+    """The names that a function assigns, without those that it only changes in place."""
     changed = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.AugAssign)}
     names = (each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
     return [each for each in names if id(each) not in changed]
 
 
 def _changed_in_place(tree: ast.AST) -> set[str]:
-    """The names of which a function sets elements."""
+    """The names whose elements a function sets."""
     set_ones = (each for each in ast.walk(tree) if isinstance(each, ast.Subscript) and isinstance(each.ctx, ast.Store))
     return {each.value.id for each in set_ones if isinstance(each.value, ast.Name)}
 
 
 def loaded(target: ast.AST) -> ast.expr:
-    """The same place, to be read."""
+    """Return the same place as an expression to read."""
     kind = type(target)
     fields = {name: value for name, value in ast.iter_fields(target) if name != "ctx"}
     found: ast.expr = kind(**fields, ctx=ast.Load()) if "ctx" in target._fields else target  # type: ignore[assignment,call-arg]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -30,27 +29,27 @@ from umo.generate.c_types import (
 from umo.generate.form import Literal, Object, OfObject, Runtime, Value, WholeMachine
 from umo.generate.lower.live_fields import MOST_INT
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Known, Present, Term
+from umo.generate.lower.terms import Code, Known, NullTest, Term
 from umo.generate.translation import Untranslatable
-from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_record, is_ring
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_record, is_ring, static_attribute
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
 
 DROPPED = ("progress", "say")
-"""Names of methods that only tell something."""
+"""Names of methods that only make texts."""
 OF_THE_HOST = ("sample", "update", "reset", "acknowledge", "control")
 """Names of methods of a whole part that only the host calls."""
 OF_CLOCK = {"dt": REAL, "now": REAL, "period": REAL, "ticks": INT}
-"""What is asked of the clock, with the type of what it is."""
+"""The attributes of a clock, with their types."""
 
 
 class LoweredAttributes(LoweredSubject):
-    """The part of a function that is attributes."""
+    """Lowers the attributes of a function."""
 
     def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         owner = base.value
-        self.f.telling.check_decided(base, node)
+        self.f.texts.check_decided(base, node)
         if is_ring(owner):
             return self.f.rings.attribute(base, name, node)
         if isinstance(owner, Atomic):
@@ -66,7 +65,9 @@ class LoweredAttributes(LoweredSubject):
             return Known(owner.clock)
         if isinstance(owner, Compound):
             if name in OF_THE_HOST and name in vars(owner) | vars(Compound):
-                raise self.f.refused(node, f"`{name}` of a part is done by the host", "read, write, reset of an object")
+                raise self.f.refused(
+                    node, f"`{name}` of a part is carried out by the host", "read, write, reset of an object"
+                )
             if name in ("dt", "now"):
                 return _of_clock(owner._machine.clock, name)
             if name == "cycle":
@@ -84,7 +85,7 @@ class LoweredAttributes(LoweredSubject):
         found = attribute_kind(owner, name)
         if found == "property":
             self.f.takes(type(owner), name, node)
-            return self.f.calls.function(inspect.getattr_static(type(owner), name).fget, [base], {}, node)
+            return self.f.calls.function(static_attribute(type(owner), name).fget, [base], {}, node)
         if found == "function":
             return self._known(owner, name, node)
         if found != "value":
@@ -92,7 +93,7 @@ class LoweredAttributes(LoweredSubject):
         return self.field(owner, name, base, node)
 
     def _of_state(self, owner: Enum, name: str, node: ast.AST) -> Term:
-        static = inspect.getattr_static(type(owner), name, None)
+        static = static_attribute(type(owner), name)
         if type(static) is property and static.fget is not None:
             self.f.takes(type(owner), name, node)
             return self.f.calls.function(static.fget, [Known(owner)], {}, node)
@@ -101,15 +102,15 @@ class LoweredAttributes(LoweredSubject):
         return self._known(owner, name, node)
 
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
-        """An attribute that is a number is a field; another one is known."""
+        """Return a field if the attribute is a number, otherwise a known value."""
         memory = self.f.world.memory
         if (id(owner), name) in memory.texts and not memory.is_text_state(owner, name):
-            return Known(memory.told_text(owner, name))
+            return Known(memory.shown_text(owner, name))
         value = self._got(owner, name, node)
         if isinstance(value, FunctionType | MethodType | BuiltinFunctionType | partial):
             if asks_host(owner, name):
                 return Known(value, owner, name)
-            raise self.f.refused(node, f"{name} is a function that an object has as an attribute", "a method")
+            raise self.f.refused(node, f"{name} is a function stored as an attribute of an object", "a method")
         if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
             raise self.f.refused(node, f"{name} is a {type(value).__name__} of numpy", "float(...), np.float64")
         of = self.f.world.fields.type_of(owner, name, value)
@@ -120,7 +121,7 @@ class LoweredAttributes(LoweredSubject):
                 )
             if _is_record_of_numbers(value) and self.f.world.fields.type_of_value(value) is None:
                 told = f"{name} has a value of another class than {type(value).__name__} declares"
-                raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
+                raise self.f.refused(node, told, "0.0 instead of 0, float(...)")
             if hasattr(value, "__dict__"):
                 self.f.world.fields.known(value, self._path(owner, base, name))
             found = self._known(owner, name, node)
@@ -137,19 +138,19 @@ class LoweredAttributes(LoweredSubject):
         return Code(of, place)
 
     def _check_numbers(self, value: Any, name: str, node: ast.AST) -> None:
-        """The numbers of an array or a list fit, and are no states or tuples of other classes."""
+        """Refuse an array or a list with numbers that do not fit, or with states or tuples of other classes."""
         numbers = value.tolist() if isinstance(value, np.ndarray) else value
         if any(type(each) is int and abs(each) > MOST_INT for each in numbers):
             raise self.f.refused(node, f"{name} has a number that does not fit 32 bits", "smaller numbers, or floats")
         if len({type(each) for each in numbers}) > 1:
-            raise self.f.refused(node, f"{name} has values of several classes", "one class for all")
+            raise self.f.refused(node, f"{name} has values of several classes", "one class for all elements")
 
     def _path(self, owner: Any, base: Known, name: str) -> str:
         path = self.f.world.fields.known(owner, base.name or type(owner).__name__).path
         return f"{path}.{name}".strip(".") if name else path
 
     def _known(self, owner: Any, name: str, node: ast.AST) -> Known:
-        """An attribute that is taken as known; the machine around a part is another one in each run."""
+        """Return an attribute that is taken as known. The machine around a part differs between runs."""
         value = self._got(owner, name, node)
         if not (isinstance(owner, Compound) and name == "_machine") and not _is_of_cycle(owner):
             self.f.takes(owner, name, node)
@@ -178,7 +179,7 @@ class LoweredAttributes(LoweredSubject):
         if name == "quality":
             return Code(state(Quality), Runtime("umo_quality", (place,)))
         if name == "inhibited":
-            return Present(Runtime("umo_inhibited", (place,)))
+            return NullTest(Runtime("umo_inhibited", (place,)))
         if name == "raw":
             return Code(INT, Runtime("umo_raw", (place,)))
         if name == "pending":
@@ -196,19 +197,19 @@ class LoweredAttributes(LoweredSubject):
         return self._known(owner, name, node)
 
     def check_in_c(self, name: str, node: ast.AST) -> None:
-        """That the runtime in C has what is asked of an object: beside Python it has not."""
-        if self.f.world.target.tells:
+        """Refuse an attribute of an object that Python evaluates where laws are compiled."""
+        if self.f.world.target.makes_texts:
             raise self.f.refused(
                 node,
-                f"`{name}` of an object is done by Python where laws are compiled",
+                f"`{name}` of an object is evaluated by Python where laws are compiled",
                 "read, write, quality, pending",
             )
 
     def object(self, owner: Atomic, node: ast.AST) -> Value:
-        """The object; a controller samples those that are synchronous."""
+        """Return the object. An asynchronous sensor is noted, as a controller does not read it."""
         if not isinstance(owner, Binary | Digital):
             raise self.f.refused(
-                node, f"a {type(owner).__name__} does not translate", "a binary object, or a digital one"
+                node, f"a {type(owner).__name__} cannot be translated", "a binary object, or a digital one"
             )
         if owner.direction is Direction.INPUT and not owner.synchronous:
             told = f"{owner.path} is asynchronous: it is not read on a controller"
@@ -217,7 +218,7 @@ class LoweredAttributes(LoweredSubject):
         return Object(owner._slot)
 
     def got_by(self, function: str, *arguments: Value, of: CType) -> Code:
-        """The result of a function of the runtime that may fail."""
+        """Return the result of a runtime function that may fail."""
         name = self.f.temporary(of)
         self.f.called(function, *arguments, out=name)
         return Code(of, name)
@@ -228,7 +229,7 @@ def _is_record_of_numbers(value: Any) -> bool:
 
 
 def _of_clock(clock: Any, name: str) -> Code:
-    """What is asked of a clock: of the machine's, or of that of parts which have a rate of their own."""
+    """Return an attribute of a clock: of the machine's, or of that of parts with a rate of their own."""
     of = OF_CLOCK[name]
     if name == "now" or not isinstance(clock, PartClock):
         return Code(of, Runtime(f"umo_{name}", (WholeMachine(),)))
@@ -242,9 +243,9 @@ def _is_of_cycle(owner: Any) -> bool:
 
 
 def asks_host(owner: Any, name: str) -> bool:
-    """Whether this attribute of an object is a function that only the host can call: it plans motions."""
+    """True if this attribute is a function that only the host can call, because it plans motions."""
     return isinstance(owner, Axis) and name == "_replan"
 
 
 def dropped(*_: object) -> None:
-    """What only tells something."""
+    """Add nothing: the statement only makes a text."""

@@ -1,4 +1,4 @@
-"""Statements of Python."""
+"""Statements other than assignments and loops."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from umo.generate.lower.flow import disproved_by, proved_by
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import local_function
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.lowered_telling import TELLS
+from umo.generate.lower.lowered_telling import DEPENDS_ON_TEXT
 from umo.generate.lower.terms import Known
 
 
 class LoweredBranches(LoweredSubject):
-    """The part of a function that is statements."""
+    """Lowers the statements of a function."""
 
     def lower_pass(self, node: ast.Pass) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def lower_expr(self, node: ast.Expr) -> None:
         if isinstance(node.value, ast.Constant):
@@ -51,12 +51,12 @@ class LoweredBranches(LoweredSubject):
             truth = self.f.values.truth(self.f.term(node.test), node.test)
         except NoTranslation as refused:
             if (
-                refused.reason != TELLS
-                or not self.f.telling.does_nothing(node.test)
+                refused.reason != DEPENDS_ON_TEXT
+                or not self.f.texts.does_nothing(node.test)
                 or self._does_something([*node.body, *node.orelse])
             ):
                 raise
-            self.f.world.note(f"{self.f.source.segment(node.test)} decides only what is told: it is left out")
+            self.f.world.note(f"{self.f.source.segment(node.test)} only decides which text is made: it is left out")
             return None
         shown = not self.f.changed_since(at)
         proved, disproved = (proved_by(node.test), disproved_by(node.test)) if shown else (set(), set())
@@ -81,7 +81,7 @@ class LoweredBranches(LoweredSubject):
         return None if goes_on or other else False
 
     def lower_match(self, node: ast.Match) -> bool:
-        """As `if`s, of which each compares with what stands after `case`."""
+        """Lower `match` as `if` statements that compare the value with each pattern."""
         name = ast.Name(f"matched {node.lineno} {node.col_offset}", ast.Load())
         ways: list[ast.stmt] = []
         for case in reversed(node.cases):
@@ -90,14 +90,15 @@ class LoweredBranches(LoweredSubject):
                 ways = [*names, ast.If(case.guard or test, case.body, ways)]  # a name has its value in the guard
                 continue
             if names and case.guard is not None:
-                raise self.f.refused(case.pattern, "a name in a pattern that has an `if`, too", "an `if` in the case")
+                raise self.f.refused(case.pattern, "a name in a pattern with an `if`", "an `if` in the case")
             test = test if case.guard is None else ast.BoolOp(ast.And(), [test, case.guard])
             ways = [ast.If(test, [*names, *case.body], ways)]
         new = [ast.Assign([ast.Name(name.id, ast.Store())], node.subject), *ways]
         return self.f.body([ast.fix_missing_locations(ast.copy_location(each, node)) for each in new])
 
     def _pattern(self, pattern: ast.pattern, value: ast.expr, subject: ast.expr) -> tuple[ast.expr, list[ast.stmt]]:
-        """The condition of a pattern for a value, and the assignments to its names; `subject` is how it is written."""
+        """Return the condition of a pattern for a value, and the assignments to its names. `subject` is the source of
+        the value."""
         if isinstance(pattern, ast.MatchOr):
             tests, names = zip(*(self._pattern(each, value, subject) for each in pattern.patterns), strict=True)
             if not any(names):
@@ -113,17 +114,17 @@ class LoweredBranches(LoweredSubject):
             return ast.Compare(value, [ast.Is()], [ast.Constant(pattern.value)]), []
         if isinstance(pattern, ast.MatchSequence) and isinstance(subject, ast.Tuple):
             return self._sequence(pattern, value, subject)
-        nearest = "values, None, |, _, names and `if`; (a, b) of a tuple that is written down"
-        raise self.f.refused(pattern, "this pattern does not translate", nearest)
+        nearest = "values, None, |, _, names and `if`; (a, b) for a tuple that is written out"
+        raise self.f.refused(pattern, "this pattern cannot be translated", nearest)
 
     def _sequence(
         self, pattern: ast.MatchSequence, value: ast.expr, subject: ast.Tuple
     ) -> tuple[ast.expr, list[ast.stmt]]:
-        """The patterns of the elements of a tuple that is written down."""
+        """Return the same for the patterns of the elements of a tuple that is written out."""
         parts = pattern.patterns
         uneven = any(isinstance(each, ast.MatchStar | ast.Starred) for each in (*parts, *subject.elts))
         if uneven or len(parts) != len(subject.elts):
-            raise self.f.refused(pattern, "a pattern of another number of elements", "a pattern for each element")
+            raise self.f.refused(pattern, "a pattern with another number of elements", "one pattern per element")
         found = [
             self._pattern(each, ast.Subscript(value, ast.Constant(n), ast.Load()), of)
             for n, (each, of) in enumerate(zip(parts, subject.elts, strict=True))
@@ -133,10 +134,10 @@ class LoweredBranches(LoweredSubject):
         ]
 
     def _does_something(self, statements: Sequence[ast.stmt]) -> bool:
-        """Whether more is left of statements than a text: a statement, or a way out."""
+        """True if these statements do more than make a text."""
         with self.f.gathered() as found:
             goes_on = self.f.body(statements)
-        return not goes_on or not self.f.world.only_tells(found)
+        return not goes_on or not self.f.world.only_makes_texts(found)
 
     def lower_return(self, node: ast.Return) -> bool:
         term = Known(None) if node.value is None else self.f.term(node.value)

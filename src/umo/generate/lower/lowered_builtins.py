@@ -1,4 +1,4 @@
-"""Python's own functions and those of math, on numbers and lists."""
+"""Functions of Python and of math on numbers and lists."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ from umo.generate.form import (
     Assign,
     Conditional,
     Conversion,
-    Do,
     Literal,
     Operator,
     Runtime,
+    RuntimeCall,
     Unary,
     Value,
     as_value,
@@ -53,7 +53,7 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.math_functions import OF_MATH, of_math, rounded
 from umo.generate.lower.sorted_lists import sorted_list
 from umo.generate.lower.state_members import as_number, number_of
-from umo.generate.lower.terms import Code, Known, Many, OneOf, Selection, Term, TruePlaces
+from umo.generate.lower.terms import Code, Known, OneOf, Selection, Term, TruePlaces, TupleTerm
 from umo.generate.translation import ControllerLimit
 from umo.generate.value_kinds import is_container, is_ring
 
@@ -70,16 +70,16 @@ TO_WHOLE: dict[Any, str] = {
 }
 
 
-NOUGHT = Known(0)
-MAKES_UP = sys.version_info >= (3, 12)
-"""Whether `sum` of this Python makes up for what is lost when it rounds."""
+KNOWN_ZERO = Known(0)
+SUM_COMPENSATES = sys.version_info >= (3, 12)
+"""True if `sum` of this Python compensates rounding."""
 
 
 class LoweredBuiltins(LoweredSubject):
-    """The part of a function that calls min, max, abs, round, len, any, math ..."""
+    """Lowers the calls of min, max, abs, round, len, any, math and others."""
 
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """A function of Python itself, or of math; None: it is another one."""
+        """Return the result of a built-in function or of one of math, or None for other functions."""
         if target in (min, max) and len(arguments) == 1 and named.keys() == {"default"}:
             return self._extreme(target, arguments, node, named["default"])
         if target is sum and named.keys() == {"start"}:
@@ -87,7 +87,7 @@ class LoweredBuiltins(LoweredSubject):
         if named:
             return None
         if target in ITERATORS:
-            told = f"`{target.__name__}` that is kept: it gives its elements once"
+            told = f"the result of `{target.__name__}` is stored: it can be iterated only once"
             raise self.f.refused(node, told, "the head of a loop, list(...)")
         if target in (isinstance, hasattr, getattr, len, callable, type, range, tuple, list):
             return self._static(target, arguments, node)
@@ -202,12 +202,12 @@ class LoweredBuiltins(LoweredSubject):
             return Code(REAL, Runtime("umo_atan2", (a, b)))
         return None
 
-    def _divided(self, arguments: list[Term], node: ast.Call) -> Many:
-        """The quotient, rounded down, and the remainder."""
+    def _divided(self, arguments: list[Term], node: ast.Call) -> TupleTerm:
+        """Return the quotient, rounded down, and the remainder."""
         left, right = map(self.f.values.settled, arguments)
         nodes = node.args[0], node.args[1]
         signs: tuple[ast.operator, ...] = ast.FloorDiv(), ast.Mod()
-        return Many(tuple(self.f.expressions.of_numbers(sign, left, right, nodes, node) for sign in signs))
+        return TupleTerm(tuple(self.f.expressions.of_numbers(sign, left, right, nodes, node) for sign in signs))
 
     def _extreme(self, target: Any, arguments: list[Term], node: ast.Call, default: Term | None = None) -> Term:
         terms = self.f.calls.parts(arguments[0], node) if len(arguments) == 1 else arguments
@@ -225,18 +225,20 @@ class LoweredBuiltins(LoweredSubject):
             found = Runtime(f"umo_{target.__name__}{'' if of == REAL else '_int'}", (found, each))
         if any(isinstance(each, NumpyNumber) for each in kinds):
             if BOOL in map(plain_number, kinds):
-                raise self.f.refused(node, "an extreme of bools of numpy", "and, or, bool(...)")
+                raise self.f.refused(node, "a minimum or maximum of numpy bools", "and, or, bool(...)")
             sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
             return Code(numpy_number(of, sure), found)
         return Code(reduce(joined_type, kinds), found)
 
     def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
-        """The first element whose key, a number or an ordered state, is the least (`min`), or the greatest."""
+        """Return the first element with the least (`min`) or greatest key. A key is a number or an ordered state."""
         if len(terms) == 1:
             return terms[0]
         found = [number_of(self.f, each, node) for each in keys]
         if any(each is None for each in found):
-            raise self.f.refused(node, "an extreme by what is no number and no member of an IntEnum", "float(...)")
+            raise self.f.refused(
+                node, "a minimum or maximum by something other than numbers or members of an IntEnum", "float(...)"
+            )
         numbers = [self.f.values.number(each, node) for each in found if each is not None]
         of = REAL if any(each.type == REAL for each in numbers) else INT
         place, best = self.f.temporary(INT, "place"), self.f.temporary(of, "best")
@@ -252,7 +254,7 @@ class LoweredBuiltins(LoweredSubject):
         return element_of_terms(self.f, terms, Code(INT, place), node)
 
     def _of_few(self, terms: Sequence[Term], default: Term | None, node: ast.Call) -> Term:
-        """The extreme of one element, with which nothing is compared, or of none."""
+        """Return the extreme of one element, which is compared with nothing, or of none."""
         if not terms and default is None:
             self.f.raises(ValueError, node)
             return Known(0.0)
@@ -271,26 +273,28 @@ class LoweredBuiltins(LoweredSubject):
             assert found is not None
             return found
         for each in arguments:
-            self.f.telling.check_decided(each, node)
-        if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
+            self.f.texts.check_decided(each, node)
+        if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | TupleTerm):
             return self._is_instance(arguments[0], arguments[1], node)
         if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:
             return found
         if (
             target in (tuple, list)
             and len(arguments) == 1
-            and isinstance(arguments[0], Many)
+            and isinstance(arguments[0], TupleTerm)
             and arguments[0].kind is None
         ):
-            return Many(arguments[0].terms, kind=list if target is list else None)
+            return TupleTerm(arguments[0].terms, kind=list if target is list else None)
         if target in (len, tuple, list) and not all(map(_is_container, arguments[:1])):
-            raise self.f.refused(node, f"{target.__name__} of what decides what its elements are", "a list, a tuple")
+            raise self.f.refused(
+                node, f"{target.__name__} of an object whose class defines its elements", "a list, a tuple"
+            )
         if not all(isinstance(each, Known) for each in arguments):
             raise self.f.refused(node, f"{target.__name__} of something that is not known when the code is generated")
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
 
     def _length(self, term: Term, node: ast.AST) -> int | None:
-        """Of a tuple, a list or an array; None: it is known, or has none."""
+        """Return the length of a tuple, a list or an array, or None if it is a known value or has no length."""
         self.f.expressions.check_elements(term, node)
         of = term.type if isinstance(term, Code) else None
         if isinstance(of, ArrayType):
@@ -298,10 +302,11 @@ class LoweredBuiltins(LoweredSubject):
             return of.length
         if isinstance(of, TupleType):
             return len(of.members)
-        return len(term.terms) if isinstance(term, Many) else None
+        return len(term.terms) if isinstance(term, TupleTerm) else None
 
     def _attribute_by_name(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
-        """`getattr` and `hasattr` of a live object; None: it is none, or has no such attribute."""
+        """Return `getattr` or `hasattr` of a live object, or None if it is not a live object or has no such
+        attribute."""
         base, named = arguments[:2]
         if not (isinstance(base, Known) and isinstance(named, Known)):
             return None
@@ -310,20 +315,20 @@ class LoweredBuiltins(LoweredSubject):
         self.f.takes(base.value, named.value, node)
         return None
 
-    def _is_instance(self, value: Code, classes: Known | Many, node: ast.AST) -> Known:
-        """`isinstance`, where every class that the value may have in Python gives the same."""
-        terms = classes.terms if isinstance(classes, Many) else (classes,)
+    def _is_instance(self, value: Code, classes: Known | TupleTerm, node: ast.AST) -> Known:
+        """Return `isinstance`, if the result is the same for all classes that the value may have in Python."""
+        terms = classes.terms if isinstance(classes, TupleTerm) else (classes,)
         wanted = tuple(each.value for each in terms if isinstance(each, Known))
         possible = _classes_of(value.type)
         answers = {issubclass(each, wanted) for each in possible}
         if len(answers) != 1 or len(wanted) != len(terms):
-            raise self.f.refused(node, "the class of a value that may have another one", "a name for each class")
+            raise self.f.refused(node, "the value may be of another class", "one name per class")
         return Known(answers.pop())
 
-    def added(self, terms: Iterable[Term], node: ast.Call, start: Term = NOUGHT) -> Term:
-        """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
-        its own numbers, not for those of numpy, and those after one."""
-        total, makes_up = self.f.values.number(start, node), MAKES_UP and not is_of_numpy(start)
+    def added(self, terms: Iterable[Term], node: ast.Call, start: Term = KNOWN_ZERO) -> Term:
+        """Return the sum in the order of the terms. From Python 3.12 on `sum` compensates the rounding of Python floats
+        (Neumaier), but not of numpy's, nor of terms after one of numpy."""
+        total, makes_up = self.f.values.number(start, node), SUM_COMPENSATES and not is_of_numpy(start)
         lost: Value | None = None
         of_numpy = is_of_numpy(start)
         for each in terms:
@@ -341,7 +346,7 @@ class LoweredBuiltins(LoweredSubject):
             if lost is None:
                 total = self.f.expressions.arithmetic(ast.Add(), total, code, node)
             elif code.type == REAL:
-                self.f.add(Do(Runtime("umo_add", (Address(total.value), Address(lost), code.value))))
+                self.f.add(RuntimeCall(Runtime("umo_add", (Address(total.value), Address(lost), code.value))))
             else:
                 self.f.assign(total.value, Operator("+", total.value, self.f.values.as_type(code, REAL, node)))
         total = total if lost is None else Code(REAL, Runtime("umo_added", (total.value, lost)))
@@ -367,7 +372,7 @@ def _is_nan(value: Value) -> Value:
 
 
 def _is_container(term: Term) -> bool:
-    """Whether Python itself knows its elements."""
+    """True if Python itself finds its elements."""
     return not isinstance(term, Known) or is_container(term.value)
 
 

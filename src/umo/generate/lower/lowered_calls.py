@@ -1,4 +1,4 @@
-"""Calls: of umo's objects, of Python's own functions, of functions that are translated too."""
+"""Calls of umo's objects, of Python's own functions, and of functions that are translated too."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from umo.generate.c_types import (
 )
 from umo.generate.form import (
     ZERO,
-    Do,
     Element,
     Literal,
     Member,
     Reals,
     Runtime,
+    RuntimeCall,
     Value,
     WholeMachine,
     has,
@@ -54,44 +54,55 @@ from umo.generate.lower.lowered_expressions import of_element, record_kind
 from umo.generate.lower.lowered_sequences import CONSUMERS
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
-from umo.generate.lower.terms import ArrayMethod, Code, Known, Many, OneOf, RecordReplace, RingMethod, Term, TruePlaces
-from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record
+from umo.generate.lower.terms import (
+    ArrayMethod,
+    Code,
+    Known,
+    OneOf,
+    RecordReplace,
+    RingMethod,
+    Term,
+    TruePlaces,
+    TupleTerm,
+)
+from umo.generate.value_kinds import is_container, is_plain_dataclass, is_plain_record, static_attribute
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
 MOST_NUMBERS = 256
-"""Elements of a list in one expression, each written out."""
+"""Maximum number of elements of a list in one expression, each written out."""
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
-"""What only the host can do: it plans motions."""
+"""Functions that only the host can carry out, because they plan motions."""
 
 
 class LoweredCalls(LoweredSubject):
-    """The part of a function that is calls and attributes."""
+    """Lowers the calls and attributes of a function."""
 
     def lower_call(self, node: ast.Call) -> Term:
-        if self.f.telling.is_text(node):
-            return self.f.telling.text(node)
+        if self.f.texts.is_text(node):
+            return self.f.texts.text(node)
         func = self.f.term(node.func)
         if isinstance(func, OneOf):
             arguments, named = self._arguments(node.args, node.keywords)
             return self._of_each(func, arguments, named, node)
         if not isinstance(func, Known):
-            raise self.f.refused(node, "what is called is not known when the code is generated")
+            raise self.f.refused(node, "the called function is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
-            self.f.telling.check_told([*node.args, *(each.value for each in node.keywords)])
-            if not self.f.telling.tell_call(node):
-                told = f"{self.f.source.segment(node.func)} only tells something: it is left out on the controller"
+            self.f.texts.check_removable([*node.args, *(each.value for each in node.keywords)])
+            if not self.f.texts.python_calls(node):
+                told = f"{self.f.source.segment(node.func)} only makes a text: it is left out on the controller"
                 self.f.world.note(told)
             return Known(None)
         if (found := self.f.generators.over(func.value, node)) is not None:
             return found
         passed = node.args[:1] if func.value in CONSUMERS and any(map(self._is_passage, node.args[:1])) else []
-        elements = [Many(tuple(self.f.sequences.gone_through(each))) for each in passed]
+        elements = [TupleTerm(tuple(self.f.sequences.gone_through(each))) for each in passed]
         arguments, named = self._arguments(node.args[len(passed) :], node.keywords)
         return self._of_each(func, [*elements, *arguments], named, node)
 
     def _of_each(self, func: Known | OneOf, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
-        """A call; where it is, or is given, one of several objects, the call for each of them."""
+        """Return a call. If the callee or an argument is one of several objects, the call is written out for each of
+        them."""
         terms = [func, *arguments, *named.values()]
         place = next((n for n, each in enumerate(terms) if isinstance(each, OneOf)), None)
         if place is None:
@@ -106,7 +117,7 @@ class LoweredCalls(LoweredSubject):
         return self.f.choices.each(terms[place], call, node)  # type: ignore[arg-type]
 
     def _is_passage(self, node: ast.AST) -> bool:
-        """Whether its elements are given once."""
+        """True if its elements can be iterated once only."""
         return isinstance(node, ast.GeneratorExp) or self.f.sequences.is_iterator(node)
 
     def _arguments(
@@ -114,19 +125,19 @@ class LoweredCalls(LoweredSubject):
     ) -> tuple[list[Term], dict[str, Term]]:
         for each in keywords:
             if each.arg is None:
-                raise self.f.refused(each, "** does not translate", "name the arguments")
+                raise self.f.refused(each, "** cannot be translated", "name the arguments")
         terms = self.f.sequences.spread([*given, *(each.value for each in keywords)])
         count = len(terms) - len(keywords)
         return terms[:count], {str(each.arg): term for each, term in zip(keywords, terms[count:], strict=True)}
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
-        """The elements of a tuple, or of a list of numbers."""
+        """The elements of a tuple or of a list of numbers."""
         self.f.expressions.check_elements(term, node)
         return self.members(term, node)
 
     def members(self, term: Term, node: ast.AST) -> list[Term]:
         """The same, and the values of the fields of a dataclass."""
-        if isinstance(term, Many):
+        if isinstance(term, TupleTerm):
             return list(term.terms)
         if isinstance(term, Known) and isinstance(term.value, tuple | list) and is_container(term.value):
             self.f.world.memory.place_known(term.value)
@@ -151,7 +162,7 @@ class LoweredCalls(LoweredSubject):
 
     def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
-        own = inspect.getattr_static(type(target), "__call__", None)
+        own = static_attribute(type(target), "__call__")
         if isinstance(own, FunctionType) and not isinstance(target, type):
             self.f.takes(type(target), "__call__", node)
             return self.function(own, [func, *arguments], named, node)
@@ -178,7 +189,7 @@ class LoweredCalls(LoweredSubject):
             return of_numpy
         if str(getattr(target, "__module__", "")).partition(".")[0] == "numpy":
             nearest = "np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math"
-            raise self.f.refused(node, f"{self.f.source.segment(node.func)} has no translation", nearest)
+            raise self.f.refused(node, f"{self.f.source.segment(node.func)} cannot be translated", nearest)
         if isinstance(func.owner, Atomic):
             return self._call_atomic(func.owner, func.name, arguments, named, node)
         if target is value_of and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Vector):
@@ -193,15 +204,15 @@ class LoweredCalls(LoweredSubject):
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
             if not is_plain_record(target):
                 raise self.f.refused(
-                    node, f"{target.__name__} changes what a tuple does", "a NamedTuple with fields only"
+                    node, f"{target.__name__} changes the behaviour of a tuple", "a NamedTuple with fields only"
                 )
             defaults = {name: Known(each) for name, each in getattr(target, "_field_defaults", {}).items()}
             given = defaults | dict(zip(target._fields, arguments, strict=False)) | named
             if len(arguments) > len(target._fields) or given.keys() != set(target._fields):
                 raise self.f.refused(
-                    node, f"it does not give the fields of {target.__name__}", ", ".join(target._fields)
+                    node, f"the arguments do not match the fields of {target.__name__}", ", ".join(target._fields)
                 )
-            return Many(tuple(given[name] for name in target._fields), target._fields, target)
+            return TupleTerm(tuple(given[name] for name in target._fields), target._fields, target)
         if (found := self.f.builtins.of_python(target, arguments, named, node)) is not None:
             return found
         if target is typing.cast:
@@ -215,14 +226,14 @@ class LoweredCalls(LoweredSubject):
         if isinstance(target, type) and issubclass(target, Enum) and len(arguments) == 1 and not named:
             return member_of(self.f, target, arguments[0], node)
         raise self.f.refused(
-            node, f"{self.f.source.segment(node.func)} has no translation", "functions of Python code, math"
+            node, f"{self.f.source.segment(node.func)} cannot be translated", "functions of Python code, math"
         )
 
-    def _record(self, kind: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Many:
-        """A frozen dataclass that is made."""
+    def _record(self, kind: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> TupleTerm:
+        """Return a new frozen dataclass."""
         if not is_plain_dataclass(kind):
-            told = f"a {kind.__name__} is made, which is not frozen, or has code of its own for it"
-            raise self.f.refused(node, told, "a frozen dataclass with fields, methods and properties")
+            told = f"a {kind.__name__} is created, and is not frozen or has its own code for that"
+            raise self.f.refused(node, told, "a frozen dataclass with only fields, methods and properties")
         signature = inspect.signature(kind)
         try:
             given = signature.bind(*arguments, **named).arguments
@@ -230,37 +241,39 @@ class LoweredCalls(LoweredSubject):
             raise self.f.refused(node, str(error)) from None
         for each in dataclasses.fields(kind):
             if each.name not in given and each.default is dataclasses.MISSING:
-                raise self.f.refused(node, f"the default of {each.name!r} is made anew", "the argument")
+                raise self.f.refused(node, f"the default of {each.name!r} is created at each call", "the argument")
         names = tuple(each.name for each in dataclasses.fields(kind))
         defaults = {each.name: Known(each.default) for each in dataclasses.fields(kind)}
-        return Many(tuple((defaults | given)[name] for name in names), names, kind)
+        return TupleTerm(tuple((defaults | given)[name] for name in names), names, kind)
 
-    def _replaced(self, term: Term, named: dict[str, Term], node: ast.Call) -> Many:
-        """A frozen dataclass with other values for some fields."""
+    def _replaced(self, term: Term, named: dict[str, Term], node: ast.Call) -> TupleTerm:
+        """Return a frozen dataclass with some fields replaced."""
         is_known = isinstance(term, Known) and is_plain_dataclass(type(term.value))
         term = self.f.values.code(term, node) if is_known else term
         kind = record_kind(term)
         if not is_plain_dataclass(kind) or isinstance(getattr(term, "type", None), OptionalType):
-            raise self.f.refused(node, "`replace` of what is no frozen dataclass", "a frozen dataclass")
+            raise self.f.refused(node, "`replace` of something that is not a frozen dataclass", "a frozen dataclass")
         before = dict(zip((each.name for each in dataclasses.fields(kind)), self.members(term, node), strict=True))
         return self._record(kind, [], before | named, node)
 
-    def _changed_record(self, term: Term, named: dict[str, Term], node: ast.AST) -> Many:
-        """A NamedTuple with other values for some fields."""
+    def _changed_record(self, term: Term, named: dict[str, Term], node: ast.AST) -> TupleTerm:
+        """Return a NamedTuple with some fields replaced."""
         kind = record_kind(term)
         before = dict(zip(kind._fields, self.members(term, node), strict=True))
         if named.keys() - before.keys():
-            raise self.f.refused(node, f"it does not give the fields of {kind.__name__}", ", ".join(kind._fields))
-        return Many(tuple((before | named).values()), kind._fields, kind)
+            raise self.f.refused(
+                node, f"the arguments do not match the fields of {kind.__name__}", ", ".join(kind._fields)
+            )
+        return TupleTerm(tuple((before | named).values()), kind._fields, kind)
 
     def is_super(self, node: ast.AST) -> bool:
-        """Whether this is `super()`."""
+        """True if this is `super()`."""
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "super"):
             return False
         return not node.args and "super" not in self.f.flow.names and self.f.source.meaning("super") is super
 
     def of_super(self, node: ast.Attribute) -> Term:
-        """A method, a property or a value of the classes above."""
+        """Return a method, a property or a value of a base class."""
         me = next((self.f.flow.names.get(each.arg) for each in self.f.source.tree.args.args), None)
         kind = self.f.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
@@ -294,19 +307,23 @@ class LoweredCalls(LoweredSubject):
             return Known(None)
         if name == "referenced" and isinstance(owner, DigitalSensor):
             return self._home(owner, place, dict(zip(("known",), arguments, strict=False)) | named, node)
-        raise self.f.refused(node, f"`{name}` of an object does not translate", "read, write, reset, quality, pending")
+        raise self.f.refused(
+            node, f"`{name}` of an object cannot be translated", "read, write, reset, quality, pending"
+        )
 
     def _home(self, owner: DigitalSensor, place: Value, named: dict[str, Term], node: ast.Call) -> Term:
-        """`referenced` of an incremental sensor."""
+        """Lower `referenced` of an incremental sensor."""
         known, at = self.f.values.truth(named.get("known", Known(True)), node), named.get("at", Known(None))
         if not owner.incremental:
             raise self.f.refused(node, f"{owner.path} is not declared incremental", "incremental=True")
         if not (isinstance(at, Known) and at.value is None):
             if owner.linearization is not None or known is not True:
-                told = "`at` is for what is referenced, and has no linearization"
+                told = "`at` needs an incremental sensor without a linearization"
                 raise self.f.refused(node, told, "referenced(at=...)")
             self.f.called("umo_set_reading", place, self.f.values.as_type(at, REAL, node))
-        self.f.add(Do(Runtime("umo_referenced", (place, Literal(known, BOOL) if isinstance(known, bool) else known))))
+        self.f.add(
+            RuntimeCall(Runtime("umo_referenced", (place, Literal(known, BOOL) if isinstance(known, bool) else known)))
+        )
         return Known(None)
 
     def _write(self, owner: Atomic, place: Value, term: Term, node: ast.Call) -> Term:
@@ -316,7 +333,7 @@ class LoweredCalls(LoweredSubject):
                 self.f.raises(RangeError, node)
                 return Known(False)
             if may_be_bool(code.type):
-                raise self.f.refused(node, "it may be a bool, which is written to no number", "float(...), int(...)")
+                raise self.f.refused(node, "it may be a bool, which no digital object accepts", "float(...), int(...)")
             if isinstance(code.type, OptionalType):
                 term = code = self.f.values.kept(code)
                 self.f.raises(RangeError, node, negated(has(code.value)))
@@ -347,7 +364,7 @@ class LoweredCalls(LoweredSubject):
         return self.f.attributes.got_by("umo_value_of", place, mask, of=REAL)
 
     def _host(self, owner: Any, name: str, arguments: Sequence[Term], node: ast.Call) -> Term:
-        """Only the host can do it: it is asked for, with numbers."""
+        """Lower a request to the host, with numbers as arguments, for what only the host can do."""
         number = Literal(self.f.world.host_call(owner, name), INT)
         numbers = tuple(self.f.values.as_type(each, REAL, node) for each in arguments)
         self.f.called("umo_host_call", WholeMachine(), number, ZERO, Reals(numbers), Literal(len(numbers), INT))
@@ -359,7 +376,7 @@ class LoweredCalls(LoweredSubject):
         self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
     ) -> Term:
         if inspect.iscoroutinefunction(target):
-            raise self.f.refused(node, "a sequence stays on the host", "functions without await")
+            raise self.f.refused(node, "a sequence runs on the host", "functions without await")
         try:
             found = bound(target)
         except NoSource as error:
@@ -367,7 +384,7 @@ class LoweredCalls(LoweredSubject):
                 node, f"{getattr(target, '__name__', target)}: {error}", "`def` in a file of the station"
             ) from None
         if inspect.isgeneratorfunction(found.source.function):
-            raise self.f.refused(node, "a function that gives its elements one by one", "sum(... for ...), a loop")
+            raise self.f.refused(node, "a generator function", "sum(... for ...), a loop")
         given = [*map(Known, found.given), *arguments]
         terms = self._by_name(found.source.function, given, {k: Known(v) for k, v in found.named} | named, node)
         return self.f.world.invoke(self.f, found.source, terms, node)
@@ -383,10 +400,10 @@ class LoweredCalls(LoweredSubject):
         terms: dict[str, Term] = {}
         for name, each in signature.parameters.items():
             if each.kind is each.VAR_POSITIONAL:
-                terms[name] = Many(tuple(bound_to.arguments.get(name, ())))
+                terms[name] = TupleTerm(tuple(bound_to.arguments.get(name, ())))
             elif each.kind is each.VAR_KEYWORD:
                 if bound_to.arguments.get(name):
-                    raise self.f.refused(node, "** does not translate", "name the arguments")
+                    raise self.f.refused(node, "** cannot be translated", "name the arguments")
                 terms[name] = Known({})
             else:
                 term = bound_to.arguments.get(name, ABSENT)

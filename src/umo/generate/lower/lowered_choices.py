@@ -1,4 +1,4 @@
-"""One of several live objects, of which it is computed which one: what is asked of it is written out for each."""
+"""Choices of one of several live objects at run time: code that uses the object is written out for each."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from umo.generate.lower.terms import Code, Known, OneOf, Term
 from umo.generate.value_kinds import SCALARS
 
 MOST_OPTIONS = 32
-"""Objects of which one is chosen; each has its own statements in C."""
+"""Maximum number of objects of which one is chosen. Each has its own statements in C."""
 Branch = tuple[Term, list[Statement]]
 
 
 class LoweredChoices(LoweredSubject):
-    """The objects of a function that are chosen when it runs."""
+    """Lowers the use of objects that are chosen at run time."""
 
     def of_table(self, table: Any, index: Term, node: ast.AST) -> OneOf | None:
-        """The object at a computed place, or of a computed key; None: the table has none, or numbers and states."""
+        """Return the object at a computed index or key, or None if the table has numbers, states or nothing."""
         if not (is_table(table) or is_dict(table)) or len(table) > MOST_OPTIONS:
             return None
         options = list(table.values() if is_dict(table) else table)
@@ -34,7 +34,7 @@ class LoweredChoices(LoweredSubject):
         return OneOf(self.f.values.kept(Code(INT, place)).value, tuple(map(Known, options)))
 
     def each(self, choice: OneOf, what: Callable[[Known], Term], node: ast.AST) -> Term:
-        """What is found for each of the objects, of the one that it is."""
+        """Return the result of `what` for the object that is chosen at run time."""
         known, names = set(self.f.flow.known), dict(self.f.flow.names)
         branches: list[Branch] = []
         after = set(known)
@@ -52,7 +52,7 @@ class LoweredChoices(LoweredSubject):
         same = len(known) == len(terms) and all(each == known[0] for each in known)
         if not same and len(known) == len(terms) and all(self.f.values.type_of(each) is None for each in known):
             if any(statements for _, statements in branches) or any(type(each.value) in SCALARS for each in known):
-                raise self.f.refused(node, "it is another object, or a text, for each one of several", "a loop")
+                raise self.f.refused(node, "it is a different object or text for each of several objects", "a loop")
             return OneOf(choice.place, tuple(known))
         if same:
             self._write_out(choice, [statements for _, statements in branches])
@@ -73,10 +73,10 @@ class LoweredChoices(LoweredSubject):
         try:
             return reduce(joined_type, types)
         except TypeError:
-            raise self.f.refused(node, "values of different types, of one of several objects", "one type") from None
+            raise self.f.refused(node, "the objects have values of different types", "one type") from None
 
     def _write_out(self, choice: OneOf, bodies: Sequence[Sequence[Statement]]) -> None:
-        """The statements of the object that it is."""
+        """Add the statements for the object that is chosen at run time."""
         *first, last = bodies
         rest = tuple(last)
         for number, body in reversed([*enumerate(first)]):

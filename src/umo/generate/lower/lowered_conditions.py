@@ -1,4 +1,4 @@
-"""Conditions: comparisons, and, or, one of two values; and what they prove."""
+"""Conditions: comparisons, and, or, conditional expressions, and what they prove."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from umo.generate.lower.lowered_expressions import FOLDED, NUMBERS, SIGNS, is_of
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.lowered_values import only_asked
 from umo.generate.lower.state_members import number_of
-from umo.generate.lower.terms import Code, Known, Many, Present, Term, Truth
+from umo.generate.lower.terms import Code, Known, NullTest, Term, TruthTest, TupleTerm
 from umo.generate.lower.text_states import as_text, compared_texts, is_text_state
 from umo.generate.value_kinds import (
     compares_by_identity,
@@ -60,13 +60,26 @@ from umo.generate.value_kinds import (
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
 ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
-"""Containers whose elements are found by Python itself; of deques those that have no `maxlen`."""
+"""Containers whose elements are found by Python itself; of deques only those without a `maxlen`."""
+
+
+def _elements_of(sign: ast.cmpop, node: ast.expr) -> ast.expr:
+    """Return the set in `x in {1, 2}` as a tuple. For numbers, texts and names of states, a comparison with each
+    element has the same result."""
+    simple = isinstance(node, ast.Set) and all(
+        isinstance(getattr(each, "operand", each), ast.Constant | ast.Attribute) for each in node.elts
+    )
+    if not (simple and isinstance(sign, ast.In | ast.NotIn)):
+        return node
+    return ast.copy_location(ast.Tuple(node.elts, ast.Load()), node)  # type: ignore[attr-defined]
 
 
 class LoweredConditions(LoweredSubject):
-    """The part of a function that is conditions."""
+    """Lowers the conditions of a function."""
 
     def lower_compare(self, node: ast.Compare) -> Term:
+        elements = [*map(_elements_of, node.ops, node.comparators)]
+        node = ast.copy_location(ast.Compare(node.left, node.ops, elements), node)
         if len(node.ops) == 1:
             left, right = self.f.ordered([node.left, node.comparators[0]])
             return self.compared(node.ops[0], left, right, node.left, node.comparators[0])
@@ -76,7 +89,7 @@ class LoweredConditions(LoweredSubject):
         return Code(numpy_number(BOOL, sure=False) if of_numpy else BOOL, result)
 
     def _chained(self, node: ast.Compare, place: int, left: Term, left_node: ast.AST, result: Temporary) -> bool:
-        """Whether what it gives may be a bool of numpy."""
+        """True if the result of a chained comparison may be a numpy bool."""
         left = self.f.values.kept(left) if isinstance(left, Code) else left
         right_node = node.comparators[place]
         right = self.f.term(right_node)
@@ -102,14 +115,14 @@ class LoweredConditions(LoweredSubject):
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
         for each in (left, right):
-            self.f.telling.check_decided(each, left_node)
+            self.f.texts.check_decided(each, left_node)
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
         none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
         other = right if none and none[0] is left else left
         own = isinstance(other, Known) and not (is_immutable(other.value) or compares_by_identity(other.value))
         if none and not identity and own:
-            raise self.f.refused(left_node, "an object is compared whose class decides what is equal", "is None")
+            raise self.f.refused(left_node, "the class of this object defines what is equal to it", "is None")
         if none and not identity and self.f.arrays.is_array(other):
             raise self.f.refused(left_node, "an array is compared with None", "is None")
         if none and (identity or isinstance(sign, ast.Eq | ast.NotEq)):
@@ -117,7 +130,9 @@ class LoweredConditions(LoweredSubject):
         if self.f.arrays.is_array(left) or self.f.arrays.is_array(right):
             return self.f.arrays.compared_arrays(sign, left, right, left_node)
         if not identity and refuse_comparison(_class_of(left), _class_of(right)):
-            raise self.f.refused(left_node, "a comparison with another type, which Python refuses", "its states")
+            raise self.f.refused(
+                left_node, "a comparison with another type, for which Python raises TypeError", "its states"
+            )
         if is_text_state(left) or is_text_state(right):
             return compared_texts(self.f, sign, left, right, left_node)
         if not identity and any(isinstance(each, Known) and is_ring(each.value) for each in (left, right)):
@@ -126,7 +141,7 @@ class LoweredConditions(LoweredSubject):
             if identity:
                 return self._same(left, right, equal, left_node)
             if not all(is_immutable(each.value) or compares_by_identity(each.value) for each in (left, right)):
-                raise self.f.refused(left_node, "objects are compared whose class decides what is equal", "`is`")
+                raise self.f.refused(left_node, "the class of these objects defines which are equal", "`is`")
             return Known(bool(FOLDED[type(sign)](left.value, right.value)))
         states = [
             self.f.values.code(each, at) for each, at in ((left, left_node), (right, right_node)) if _is_state(each)
@@ -141,9 +156,7 @@ class LoweredConditions(LoweredSubject):
                         left_node, "states of different Enums that are numbers or texts", "`is`, .value"
                     )
                 if isinstance(a.type, OptionalType) and isinstance(b.type, OptionalType):
-                    raise self.f.refused(
-                        left_node, "states of different Enums, of which both may be None", "`is`, .value"
-                    )
+                    raise self.f.refused(left_node, "states of different Enums that may both be None", "`is`, .value")
                 return Known(not equal)
             return self._equal(a, b, equal)
         if identity:
@@ -167,16 +180,18 @@ class LoweredConditions(LoweredSubject):
         return Code(kind, Operator(SIGNS[type(sign)], *operands))
 
     def _of_tuples(self, equal: bool, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
-        """Whether two tuples are equal; None is equal to no tuple."""
+        """Return whether two tuples are equal. None is not equal to a tuple."""
         there: list[Value] = []
         sides = []
         kinds = record_kind(left), record_kind(right)
         if _is_tuple(left) and _is_tuple(right) and any(map(is_dataclass, kinds)) and kinds[0] is not kinds[1]:
             return Known(not equal)
         if not (_is_tuple(left) and _is_tuple(right)) or _is_list(left) != _is_list(right):
-            raise self.f.refused(left_node, "a tuple is compared with something else", "number by number")
+            raise self.f.refused(
+                left_node, "a tuple is compared with something other than a tuple", "compare their elements"
+            )
         if sum(isinstance(each, Code) and isinstance(each.type, OptionalType) for each in (left, right)) > 1:
-            raise self.f.refused(left_node, "two tuples are compared that may be None", "number by number")
+            raise self.f.refused(left_node, "a comparison of two tuples that may be None", "compare their elements")
         for term, node in ((left, left_node), (right, right_node)):
             term = self.f.values.kept(term) if isinstance(term, Code) else term
             if isinstance(term, Code) and isinstance(term.type, OptionalType):
@@ -191,7 +206,7 @@ class LoweredConditions(LoweredSubject):
         if len(sides[0]) != len(sides[1]):
             return Known(not equal)
         if any(isinstance(each, Code) and each.type == REAL for side in sides for each in side):
-            raise self.f.refused(left_node, "tuples of real numbers are compared", "number by number")
+            raise self.f.refused(left_node, "a comparison of tuples of floats", "compare their elements")
         pairs = zip(*sides, strict=True)
         truths = [
             self.f.values.truth(self.compared(ast.Eq(), a, b, left_node, right_node), left_node) for a, b in pairs
@@ -201,7 +216,7 @@ class LoweredConditions(LoweredSubject):
         return _all_or_none([*there, *(each for each in truths if not isinstance(each, bool))], "&&", equal)
 
     def _equal(self, a: Code, b: Code, equal: bool) -> Code:
-        """Whether two values are equal, of which None is equal to None only."""
+        """Return whether two values are equal. None is equal to None only."""
         a, b = (self.f.values.kept(each) if isinstance(each.type, OptionalType) else each for each in (a, b))
         one, other = (inside(each.value) if isinstance(each.type, OptionalType) else each.value for each in (a, b))
         there = [has(each.value) for each in (a, b) if isinstance(each.type, OptionalType)]
@@ -213,7 +228,7 @@ class LoweredConditions(LoweredSubject):
         return Code(BOOL, test if equal else negated(test))
 
     def _same(self, left: Known, right: Known, equal: bool, node: ast.AST) -> Known:
-        """`is` of what is known: of numbers and texts Python's answer depends on how they were made."""
+        """Return `is` for known values. For numbers and texts the result in Python depends on how they were made."""
         one, other = left.value, right.value
         alike = (
             isinstance(one, NUMBERS_AND_TEXTS) and isinstance(other, NUMBERS_AND_TEXTS) and not isinstance(one, Enum)
@@ -223,29 +238,33 @@ class LoweredConditions(LoweredSubject):
         return Known((one is other) is equal)
 
     def _same_bools(self, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
-        """`is` of bools of Python, of which there are two, or of one that may be None."""
+        """Return `is` for Python bools, of which there are two, or for an optional bool."""
         a, b = (self.f.values.code(each, node) for each in (left, right))
         if not all(plain(each.type) == BOOL for each in (a, b)):
             raise self.f.refused(node, "`is` of numbers", "==")
         return self._equal(self.f.values.copied(a) if a.value == b.value else a, b, equal)
 
     def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
-        """A state beside something else, or in an order: those with numbers are compared by these."""
+        """Compare a state with something else, or by order. States with numbers are compared by them."""
         if isinstance(sign, ast.Is | ast.IsNot):
-            if any(isinstance(each, Present | Many | Truth) for each in (left, right)):
-                raise self.f.refused(node, "a state is compared with something else", "a state of the same Enum")
+            if any(isinstance(each, NullTest | TupleTerm | TruthTest) for each in (left, right)):
+                raise self.f.refused(
+                    node, "a state is compared with something other than a state", "a state of the same Enum"
+                )
             return Known(not equal)
         numbers = [number_of(self.f, each, node) for each in (left, right)]
         if numbers[0] is not None and numbers[1] is not None:
             return self.compared(sign, numbers[0], numbers[1], node, node)
         raise self.f.refused(
-            node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum"
+            node,
+            "a state is compared with something other than a state, or by order",
+            "`is`, with a state of the same Enum",
         )
 
     def _is_none(self, term: Term, equal: bool, node: ast.AST) -> Term:
-        if isinstance(term, Truth):
+        if isinstance(term, TruthTest):
             raise self.f.refused(node, *only_asked(term))
-        if isinstance(term, Present):
+        if isinstance(term, NullTest):
             return Code(BOOL, negated(term.test) if equal else term.test)
         if isinstance(term, Code) and isinstance(term.type, OptionalType):
             there = has(self.f.expressions.place(term).value)
@@ -257,14 +276,14 @@ class LoweredConditions(LoweredSubject):
         if isinstance(among, Known) and type(among.value) in ELEMENTS and not is_fixed_ring(among.value):
             self.f.world.memory.place_known(among.value)
             options = list(map(Known, among.value))
-        elif isinstance(among, Many) and among.kind in (None, list):
+        elif isinstance(among, TupleTerm) and among.kind in (None, list):
             options = list(among.terms)
         elif isinstance(among, Code) and _has_elements(among.type):
             options = self.f.calls.parts(among, node)
         if options is None:
             raise self.f.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
-        if any(isinstance(each, Many) for each in (one, *options)):
-            raise self.f.refused(node, "`in` of tuples", "number by number")
+        if any(isinstance(each, TupleTerm) for each in (one, *options)):
+            raise self.f.refused(node, "`in` of tuples", "compare their elements")
         one = self.f.values.kept(one) if isinstance(one, Code) else one
         if any(map(_may_be_nan, options)) and _may_be_nan(one):
             raise self.f.refused(
@@ -300,7 +319,8 @@ class LoweredConditions(LoweredSubject):
     def _joined(
         self, both: bool, first: Term, truth: Value, first_node: ast.AST, node: ast.AST, proved: set[str]
     ) -> Term:
-        """`first and second`; `first or second` with `both` False. `proved`: what is not None in the second."""
+        """Return `first and second`, or `first or second` if `both` is False. `proved`: expressions that are not None
+        in the second."""
         known = set(self.f.flow.known)
         self.f.flow.known |= proved
         with self.f.one_of_two() as rest:
@@ -315,7 +335,7 @@ class LoweredConditions(LoweredSubject):
         second_truth = Literal(other, BOOL) if isinstance(other, bool) else other
         if (is_bool or of is None) and not rest:
             either = Operator("&&" if both else "||", truth, second_truth)
-            return Truth(either) if of is None else Code(of, either)
+            return TruthTest(either) if of is None else Code(of, either)
         result = self.f.temporary(of or BOOL, "c")
         of_truth = is_bool or of is None
         self.f.assign(result, truth if of is None or is_bool else self._decided(both, first, of, first_node))
@@ -324,10 +344,11 @@ class LoweredConditions(LoweredSubject):
             self.f.statements += rest
             self.f.assign(result, second_truth if of is None or is_bool else self.f.values.as_type(second, of, node))
         self.f.add(If(test if both else negated(test), tuple(body)))
-        return Truth(result) if of is None else Code(of, result)
+        return TruthTest(result) if of is None else Code(of, result)
 
     def _decided(self, both: bool, first: Term, of: CType, node: ast.AST) -> Value:
-        """The first value where it decides: of `or` it is not None, of `and` a state that may be None is None."""
+        """Return the first value, for the case that it decides: for `or` it is not None, for `and` an optional state is
+        None."""
         if isinstance(first, Code) and isinstance(first.type, OptionalType):
             if not both:
                 first = Code(first.type.of, inside(self.f.expressions.place(first).value))
@@ -336,17 +357,17 @@ class LoweredConditions(LoweredSubject):
         return self.f.values.as_type(first, of, node)
 
     def _is_true(self, first: Code, node: ast.AST) -> bool:
-        """Whether what may be None is true where it is there."""
+        """True if an optional value is true whenever it is not None."""
         return self.f.values.truth(Code(plain(first.type), inside(first.value)), node) is True
 
     def _as_value(self, term: Term, node: ast.AST) -> Term:
-        """A number or a state that is known, as a value in C."""
+        """Return a known number or state as a value in C."""
         if isinstance(term, Known) and self.f.world.fields.type_of_value(term.value) not in (None, NOTHING):
             return self.f.values.code(term, node)
         return term
 
     def _one_type(self, both: bool, first: Term, second: Term, node: ast.AST) -> CType | None:
-        """The type of `first and second`, or of `first or second`; None: only its truth can be asked."""
+        """Return the type of `first and second` or `first or second`; None if only its truth can be used."""
         one, other = self.f.values.type_of(first), self.f.values.type_of(second)
         if isinstance(first, Code) and isinstance(one, OptionalType):
             one = one.of if not both else NOTHING if self._is_true(first, node) else one
@@ -358,8 +379,8 @@ class LoweredConditions(LoweredSubject):
             return None
 
     def lower_if_exp(self, node: ast.IfExp) -> Term:
-        if self.f.telling.is_text(node):
-            return self.f.telling.text(node)
+        if self.f.texts.is_text(node):
+            return self.f.texts.text(node)
         start = len(self.f.statements)
         truth = self.f.values.truth(self.f.term(node.test), node.test)
         of_both = self.f.flow.names_if(node.test)
@@ -375,7 +396,7 @@ class LoweredConditions(LoweredSubject):
             self.f.flow.known, self.f.flow.names = before | proved, names
             with self.f.one_of_two() as rest:
                 term = self.f.term(each)
-                if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
+                if isinstance(term, Known | TupleTerm) and not (isinstance(term, Known) and term.value is None):
                     term = as_text(self.f, term, each) or self.f.values.code(term, each)
             self.f.aliases.share(term)
             parts.append((term, rest))
@@ -384,7 +405,7 @@ class LoweredConditions(LoweredSubject):
         self.f.flow.known, self.f.flow.names = after, common(ends)
         (one, of_one), (other, of_other) = parts
         if isinstance(one, Known) and isinstance(other, Known):
-            raise self.f.refused(node, "it stands for None either way")
+            raise self.f.refused(node, "it is None in both cases")
         of = self._type_of_two(one, other, node)
         a = self._finished(one, of_one, of, node.body)
         b = self._finished(other, of_other, of, node.orelse)
@@ -398,7 +419,7 @@ class LoweredConditions(LoweredSubject):
         return Code(of, result)
 
     def _finished(self, term: Term, statements: list[Statement], of: CType, node: ast.AST) -> Value:
-        """One of two values; what more it needs is added to its statements."""
+        """Return one of two values. Further statements that it needs are added to its own."""
         with self.f.one_of_two() as more:
             value = self.f.values.as_type(term, of, node)
         statements += more
@@ -413,8 +434,8 @@ class LoweredConditions(LoweredSubject):
 
 
 def _of_bool(sign: ast.cmpop, left: Term, right: Term) -> Term | None:
-    """A bool of Python compared with a number that is known: what it is for each of the two; None: it is another one.
-    Compilers warn of a bool beside such a constant."""
+    """Return the comparison of a Python bool with a known number, as its result for True and False; None if neither
+    operand is a bool. Compilers warn of comparing a bool with such a constant."""
     bools = [isinstance(each, Code) and each.type == BOOL for each in (left, right)]
     numbers = [each.value if isinstance(each, Known) else None for each in (left, right)]
     if True not in bools or not any(type(each) in NUMBERS for each in numbers):
@@ -430,7 +451,7 @@ def _of_bool(sign: ast.cmpop, left: Term, right: Term) -> Term | None:
 
 
 def _all_or_none(tests: list[Value], sign: str, yes: bool) -> Term:
-    """Whether all of these (`&&`), or one (`||`), hold; with `yes` False, whether not."""
+    """Return whether all of these (`&&`) or one of them (`||`) hold; the opposite if `yes` is False."""
     if not tests:
         return Known(yes)
     found = joined(sign, tests)
@@ -444,7 +465,7 @@ def _is_state(term: Term) -> bool:
 
 
 def _class_of(term: Term) -> type:
-    """The class of its values; object where it is not known."""
+    """Return the class of its values; object if it is not known."""
     if isinstance(term, Known):
         return type(term.value)
     if is_text_state(term):
@@ -468,7 +489,7 @@ def _has_elements(of: CType) -> bool:
 
 
 def _is_tuple(term: Term) -> bool:
-    return isinstance(term, Many) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
+    return isinstance(term, TupleTerm) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
 
 
 def _is_none(term: Term) -> bool:
@@ -476,13 +497,13 @@ def _is_none(term: Term) -> bool:
 
 
 def calls_in(node: ast.AST) -> bool:
-    """Whether evaluating an expression runs code of its own, or assigns."""
+    """True if evaluating an expression calls other code or assigns a name."""
     return any(isinstance(each, ast.Call | ast.NamedExpr | ast.Await) for each in ast.walk(node))
 
 
 def _is_list(term: Term) -> bool:
     of = plain_type(term.type) if isinstance(term, Code) else term
-    return isinstance(of, Many | TupleType) and of.kind is list
+    return isinstance(of, TupleTerm | TupleType) and of.kind is list
 
 
 def _is_optional_number(term: Term) -> bool:
@@ -502,5 +523,5 @@ def _is_bool(term: Term) -> bool:
 
 
 def _bool_of(*terms: Term) -> CType:
-    """The type of a bool that is one of these."""
+    """Return the type of a bool: one that may be numpy's if one of these terms is of numpy."""
     return numpy_number(BOOL, sure=False) if any(map(is_of_numpy, terms)) else BOOL

@@ -1,4 +1,4 @@
-"""Errors: how they are raised and caught, and what is done on the way out."""
+"""Errors: how they are raised and caught, and what is carried out on the way out."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import numpy as np
 from umo.generate.c_types import BOOL, INT
 from umo.generate.check.form_effects import may_fail, returns
 from umo.generate.form import TRUE, ErrorHandler, Fail, Finally, Statement, Temporary, Try, negated
-from umo.generate.lower.flow import Way, proved_by
+from umo.generate.lower.flow import FlowState, proved_by
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import TEXT, Known, Many
+from umo.generate.lower.terms import TEXT, Known, TupleTerm
 from umo.generate.value_kinds import made_by_code
 
 
 class LoweredErrors(LoweredSubject):
-    """The errors of a function: raise, try, assert, with."""
+    """Lowers raise, try, assert and with."""
 
     def __init__(self, f: FunctionBuilder) -> None:
         super().__init__(f)
         self.tries = 0
-        """The number of `try` around."""
+        """The number of `try` statements around this one."""
         self.caught: list[Temporary] = []
         """The faults that are being handled."""
 
@@ -35,20 +35,20 @@ class LoweredErrors(LoweredSubject):
                 raise self.f.refused(node, "`raise` outside of `except`")
             self.f.add(Fail(self.caught[-1]))
             return False
-        self.f.telling.check_told(error_arguments(node.exc))
+        self.f.texts.check_removable(error_arguments(node.exc))
         if node.cause is not None:
-            self.f.telling.check_told([node.cause])
+            self.f.texts.check_removable([node.cause])
         error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
         kind = self.f.term(error)
         if isinstance(kind, Known) and isinstance(kind.value, type) and issubclass(kind.value, BaseException):
             if made_by_code(kind.value):
                 raise self.f.refused(
-                    node, f"{kind.value.__name__} runs code when it is made", "a class without __init__"
+                    node, f"{kind.value.__name__} runs code when it is created", "a class without __init__"
                 )
             said = _said(node.exc, self.f.source.segment(node.exc))
             fault = self.f.fault(kind.value, node, said)
             if not all(isinstance(each, ast.Constant) for each in error_arguments(node.exc)):
-                self.f.telling.tell_error(node.exc, kind.value, said, fault)
+                self.f.texts.python_makes_error(node.exc, kind.value, said, fault)
             self.f.add(Fail(fault))
             return False
         raise self.f.refused(node, "the class of the error is not known when the code is generated", "raise Error(...)")
@@ -59,14 +59,14 @@ class LoweredErrors(LoweredSubject):
         shown = not self.f.changed_since(at)
         self.f.flow.names, _ = self.f.flow.names_if(node.test)
         if truth is not True:
-            self.f.telling.check_told([] if node.msg is None else [node.msg])
+            self.f.texts.check_removable([] if node.msg is None else [node.msg])
             said = node.msg.value if isinstance(node.msg, ast.Constant) and isinstance(node.msg.value, str) else None
             self.f.raises(AssertionError, node, TRUE if truth is False else negated(truth), said)
         self.f.flow.known |= proved_by(node.test) if shown else set()
 
     def lower_try(self, node: ast.Try) -> bool | None:
         if any(map(_leaves, node.finalbody)):
-            raise self.f.refused(node, "`finally` is left, which forgets the error", "except")
+            raise self.f.refused(node, "a jump out of `finally`, which discards the error", "except")
         return self._with_finally(node) if node.finalbody else self._with_except(node)
 
     def _with_finally(self, node: ast.Try) -> bool | None:
@@ -89,7 +89,7 @@ class LoweredErrors(LoweredSubject):
 
     @contextmanager
     def tried(self) -> Iterator[list[Statement]]:
-        """Statements that no `break` or `continue` leaves."""
+        """Return a context for statements that no `break` or `continue` leaves."""
         self.tries += 1
         try:
             with self.f.gathered() as found:
@@ -120,8 +120,8 @@ class LoweredErrors(LoweredSubject):
 
     def _caught(
         self, nodes: list[ast.ExceptHandler], caught: Temporary, names: dict[str, Any]
-    ) -> tuple[tuple[ErrorHandler, ...], list[Way]]:
-        """The handlers; what is known where they go on."""
+    ) -> tuple[tuple[ErrorHandler, ...], list[FlowState]]:
+        """Return the handlers, and what is known where they end."""
         handlers, ways = [], []
         for each in nodes:
             kinds = self._kinds(each)
@@ -142,13 +142,13 @@ class LoweredErrors(LoweredSubject):
         if handler.type is None:
             return (BaseException,)
         term = self.f.term(handler.type)
-        terms = term.terms if isinstance(term, Many) else [term]
+        terms = term.terms if isinstance(term, TupleTerm) else [term]
         values = [each.value if isinstance(each, Known) else None for each in terms]
         kinds = [one for each in values for one in (each if isinstance(each, tuple) else (each,))]
         for each in kinds:
             if not (isinstance(each, type) and issubclass(each, BaseException)) or type(each) is not type:
                 raise self.f.refused(
-                    handler, "what is caught is no class of errors", "ZeroDivisionError, RangeError, ..."
+                    handler, "the caught class is not a class of errors", "ZeroDivisionError, RangeError, ..."
                 )
         return tuple(kinds)
 
@@ -165,21 +165,21 @@ class LoweredErrors(LoweredSubject):
                 tried = ast.Try(node.body, [ast.copy_location(handler, node)], [], [])
                 return self.lower_try(ast.copy_location(tried, node))
         nearest = "with suppress(...), with np.errstate(all='ignore')"
-        raise self.f.refused(node, "`with` does not translate", nearest)
+        raise self.f.refused(node, "`with` cannot be translated", nearest)
 
 
 def _lets_go_on(setting: ast.keyword) -> bool:
-    """Whether numpy goes on with this setting of its errors."""
+    """True if numpy continues after an error with this setting."""
     return isinstance(setting.value, ast.Constant) and setting.value.value in ("ignore", "warn")
 
 
 def error_arguments(error: ast.expr) -> list[ast.expr]:
-    """What the message of an error is made of."""
+    """The expressions in the message of an error."""
     return [*error.args, *(each.value for each in error.keywords)] if isinstance(error, ast.Call) else []
 
 
 def _said(error: ast.AST, text: str) -> str:
-    """The message of an error as it is written."""
+    """Return the message of an error as it is written in the code."""
     if isinstance(error, ast.Call) and error.args:
         return (
             ast.unparse(error.args[0]).strip("'\"")
@@ -190,7 +190,7 @@ def _said(error: ast.AST, text: str) -> str:
 
 
 def _leaves(node: ast.AST, in_loop: bool = False) -> bool:
-    """Whether a statement leaves what it stands in. A loop in it may be left."""
+    """True if a statement leaves the block around it. A loop inside it may be left."""
     if isinstance(node, ast.FunctionDef):
         return False
     if isinstance(node, ast.Break | ast.Continue):

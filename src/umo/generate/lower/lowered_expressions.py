@@ -1,4 +1,4 @@
-"""Expressions of Python: what they compute, in the order in which Python computes it."""
+"""Expressions of Python, computed in the order of Python."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from umo.generate.check.form_effects import changes
 from umo.generate.form import (
     LEAST_INT,
     ZERO,
-    Checked,
+    CheckedArithmetic,
     Conditional,
     Element,
     Literal,
@@ -59,11 +59,11 @@ from umo.generate.lower.terms import (
     Code,
     Elementwise,
     Known,
-    Many,
     OneOf,
     RecordReplace,
     Selection,
     Term,
+    TupleTerm,
 )
 from umo.generate.lower.whole_powers import MOST_POWER, is_whole_power, whole_power
 from umo.generate.translation import ControllerLimit
@@ -85,7 +85,7 @@ CONSTANTS = (*NUMBERS, str, type(None))
 
 
 class LoweredExpressions(LoweredSubject):
-    """The part of a function that is expressions."""
+    """Lowers the expressions of a function."""
 
     # Names and numbers ---------------------------------------------------------------------------------
 
@@ -95,7 +95,7 @@ class LoweredExpressions(LoweredSubject):
         return Known(node.value)
 
     def lower_joined_str(self, node: ast.JoinedStr) -> Term:
-        return self.f.telling.text(node)
+        return self.f.texts.text(node)
 
     def lower_name(self, node: ast.Name) -> Term:
         found = self.f.flow.names.get(node.id)
@@ -107,7 +107,7 @@ class LoweredExpressions(LoweredSubject):
             raise self.f.refused(node, *NO_VALUE)
         value = self.f.source.meaning(node.id)
         if value is ABSENT:
-            raise self.f.refused(node, "the name stands for nothing")
+            raise self.f.refused(node, "the name is not defined")
         self.f.takes_variable(node.id, node)
         return Known(value, name=node.id)
 
@@ -125,7 +125,7 @@ class LoweredExpressions(LoweredSubject):
             return self.attribute_of(self._there(base, node), node)
         if self.f.arrays.is_array(base):
             return self.f.arrays.attribute_of_array(base, node.attr, node)  # type: ignore[arg-type]
-        if isinstance(base, Many) and node.attr in base.names:
+        if isinstance(base, TupleTerm) and node.attr in base.names:
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], Member(self.place(base).value, node.attr))
@@ -137,13 +137,14 @@ class LoweredExpressions(LoweredSubject):
         raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
 
     def _there(self, base: Code, node: ast.Attribute) -> Code:
-        """What may be None, where it has an attribute: AttributeError where it has not."""
+        """Return the value of an optional term whose attribute is read. AttributeError if it is None and has no such
+        attribute."""
         base = self.place(base)
         self.f.raises(AttributeError, node, negated(has(base.value)))
         return Code(plain(base.type), inside(base.value))
 
     def _of_record(self, base: Term, kind: Any, node: ast.Attribute) -> Term:
-        """A property, a method or an attribute of the class of a NamedTuple or a dataclass."""
+        """Return a property, a method or a class attribute of a NamedTuple or a dataclass."""
         static = inspect.getattr_static(kind, node.attr, None)
         self.f.takes(kind, node.attr, node)
         if type(static) is property and static.fget is not None:
@@ -159,7 +160,7 @@ class LoweredExpressions(LoweredSubject):
         return Known(static)
 
     def _of_member(self, base: Code, kind: Any, node: ast.Attribute) -> Term:
-        """The value of a state, a property or a method: functions of the member."""
+        """Return the value of a state, or a property or a method of the member."""
         static = inspect.getattr_static(kind, node.attr, None)
         self.f.takes(kind, node.attr, node)
         if node.attr == "name" and static is inspect.getattr_static(Enum, "name"):
@@ -173,22 +174,24 @@ class LoweredExpressions(LoweredSubject):
         raise self.f.refused(node, f"the attribute {node.attr!r} of a state", "value, a method, a property")
 
     def place(self, code: Code) -> Code:
-        """The same as something that has members."""
+        """Return the value as one whose members can be read."""
         return code if is_named(code.value) else self.f.values.kept(code)
 
     def lower_tuple(self, node: ast.Tuple) -> Term:
-        return Many(tuple(self.f.sequences.spread(node.elts)))
+        return TupleTerm(tuple(self.f.sequences.spread(node.elts)))
 
     def lower_list(self, node: ast.List) -> Term:
-        return Many(tuple(self.f.sequences.spread(node.elts)), kind=list)
+        return TupleTerm(tuple(self.f.sequences.spread(node.elts)), kind=list)
 
     def lower_dict(self, node: ast.Dict) -> Term:
-        """A table that is written down."""
+        """Return a table that is written out."""
         keys = [each for each in node.keys if each is not None]
         terms = [self.f.term(each) for pair in zip(keys, node.values, strict=False) for each in pair]
         known = [each.value for each in terms if isinstance(each, Known) and is_immutable(each.value)]
         if len(keys) < len(node.values) or len(known) < len(terms):
-            raise self.f.refused(node, "a dict of what is not known when the code is generated", "an `if` for each key")
+            raise self.f.refused(
+                node, "a dict with values that are not known when the code is generated", "an `if` for each key"
+            )
         return Known(dict(zip(known[::2], known[1::2], strict=True)))
 
     def lower_subscript(self, node: ast.Subscript) -> Term:
@@ -200,17 +203,19 @@ class LoweredExpressions(LoweredSubject):
         return self.element(base, index, node)
 
     def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
-        """What has the elements, and which of them a slice is."""
+        """Return the term that has the elements, and the slice."""
         given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
         with self.f.gathered() as needed:
             base, *terms = [self.f.term(each) for each in (node.value, *given)]
         if any(map(changes, needed)):
-            raise self.f.refused(node, "what is changed is found by code that changes something", "a name for it first")
+            raise self.f.refused(
+                node, "finding the target runs code that changes something", "assign it to a name first"
+            )
         self.f.statements += needed
         return base, self.f.sequences.part_of(terms, node)
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
-        """What has the element, as itself and not as a copy, and its place. A tuple is there before its place is."""
+        """Return the term that has the element, not copied, and the index. A tuple is computed before its index."""
         with self.f.gathered() as of_base:
             base = self.f.term(node.value)
         with self.f.gathered() as of_index:
@@ -218,17 +223,19 @@ class LoweredExpressions(LoweredSubject):
         self.f.statements += of_base
         if any(map(changes, of_index)):
             place = whole(base.value) if isinstance(base, Code) else None
-            if isinstance(base, Many) or (isinstance(base, Code) and isinstance(plain(base.type), TupleType)):
+            if isinstance(base, TupleTerm) or (isinstance(base, Code) and isinstance(plain(base.type), TupleType)):
                 base = self.f.values.settled(base)
             elif any(map(changes, of_base)) or place in self.f.world.memory.rebound or place in self.f.aliases.sole:
-                raise self.f.refused(node, "the place changes what has the element", "a name for the place first")
+                raise self.f.refused(
+                    node, "computing the index changes the container", "assign the index to a name first"
+                )
         self.f.statements += of_index
         return base, index
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
-        """One element of a tuple, a list or an array, or of what is known."""
+        """Return one element of a tuple, a list, an array or a known value."""
         self.check_elements(base, node)
-        self.f.telling.check_decided(index, node)
+        self.f.texts.check_decided(index, node)
         if not (isinstance(base, Known) and is_dict(base.value)):
             index = as_number(self.f, index, node)
         if isinstance(base, Known) and is_ring(base.value):
@@ -244,7 +251,7 @@ class LoweredExpressions(LoweredSubject):
             if is_container(base.value):
                 self.f.world.memory.place_known(base.value)
                 return Known(base.value[index.value])
-            raise self.f.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
+            raise self.f.refused(node, f"{type(base.value).__name__} defines its elements itself", "a list, a tuple")
         if isinstance(base, Known) and isinstance(index, Code):
             if (found := self.f.choices.of_table(base.value, index, node)) is not None:
                 return found
@@ -252,7 +259,7 @@ class LoweredExpressions(LoweredSubject):
                 return element_of(self.f, base.value, index, node)
             if is_dict(base.value):
                 return value_of(self.f, base.value, index, node)
-        if isinstance(base, Many) and isinstance(index, Known):
+        if isinstance(base, TupleTerm) and isinstance(index, Known):
             one: Term = base.terms[index.value]
             return one
         if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
@@ -267,13 +274,13 @@ class LoweredExpressions(LoweredSubject):
         raise self.f.refused(node, *NO_ELEMENTS)
 
     def check_elements(self, term: Term, node: ast.AST) -> None:
-        """That it has elements."""
+        """Refuse a term without elements."""
         if is_plain_dataclass(kind := record_kind(term)):
             raise self.f.refused(node, f"a {kind.__name__} has no elements", "its fields")
 
     def _terms_of_tuple(self, base: Term) -> list[Term]:
-        """The elements of a tuple of values, or of a list that is written down; none of anything else."""
-        if isinstance(base, Many):
+        """The elements of a tuple of values, or of a list that is written out; empty for anything else."""
+        if isinstance(base, TupleTerm):
             return list(base.terms)
         if isinstance(base, Code) and isinstance(base.type, TupleType):
             place = self.place(base).value
@@ -281,22 +288,22 @@ class LoweredExpressions(LoweredSubject):
         return []
 
     def _count_of(self, base: Term) -> int:
-        """The number of elements of a tuple, or of a list that is known or written down; 0 of anything else."""
+        """Return the number of elements of a tuple, or of a list that is known or written out; 0 for anything else."""
         if isinstance(base, Known):
             return len(base.value) if is_table(base.value) else 0
         return len(self._terms_of_tuple(base))
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> Value:
-        """A place in an array; IndexError beyond it."""
+        """Return an index into an array. IndexError beyond its ends."""
         if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
             return Literal(index.value % of.length, INT)
         code = self.f.values.number(as_number(self.f, index, node), node)
         if code.type != INT:
-            raise self.f.refused(node, "a place in a list is a whole number")
+            raise self.f.refused(node, "an index into a list must be an integer")
         return self.place_in(code, of.length, node)
 
     def place_in(self, code: Code, length: int, node: ast.AST) -> Value:
-        """A place among so many, counted from the end where it is negative; IndexError beyond them."""
+        """Return an index into `length` elements, counted from the end if negative. IndexError beyond the ends."""
         place, number = self.f.values.kept(code).value, Literal(length, INT)
         below, above = Operator("<", place, Literal(-length, INT)), Operator(">=", place, number)
         self.f.raises(IndexError, node, Operator("||", below, above))
@@ -326,23 +333,24 @@ class LoweredExpressions(LoweredSubject):
         if code.type == REAL:
             return Code(of, Unary("-", code.value))
         if of != code.type:
-            raise self.f.refused(node, "- of a whole number of numpy", "int(...), or 0 - x")
+            raise self.f.refused(node, "- of a numpy integer", "int(...), or 0 - x")
         return self.arithmetic(ast.Sub(), Code(INT, ZERO), code, node)
 
     def lower_bin_op(self, node: ast.BinOp) -> Term:
-        if self.f.telling.is_text(node):
-            return self.f.telling.text(node)
+        if self.f.texts.is_text(node):
+            return self.f.texts.text(node)
         left, right = self.f.ordered([node.left, node.right])
         left, right = as_number(self.f, left, node.left), as_number(self.f, right, node.right)
         numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
         if len(numbers) == 2 and type(node.op) in FOLDED:
-            if isinstance(node.op, ast.Pow) and abs(numbers[1]) > MOST_POWER:
+            if isinstance(node.op, ast.Pow) and float not in map(type, numbers) and numbers[1] > MOST_POWER:
                 raise self.f.refused(node, f"a power of {numbers[1]}", "the number itself")
             try:
                 found = FOLDED[type(node.op)](*numbers)
             except ArithmeticError as error:
                 self.f.raises(type(error), node)
-                return Known(0.0)
+                is_real = float in map(type, numbers) or isinstance(node.op, ast.Div | ast.Pow)
+                return Known(0.0 if is_real else 0)
             if not isinstance(found, complex):
                 return Known(found)
             self.f.raises(ControllerLimit, node, text="a complex number")
@@ -358,7 +366,7 @@ class LoweredExpressions(LoweredSubject):
     def of_numbers(
         self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
     ) -> Code:
-        """An operator between numbers; between those of numpy nothing is raised."""
+        """Return the result of an operator between numbers. Operators between numpy numbers raise nothing."""
         a, b = self.f.values.number(left, nodes[0]), self.f.values.number(right, nodes[1])
         if not isinstance(sign, ast.Div):
             self.check_sure([left, right], node)
@@ -369,7 +377,7 @@ class LoweredExpressions(LoweredSubject):
                 return whole_power(self.f, a, right.value, node)  # type: ignore[union-attr,arg-type]
             return self.arithmetic(sign, a, b, node)
         if {a.type, b.type} == {BOOL}:
-            raise self.f.refused(node, "arithmetic of bools, of which one is of numpy", "int(...), and, or")
+            raise self.f.refused(node, "arithmetic of bools, one of which is of numpy", "int(...), and, or")
         sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
         if isinstance(sign, ast.Div) and (sure or (isinstance(right, Known) and right.value)):
             return Code(
@@ -377,17 +385,15 @@ class LoweredExpressions(LoweredSubject):
                 Operator("/", self.f.values.as_type(a, REAL, node), self.f.values.as_type(b, REAL, node)),
             )
         if type(sign) not in CHECKED and not _is_like_python(sign, {a.type, b.type}, right):
-            raise self.f.refused(
-                node, "numbers of numpy and of Python differ here where the divisor is 0", "float(...)"
-            )
+            raise self.f.refused(node, "numpy and Python differ here if the divisor is 0", "float(...)")
         found = self.arithmetic(sign, a, b, node)
         return replace(found, type=numpy_number(found.type, sure))
 
     def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
-        """That the result of arithmetic is a float whenever it is a real in C, and exact."""
+        """Refuse arithmetic whose result is a real in C and might not be a float in Python, or not be exact."""
         if any(map(_is_mixed, terms)) and not any(map(is_float, terms)):
-            told = "it may be a whole number at one time and a float at another"
-            raise self.f.refused(node, told, "0.0 in the place of 0, float(...)")
+            told = "it may be an int or a float"
+            raise self.f.refused(node, told, "0.0 instead of 0, float(...)")
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
         if isinstance(sign, ast.Div) or REAL in (left.type, right.type):
@@ -396,7 +402,7 @@ class LoweredExpressions(LoweredSubject):
         a, b = (self.f.values.as_type(each, INT, node) for each in (left, right))
         if type(sign) in CHECKED:
             result = self.f.temporary(INT, "n")
-            self.f.add(Checked(CHECKED[type(sign)], result, a, b, self.f.fault(ControllerLimit, node)))
+            self.f.add(CheckedArithmetic(CHECKED[type(sign)], result, a, b, self.f.fault(ControllerLimit, node)))
             return Code(INT, result)
         if isinstance(sign, ast.FloorDiv | ast.Mod):
             b = self._divisor(b, INT, node)
@@ -409,7 +415,7 @@ class LoweredExpressions(LoweredSubject):
             base, power = (self.f.values.as_type(each, REAL, node) for each in (left, right))
             return self._power(base, power, node)
         raise self.f.refused(
-            node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /, ** with a known exponent"
+            node, "this arithmetic of whole numbers cannot be translated", "+, -, *, //, %, /, ** with a known exponent"
         )
 
     def _of_reals(self, sign: ast.operator, a: Value, b: Value, node: ast.AST) -> Code:
@@ -418,7 +424,7 @@ class LoweredExpressions(LoweredSubject):
         if isinstance(sign, ast.Pow):
             return self._power(a, b, node)
         if not isinstance(sign, ast.Div | ast.FloorDiv | ast.Mod):
-            raise self.f.refused(node, "this arithmetic does not translate", "+, -, *, /, //, %, **")
+            raise self.f.refused(node, "this arithmetic cannot be translated", "+, -, *, /, //, %, **")
         b = self._divisor(b, REAL, node)
         if isinstance(sign, ast.Div):
             return Code(REAL, Operator("/", a, b))
@@ -449,19 +455,19 @@ class LoweredExpressions(LoweredSubject):
 
 
 def _is_like_python(sign: ast.operator, kinds: set[CType], right: Term) -> bool:
-    """Whether numbers of numpy are divided as those of Python: by one that is known, and not 0."""
+    """True if numpy divides these numbers as Python does: the divisor is known and not 0."""
     by_known = isinstance(right, Known) and bool(right.value)
     return by_known and (isinstance(sign, ast.Mod) or (isinstance(sign, ast.FloorDiv) and REAL not in kinds))
 
 
 def _has_attributes(code: Code) -> bool:
-    """Whether what may be None is an array or a record where it is not."""
+    """True if an optional value is an array or a record when not None."""
     return isinstance(plain(code.type), ArrayType) or record_kind(code) is not None
 
 
 def record_kind(term: Term) -> Any:
-    """The NamedTuple or dataclass that a value is; None: it is none."""
-    kind = term.kind if isinstance(term, Many) else None
+    """Return the NamedTuple or dataclass class of a value, or None."""
+    kind = term.kind if isinstance(term, TupleTerm) else None
     if isinstance(term, Code) and isinstance(plain(term.type), TupleType):
         kind = plain(term.type).kind  # type: ignore[attr-defined]
     return None if kind in (tuple, list) else kind
@@ -480,7 +486,7 @@ def _is_mixed(term: Term) -> bool:
 
 
 def is_float(term: Term) -> bool:
-    """Whether it is a float in Python, too."""
+    """True if it is a float in Python, too."""
     if isinstance(term, Code):
         return plain_number(plain(term.type)) == REAL and not _is_mixed(term)
     return isinstance(term, Known) and isinstance(term.value, float)

@@ -1,5 +1,5 @@
-"""What a function of Python makes of a generator: any and all, and what has conditions, where the number of elements is
-not known: the loop that Python would write."""
+"""Functions of generators: any, all and others, and generators with conditions, if the number of elements is not known.
+They become the loop that Python would run."""
 
 from __future__ import annotations
 
@@ -30,9 +30,8 @@ from umo.generate.form import (
     ZERO,
     Address,
     Assign,
-    Checked,
+    CheckedArithmetic,
     Conditional,
-    Do,
     Element,
     If,
     Labelled,
@@ -40,13 +39,14 @@ from umo.generate.form import (
     Literal,
     Operator,
     Runtime,
+    RuntimeCall,
     Temporary,
     Value,
     as_value,
     negated,
 )
 from umo.generate.lower.flow import Names, common, proved_by
-from umo.generate.lower.lowered_builtins import MAKES_UP
+from umo.generate.lower.lowered_builtins import SUM_COMPENSATES
 from umo.generate.lower.lowered_conditions import calls_in
 from umo.generate.lower.lowered_sequences import mark_of, with_own_names, without_own
 from umo.generate.lower.lowered_subject import LoweredSubject
@@ -56,23 +56,23 @@ from umo.generate.value_kinds import is_ring
 
 Generator = ast.GeneratorExp | ast.ListComp
 Act = Callable[[Term, ast.AST], None]
-"""What is done with an element, and the expression that it is of."""
-ELEMENTS = "elements of several classes, or of numpy, of which the number is not known"
+"""Handles an element, with its expression."""
+ELEMENTS = "the number of elements is not known, and they are of several classes or of numpy"
 OVER = any, all, sum, min, max, len, next
 
 
 class TurnOf(ast.Expr):
-    """The innermost statement of the loops that stand for a generator."""
+    """The innermost statement of the loops that implement a generator."""
 
     act: Act
 
 
 class LoweredGenerators(LoweredSubject):
-    """The generators of a function that something is made of at once."""
+    """Lowers generators that are passed directly to a function."""
 
     def over(self, target: Any, node: ast.Call) -> Term | None:
-        """any, all, sum, min, max, len or next of a generator; None: it is another call, or the number of elements is
-        known."""
+        """Return any, all, sum, min, max, len or next of a generator; None for other calls, or if the number of
+        elements is known."""
         generator = node.args[0] if node.args else None
         if target not in OVER or generator is None:
             return None
@@ -96,25 +96,25 @@ class LoweredGenerators(LoweredSubject):
         return self._sum(generator, node) if target is sum else self._of_list(target, generator)
 
     def _by_key(self, target: Any, over: ast.expr, key: ast.expr, node: ast.Call) -> Term:
-        """`min` and `max` of so many elements, by what a function gives for each."""
+        """Return `min` or `max` of a known number of elements by a key function."""
         if isinstance(over, Generator):
-            raise self.f.refused(node, "an extreme by a key, of a generator", "a list, a tuple, a loop")
+            raise self.f.refused(node, "a minimum or maximum by a key, of a generator", "a list, a tuple, a loop")
         if isinstance(key, ast.Lambda) and _takes_one(key):
             name, value = key.args.args[0].arg, key.body
         elif isinstance(key, ast.Name | ast.Attribute):
             name, value = "an element", ast.Call(key, [ast.Name("an element", ast.Load())], [])
         else:
-            raise self.f.refused(key, "a key that is computed", "lambda each: ..., the name of a function")
+            raise self.f.refused(key, "a computed key function", "lambda each: ..., the name of a function")
         each = ast.Tuple([ast.Name(name, ast.Load()), value], ast.Load())
         turns = [ast.comprehension(ast.Name(name, ast.Store()), over, [], 0)]
         pairs = self.f.sequences.gone_through(_placed(ast.GeneratorExp(each, turns), node))
         terms, keys = zip(*(self.f.calls.parts(each, node) for each in pairs), strict=True) if pairs else ((), ())
         if not terms:
-            raise self.f.refused(node, "an extreme of no elements", "elements")
+            raise self.f.refused(node, "a minimum or maximum of no elements", "elements")
         return self.f.builtins.first_of(target, terms, keys, node)
 
     def _is_open(self, node: ast.expr) -> bool:
-        """Whether the number of turns of a loop over this is not known: a deque, a range that is computed."""
+        """True if the number of turns of a loop over this is not known, as for a deque or a computed range."""
         if isinstance(node, ast.Call) and (self.f.sequences.is_iterator(node) or self.f.loops.is_range(node)):
             return any(map(self._is_open, node.args)) or (self.f.loops.is_range(node) and self._is_computed(node.args))
         if not isinstance(node, ast.Name | ast.Attribute):
@@ -126,14 +126,14 @@ class LoweredGenerators(LoweredSubject):
         return not all(isinstance(self._looked_at(each), Known) for each in nodes)
 
     def _looked_at(self, node: ast.expr) -> Term:
-        """What an expression is, which is lowered again where it stands."""
+        """Return the term of an expression. It is lowered again where it stands."""
         with self.f.gathered():
             return self.f.term(node)
 
     # Turns ---------------------------------------------------------------------------------------------
 
     def _any_or_all(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
-        """The turns are written out."""
+        """Return `any` or `all` with each turn written out."""
         first, *more = generator.generators
         if more:  # any(a > b for a in x for b in y): any(any(a > b for b in y) for a in x)
             inner = ast.Call(node.func, [ast.GeneratorExp(generator.elt, more)], [])
@@ -171,7 +171,7 @@ class LoweredGenerators(LoweredSubject):
         return Code(BOOL, result)
 
     def _in_loop(self, target: Any, generator: ast.GeneratorExp) -> Term:
-        """`any` and `all` of what has a changing number of elements: a loop that is left."""
+        """Return `any` or `all` for a varying number of elements, as a loop that is left early."""
         result = self.f.temporary(BOOL, "c")
         self.f.assign(result, Literal(target is all, BOOL))
         if len(generator.generators) > 1:
@@ -187,7 +187,7 @@ class LoweredGenerators(LoweredSubject):
         return as_value(self.f.values.truth(self.f.term(node), node))
 
     def _loops(self, generator: Generator, act: Act, *then: ast.stmt) -> None:
-        """The loops of a generator, with what is done with each element."""
+        """Add the loops of a generator, with `act` for each element."""
         own = with_own_names(generator)
         turn = TurnOf(own.elt)
         turn.act = act
@@ -205,7 +205,7 @@ class LoweredGenerators(LoweredSubject):
     # What is made of the elements -------------------------------------------------------------------------
 
     def _number(self, term: Term, node: ast.AST) -> Code:
-        """An element as a number, which is not None."""
+        """Return an element as a number that is not None."""
         code = self.f.values.code(term, node)
         if isinstance(code.type, OptionalType):
             raise self.f.refused(node, "an element that may be None", "`if x is not None`")
@@ -213,11 +213,11 @@ class LoweredGenerators(LoweredSubject):
         return code
 
     def _type_so_far(self, generator: Generator) -> CType:
-        """The type of what is made of the elements, as far as it is known; a whole number at first."""
-        return self.f.world.memory.locals.get(self._key(generator), INT)
+        """Return the type of the result for the elements so far; an integer at first."""
+        return self.f.world.memory.locals.get(self._key(generator)) or INT
 
     def _learnt(self, generator: Generator, of: CType) -> CType:
-        """The same, after an element of this type."""
+        """Return the type of the result after an element of this type."""
 
         def refuse() -> None:
             raise self.f.refused(generator, ELEMENTS, "float(...), one type for all")
@@ -228,7 +228,7 @@ class LoweredGenerators(LoweredSubject):
         return self.f.key, mark_of(generator)
 
     def _sum(self, generator: Generator, node: ast.Call) -> Term:
-        """In the order of the elements; 0, a whole number, where there is none."""
+        """Return the sum in the order of the elements; the integer 0 if there are none."""
         start = self._beside("start", 1, node) or Known(0)
         begin = self.f.values.number(start, node)
         is_zero = isinstance(start, Known) and start.value == 0 and type(start.value) is int
@@ -247,16 +247,16 @@ class LoweredGenerators(LoweredSubject):
                 return  # in the next pass it is
             value = self.f.values.as_type(code, of, at)
             if of == INT:
-                self.f.add(Checked("add", total, total, value, self.f.fault(ControllerLimit, node)))
-            elif MAKES_UP:
-                self.f.add(Do(Runtime("umo_add", (Address(total), Address(lost), value))))
+                self.f.add(CheckedArithmetic("add", total, total, value, self.f.fault(ControllerLimit, node)))
+            elif SUM_COMPENSATES:
+                self.f.add(RuntimeCall(Runtime("umo_add", (Address(total), Address(lost), value))))
             else:
                 self.f.assign(total, Operator("+", total, value))
 
         self._loops(generator, add)
         if of == INT:
             return Code(INT, total)
-        value = Runtime("umo_added", (total, lost)) if MAKES_UP else total
+        value = Runtime("umo_added", (total, lost)) if SUM_COMPENSATES else total
         return Code(REAL if begin.type == REAL else MIXED, value)
 
     def _extreme(self, target: Any, generator: Generator, node: ast.Call) -> Term:
@@ -270,7 +270,7 @@ class LoweredGenerators(LoweredSubject):
         def take(term: Term, at: ast.AST) -> None:
             code = self._number(term, at)
             if isinstance(code.type, NumpyNumber) and code.type.of == BOOL:
-                raise self.f.refused(at, "an extreme of bools of numpy", "and, or, bool(...)")
+                raise self.f.refused(at, "a minimum or maximum of numpy bools", "and, or, bool(...)")
             if self._learnt(generator, code.type) == kind:
                 value = self.f.values.kept(Code(of, self.f.values.as_type(code, of, at))).value
                 self.f.assign(found, Conditional(there, Runtime(name, (found, value)), value))
@@ -280,10 +280,12 @@ class LoweredGenerators(LoweredSubject):
         return self._or_default(Code(kind, found), there, default, node)
 
     def _first(self, generator: ast.GeneratorExp, node: ast.Call) -> Term:
-        """`next` of a generator that has not begun: its first element."""
+        """Return `next` of a new generator: its first element."""
         default = self._beside("", 1, node)
         if default is None or len(generator.generators) > 1:
-            raise self.f.refused(node, "`next` that may find nothing, or of two loops", "next(..., 0.0), a loop")
+            raise self.f.refused(
+                node, "`next` of a generator that may be empty or has two loops", "next(..., 0.0), a loop"
+            )
         kind = self._type_so_far(generator)
         found, there = self.f.temporary(kind, "found"), self.f.temporary(BOOL, "any")
         self.f.assign(there, FALSE)
@@ -291,7 +293,7 @@ class LoweredGenerators(LoweredSubject):
         def take(term: Term, at: ast.AST) -> None:
             code = self.f.values.code(term, at)
             if isinstance(plain(code.type), ArrayType):
-                raise self.f.refused(at, "a list or an array that is found", "one of its elements")
+                raise self.f.refused(at, "the element found is a list or an array", "one of its elements")
             if self._learnt(generator, code.type) == kind:
                 self.f.assign(found, self.f.values.as_type(code, kind, at))
                 self.f.assign(there, TRUE)
@@ -300,7 +302,7 @@ class LoweredGenerators(LoweredSubject):
         return self._or_default(Code(kind, found), there, default, node)
 
     def _or_default(self, found: Code, there: Temporary, default: Term | None, node: ast.Call) -> Term:
-        """What was found, or the default; ValueError where there is neither."""
+        """Return the element found, or the default. ValueError without either."""
         if default is None:
             self.f.raises(ValueError, node, negated(there))
             return found
@@ -315,7 +317,7 @@ class LoweredGenerators(LoweredSubject):
         raise self.f.refused(node, "two values of different types", "one type for both")
 
     def chosen(self, generator: ast.ListComp) -> Selection:
-        """A list of the numbers for which the conditions hold."""
+        """Return a list of the numbers for which the conditions hold."""
         first, most = self._first_of(generator)
         kind = self._learnt(generator, first)
         of = list_of(plain_number(kind), most)
@@ -335,21 +337,22 @@ class LoweredGenerators(LoweredSubject):
         return Selection(at, count, of)
 
     def _first_of(self, generator: ast.ListComp) -> tuple[CType, int]:
-        """The type of the first element, and how many there are at most. Nothing of this is kept."""
+        """Return the type of the first element and the maximum number of elements. The statements lowered for this are
+        discarded."""
         names = dict(self.f.flow.names)
         with self.f.gathered():
             own, turns = self.f.sequences.opened(generator)
             with self.f.loops.bound_to(own.generators[0].target, turns.find(0)):
                 term = self.f.term(own.elt)
                 if isinstance(term, Known) and self.f.values.type_of(term) is None:
-                    told = "objects of which the number is not known"
+                    told = "an unknown number of objects"
                     raise self.f.refused(generator, told, "a loop; min or max by a key")
                 of = self._number(term, own.elt).type
         self.f.flow.names = names
         return of, turns.count
 
     def _of_list(self, target: Any, generator: Generator) -> Term:
-        """`len`, `any` and `all` of a list, which is made before it is asked."""
+        """Return `len`, `any` or `all` of a list that is made first."""
         result = self.f.temporary(INT if target is len else BOOL, "n")
         self.f.assign(result, ZERO if target is len else Literal(target is all, BOOL))
 
@@ -365,22 +368,23 @@ class LoweredGenerators(LoweredSubject):
         return Code(INT if target is len else BOOL, result)
 
     def _beside(self, name: str, place: int, node: ast.Call) -> Term | None:
-        """The argument beside the generator, by name or place, which Python computes before the first element."""
+        """Return the argument beside the generator, by name or position. Python computes it before the first
+        element."""
         given = [each.value for each in node.keywords if each.arg == name] + node.args[1 : 1 + place]
         if len(given) != len(node.args) + len(node.keywords) - 1 or len(given) > 1:
-            raise self.f.refused(node, "an argument that does not translate", name)
+            raise self.f.refused(node, "an argument that cannot be translated", name)
         if not given:
             return None
         with self.f.gathered() as needed:
             term = self.f.values.settled(self.f.term(given[0]))
         if any(not isinstance(each, Assign) for each in needed):
-            raise self.f.refused(node, "an argument that is computed", "a name for it first")
+            raise self.f.refused(node, "a computed argument", "assign it to a name first")
         self.f.statements += needed
         return term
 
 
 def _takes_one(function: ast.Lambda) -> bool:
-    """Whether it has one argument, and no other name of its own."""
+    """True if it has one argument and no other local name."""
     own = [each for each in ast.walk(function) if isinstance(each, ast.arg | ast.NamedExpr | ast.Starred)]
     return own == function.args.args and not function.args.defaults
 

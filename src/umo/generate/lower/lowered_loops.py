@@ -1,4 +1,4 @@
-"""Loops: counted ones, those over arrays, and those over objects, whose turns are written out."""
+"""Loops: with a count, over arrays, and over objects (each turn is written out)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from umo.generate.form import (
     ZERO,
     Conversion,
     CountedLoop,
-    Forever,
+    EndlessLoop,
     Labelled,
     Leave,
     Literal,
@@ -22,27 +22,27 @@ from umo.generate.form import (
     Value,
     negated,
 )
-from umo.generate.lower.flow import Way
+from umo.generate.lower.flow import FlowState
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.lowered_expressions import NUMBERS
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Known, Many, Term, Turns
+from umo.generate.lower.terms import Code, Known, Term, TupleTerm, Turns
 
 MOST_UNROLLED = 256
-"""Turns of a loop over objects, each written out."""
+"""Maximum number of turns of a loop over objects, each written out."""
 
 
 @dataclass(frozen=True)
 class LoopAround:
-    """A loop that is being lowered: the labels to which `continue` and `break` lead, and the depth of `try` around."""
+    """A loop that is being lowered: the labels for `continue` and `break`, and the depth of `try` around it."""
 
     again: str
     out: str
     end: str
-    """The label of its own end, before its `else`."""
+    """The label of the end of the loop itself, before its `else`."""
     tries: int
     is_written_out: bool
-    """Whether each turn is written out: `continue` leaves what is one turn."""
+    """True if each turn is written out, so that `continue` leaves the statements of a turn."""
 
 
 class LoweredLoops(LoweredSubject):
@@ -51,7 +51,7 @@ class LoweredLoops(LoweredSubject):
     def __init__(self, f: FunctionBuilder) -> None:
         super().__init__(f)
         self.around: list[LoopAround] = []
-        """The loops around what is being lowered."""
+        """The loops around the statement that is being lowered."""
 
     def lower_while(self, node: ast.While) -> bool | None:
         self._forget(node.body)
@@ -65,21 +65,27 @@ class LoweredLoops(LoweredSubject):
             elif truth is not True:
                 self.f.add_if(negated(truth), Leave(loop.end))
             if truth is not True:
-                ways.append(Way(at_end, set(self.f.flow.known)))
+                ways.append(FlowState(at_end, set(self.f.flow.known)))
             self.f.flow.names = in_turn
             _, left = self._turns(node, start, loop)
-        return self._after_loop(node, loop, Forever(loop.end, tuple(body)), ways, left)
+        return self._after_loop(node, loop, EndlessLoop(loop.end, tuple(body)), ways, left)
 
     def _loop_of_c(self, node: ast.For | ast.While) -> LoopAround:
-        """A loop that is one of the form, too: `break` leads past the `else`, if there is one."""
+        """Return a loop of the form. `break` leads to after the `else`, if there is one."""
         end = self.f.label("left")
         out = self.f.label("past") if node.orelse else end
         return LoopAround(self.f.label("turn"), out, end, self.f.errors.tries, False)
 
     def _after_loop(
-        self, node: ast.For | ast.While, loop: LoopAround, whole: Statement, ends: Sequence[Way], left: Sequence[Way]
+        self,
+        node: ast.For | ast.While,
+        loop: LoopAround,
+        whole: Statement,
+        ends: Sequence[FlowState],
+        left: Sequence[FlowState],
     ) -> bool | None:
-        """The loop; what follows where it ends, its `else`, and where `break` leaves it. False: nothing is reached."""
+        """Lower a loop and what follows it: its `else` where it ends, and the point that `break` leads to. Return False
+        if nothing after it is reached."""
         ways = list(ends)
         with self.f.gathered() as found:
             self.f.add(whole)
@@ -93,42 +99,45 @@ class LoweredLoops(LoweredSubject):
         return None
 
     def _turn(self, statements: Sequence[ast.stmt], loop: LoopAround) -> bool:
-        """One turn of a loop. Whether its end is reached."""
+        """Lower one turn of a loop. Return True if its end is reached."""
         self.around.append(loop)
         goes_on = self.f.body(statements)
         self.around.pop()
         return goes_on is not False
 
-    def _turns(self, node: ast.For | ast.While, start: dict[str, Any], loop: LoopAround) -> tuple[list[Way], list[Way]]:
-        """The turns of a loop, whose first one begins with these names; what is known at the end of one, and where the
-        loop is left."""
+    def _turns(
+        self, node: ast.For | ast.While, start: dict[str, Any], loop: LoopAround
+    ) -> tuple[list[FlowState], list[FlowState]]:
+        """Return what is known at the ends of turns, and where the loop is left. The first turn begins with these
+        names."""
         goes_on = self._turn(node.body, loop)
         again = [*([self.f.flow.way()] if goes_on else []), *self.f.flow.left.pop(loop.again, [])]
         for each in again:
             for name, of in each.names.items():
                 if name in start and start[name] != of:
-                    told = f"{name!r} stands for another object in the next turn"
-                    raise self.f.refused(node.body[0], told, "a name for each")
+                    told = f"{name!r} means another object in the next turn"
+                    raise self.f.refused(node.body[0], told, "one name per object")
         return again, self.f.flow.left.pop(loop.out, [])
 
-    def _end(self, ways: Sequence[Way]) -> None:
-        """After a loop: nothing is known to be there that a turn may change."""
+    def _end(self, ways: Sequence[FlowState]) -> None:
+        """After a loop, forget what a turn may change."""
         self.f.flow.go_on_from(ways)
         self.f.flow.known.clear()
 
     def _meet(self, label: str, goes_on: bool) -> bool:
-        """The ways that come to a label; False if there are none."""
+        """Join the branches that lead to a label. Return False if there are none."""
         ways = [*([self.f.flow.way()] if goes_on else []), *self.f.flow.left.pop(label, [])]
         if ways:
             self.f.flow.go_on_from(ways)
         return bool(ways)
 
     def _forget(self, statements: Sequence[ast.stmt]) -> None:
-        """What is assigned in a loop is not known to be there at its beginning."""
+        """Forget at the beginning of a loop what is assigned in it."""
         self.f.flow.known.clear()
 
     def _make_variables(self, target: ast.AST) -> None:
-        """The names of a loop that stood for a known number before, as those of one that was written out."""
+        """Make variables for the names of a loop that were known numbers before, as after a loop that was written
+        out."""
         for each in ast.walk(target):
             known = self.f.flow.names.get(each.id) if isinstance(each, ast.Name) else None
             if isinstance(known, Known) and type(known.value) in NUMBERS:
@@ -144,7 +153,7 @@ class LoweredLoops(LoweredSubject):
         return self._unroll(node, turns)
 
     def is_range(self, node: ast.AST) -> bool:
-        """Whether this is a call of `range`."""
+        """True if this is a call of `range`."""
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"):
             return False
         if "range" in self.f.flow.names or self.f.source.is_local("range"):
@@ -155,7 +164,7 @@ class LoweredLoops(LoweredSubject):
         assert isinstance(node.iter, ast.Call)
         terms = self.f.ordered(node.iter.args)
         if any(isinstance(each, Known) and type(each.value) not in (int, bool) for each in terms):
-            raise self.f.refused(node, "a range of something else than whole numbers", "int(...)")
+            raise self.f.refused(node, "a range of something other than integers", "int(...)")
         if all(isinstance(each, Known) for each in terms) and isinstance(node.target, ast.Name):
             numbers = range(*(each.value for each in terms))  # type: ignore[union-attr,arg-type]
             if len(numbers) <= MOST_UNROLLED and _indexes_objects(node):
@@ -190,7 +199,7 @@ class LoweredLoops(LoweredSubject):
         return self._after_loop(node, loop, whole, ends, left)
 
     def _unroll(self, node: ast.For, turns: Turns) -> bool | None:
-        """A loop over objects: each turn is written out."""
+        """Write out each turn of a loop over objects."""
         if turns.count > MOST_UNROLLED:
             raise self.f.refused(
                 node, f"a loop of {turns.count} turns over objects", f"at most {MOST_UNROLLED}, or a Vector"
@@ -214,7 +223,7 @@ class LoweredLoops(LoweredSubject):
 
     @contextmanager
     def bound_to(self, target: ast.AST, term: Term) -> Iterator[None]:
-        """The name of a loop stands for one object."""
+        """Return a context in which the loop variable means one object."""
         if isinstance(target, ast.Name) and isinstance(term, Known) and self.f.values.type_of(term) is None:
             self.f.flow.names[target.id] = term
         elif isinstance(target, ast.Tuple):
@@ -245,27 +254,27 @@ class LoweredLoops(LoweredSubject):
 
     def _leave(self, node: ast.AST, label: str) -> None:
         if self.f.errors.tries > self.around[-1].tries:
-            raise self.f.refused(node, "it leaves a `try`", "a flag")
+            raise self.f.refused(node, "it jumps out of a `try`", "a flag")
         self.f.flow.left.setdefault(label, []).append(self.f.flow.way())
 
 
 def _has_a_turn(terms: Sequence[Term]) -> bool:
-    """Whether a range of these numbers is known to have one."""
+    """True if a range of these numbers is known to have at least one turn."""
     numbers = [each.value for each in terms if isinstance(each, Known)]
     return len(numbers) == len(terms) and len(range(*numbers)) > 0
 
 
 def _is_numbered(turns: Turns) -> bool:
-    """Whether a part of what is found in each turn is known, such as the number of the turn."""
+    """True if a part of the value in each turn is known, such as the number of the turn."""
     return turns.count <= MOST_UNROLLED and _has_known(turns.find(0))
 
 
 def _has_known(term: Term) -> bool:
-    return any(map(_has_known, term.terms)) if isinstance(term, Many) else isinstance(term, Known)
+    return any(map(_has_known, term.terms)) if isinstance(term, TupleTerm) else isinstance(term, Known)
 
 
 def _indexes_objects(node: ast.For) -> bool:
-    """Whether the number of a loop is a place in a list: of objects, perhaps, so that each turn is written out."""
+    """True if the counter of a loop may be an index into a list of objects, so that each turn is written out."""
     names = {each.id for each in ast.walk(node.target) if isinstance(each, ast.Name)}
     indexed = [each.slice for part in node.body for each in ast.walk(part) if isinstance(each, ast.Subscript)]
     return any(isinstance(each, ast.Name) and each.id in names for index in indexed for each in ast.walk(index))

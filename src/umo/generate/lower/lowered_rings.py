@@ -1,9 +1,8 @@
-"""Deques of numbers with a `maxlen`: an object of the controller with a list of that length, and a count.
+"""Deques of numbers with a `maxlen`: in C an object with a list of that length, and a count.
 
-The deque is known when the code is generated, as a part of the machine is, and it stays the same object whatever names
-it has. Its elements are in their order from the first place on, so that what does not fit goes out at the other end by
-moving the rest; places without an element are 0.
-"""
+The deque itself is known when the code is generated, as a part of the machine is, and it stays the same object under
+all its names. Its elements are stored in order from the first place on: an element that does not fit is removed at the
+other end, and the rest is moved. Unused places are 0."""
 
 from __future__ import annotations
 
@@ -36,7 +35,7 @@ from umo.generate.lower.terms import Code, Known, RingMethod, Selection, Term, T
 MOST_ELEMENTS = 4096
 METHODS = "append", "appendleft", "pop", "popleft", "clear", "extend", "rotate", "maxlen"
 TAKES = {"append": 1, "appendleft": 1, "extend": 1, "rotate": 1}
-"""Arguments of methods; the others have none."""
+"""The number of arguments of methods; other methods have none."""
 
 
 class DequeFields:
@@ -47,11 +46,11 @@ class DequeFields:
     def __init__(self, held: deque[Any]) -> None:
         self.held = held
         self.zero: float = 0
-        """What is in the places that have no element: of the class of the elements."""
+        """The value of unused places, of the class of the elements."""
 
     @property
     def at(self) -> list[Any]:
-        """The elements, and `zero` in the places that have none."""
+        """The elements, and `zero` in unused places."""
         return [*self.held, *[self.zero] * ((self.held.maxlen or 0) - len(self.held))]
 
     @property
@@ -64,7 +63,7 @@ ZEROS: Mapping[CType, float] = {REAL: 0.0, INT: 0, BOOL: False}
 
 @dataclass(frozen=True)
 class RingPlace:
-    """Where the elements of a deque are, and how many it has."""
+    """The place of the elements of a deque, and their number."""
 
     ring: DequeFields
     at: Field
@@ -77,15 +76,15 @@ class LoweredRings(LoweredSubject):
     """The deques of a function."""
 
     def of(self, term: Term, node: ast.AST) -> RingPlace:
-        """A deque as its fields."""
+        """Return a deque as its fields."""
         assert isinstance(term, Known)
         memory, length = self.f.world.memory, term.value.maxlen
         if length is None or not 0 < length <= MOST_ELEMENTS:
-            raise self.f.refused(node, "a deque without a length", f"deque(maxlen=n), at most {MOST_ELEMENTS} numbers")
+            raise self.f.refused(node, "a deque without `maxlen`", f"deque(maxlen=n), at most {MOST_ELEMENTS} numbers")
         ring = memory.rings.setdefault(id(term.value), DequeFields(term.value))
         for each in term.value:
             self._learn(ring, self.f.world.fields.type_of_value(each), node)
-        of = memory.fields.get((id(ring), "of"), INT)
+        of = memory.fields.get((id(ring), "of")) or INT
         ring.zero = ZEROS[of]
         for name in ("at", "count"):
             memory.assign(ring, name)
@@ -95,13 +94,15 @@ class LoweredRings(LoweredSubject):
         return RingPlace(ring, at, count, of, length)
 
     def _learn(self, ring: DequeFields, of: CType | None, node: ast.AST) -> CType:
-        """The class of its elements, after one more."""
+        """Return the type of the elements after one of this type."""
         if of not in (REAL, INT, BOOL):
-            raise self.f.refused(node, "a deque of other things than numbers of Python", "float(...), int(...)")
+            raise self.f.refused(node, "a deque with elements other than Python numbers", "float(...), int(...)")
         memory = self.f.world.memory
         found = memory.learn(memory.fields, (id(ring), "of"), of, lambda: None)
         if isinstance(found, MixedNumber):
-            raise self.f.refused(node, "elements of several classes in a deque", "one class for all, float(...)")
+            raise self.f.refused(
+                node, "elements of several classes in a deque", "one class for all elements, float(...)"
+            )
         return found
 
     def count(self, term: Term, node: ast.AST) -> Code:
@@ -109,7 +110,7 @@ class LoweredRings(LoweredSubject):
         return Code(INT, self.of(term, node).count)
 
     def turns(self, term: Term, node: ast.AST) -> Turns:
-        """What a loop over a deque finds."""
+        """Return the turns of a loop over a deque."""
         ring = self.of(term, node)
 
         def find_at(at: Value) -> Term:
@@ -120,28 +121,29 @@ class LoweredRings(LoweredSubject):
 
     @contextmanager
     def held(self, turns: Turns, node: ast.AST) -> Iterator[None]:
-        """A loop over a deque: it does not change it, as Python raises there."""
+        """Return a context for a loop over a deque, in which the deque must not be changed: Python raises an error
+        there."""
         before, self.f.aliases.changes = self.f.aliases.changes, set()
         yield
         changed = self.f.aliases.changes
         self.f.aliases.changes = before | changed
         if turns.until is not None and any(each in changed for each in turns.arrays):
-            raise self.f.refused(node, "the deque that the loop goes through is changed in it", "range(len(...))")
+            raise self.f.refused(node, "the loop changes the deque that it iterates over", "range(len(...))")
 
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
-        """IndexError beyond its ends."""
+        """Return an element. IndexError beyond the ends."""
         ring = self.of(term, node)
         count = self.f.values.copied(Code(INT, ring.count)).value
         return Code(ring.of, Element(ring.at, self._place(index, count, node)))
 
     def element_among(self, chosen: Selection, index: Term, node: ast.AST) -> Code:
-        """The same of a list of those that were chosen."""
+        """Return an element of a list that conditions have selected. IndexError beyond the ends."""
         return Code(chosen.of.of, Element(chosen.at, self._place(index, chosen.count, node)))
 
     def _place(self, index: Term, count: Value, node: ast.AST) -> Value:
         code = self.f.values.number(index, node)
         if code.type != INT:
-            raise self.f.refused(node, "a place in a deque is a whole number")
+            raise self.f.refused(node, "an index into a deque must be an integer")
         place = self.f.values.kept(code).value
         from_end, is_below = Operator("+", place, count), Operator("<", place, ZERO)
         below = Operator("&&", is_below, Operator("<", from_end, ZERO))
@@ -153,7 +155,7 @@ class LoweredRings(LoweredSubject):
         self.f.assign(place.value, self._taken(self.of(term, node), value, node))
 
     def _taken(self, ring: RingPlace, value: Term, node: ast.AST) -> Value:
-        """A value as an element."""
+        """Return a value as an element."""
         found = self._learn(ring.ring, self.f.values.type_of(value), node)
         if found != ring.of:
             return ZERO  # in the next pass it is known
@@ -165,7 +167,7 @@ class LoweredRings(LoweredSubject):
         if name == "maxlen":
             return Known(base.value.maxlen)
         if name not in METHODS:
-            raise self.f.refused(node, f"`{name}` of a deque does not translate", ", ".join(METHODS))
+            raise self.f.refused(node, f"`{name}` of a deque cannot be translated", ", ".join(METHODS))
         return Known(RingMethod(base, name))
 
     def call(self, method: RingMethod, given: Sequence[Term], node: ast.AST) -> Term:
@@ -201,7 +203,7 @@ class LoweredRings(LoweredSubject):
         self.f.assign(Element(ring.at, ZERO), value)
 
     def _moved(self, ring: RingPlace, first: Value, end: Value, step: int) -> Statement:
-        """From the first place on until the last one, each element becomes that of the next place."""
+        """Move elements: from the first place to the last one, each gets the value of the next place."""
         turn = self.f.temporary(INT, "k")
         beside = Operator("+" if step > 0 else "-", turn, ONE)
         body = (Assign(Element(ring.at, turn), Element(ring.at, beside), line=self.f.line),)
@@ -225,7 +227,7 @@ class LoweredRings(LoweredSubject):
 
     def _rotate(self, ring: RingPlace, steps: Term, node: ast.AST) -> None:
         if not (isinstance(steps, Known) and steps.value in (1, -1)):
-            raise self.f.refused(node, "`rotate` by another number than 1 or -1", "a loop of rotate(1)")
+            raise self.f.refused(node, "`rotate` by a number other than 1 or -1", "a loop with rotate(1)")
         last, kept = Operator("-", ring.count, ONE), self.f.temporary(ring.of)
         first, end = (last, ZERO) if steps.value == 1 else (ZERO, last)
         taken, given = Assign(kept, Element(ring.at, first)), Assign(Element(ring.at, end), kept)

@@ -1,5 +1,5 @@
-"""What loops, comprehensions and functions go through, in a number of turns that is known: tuples, lists, arrays,
-ranges; `zip`, `enumerate` and `reversed` of these. An element of a list or an array is read when its turn comes."""
+"""Iterables of loops, comprehensions and functions with a known number of turns: tuples, lists, arrays, ranges, and
+`zip`, `enumerate` and `reversed` of these. An element of a list or an array is read in its turn."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from umo.generate.form import ONE, CallStatement, Element, Literal, Operator, St
 from umo.generate.lower.flow import Names
 from umo.generate.lower.lowered_expressions import of_element
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Selection, SliceView, Term, Turns
+from umo.generate.lower.terms import Code, Elementwise, Known, Selection, SliceView, Term, TupleTerm, Turns
 from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
-"""What gives its elements once: it stands where it is gone through at once."""
+"""Functions whose result can be iterated once: it must be iterated where it is made."""
 CONSUMERS = any, all, sum, min, max, sorted, list, tuple
-"""Functions that go through their argument."""
+"""Functions that iterate over their argument."""
 MOST_TURNS = 256
-"""Turns in one expression, each written out."""
+"""Maximum number of turns in one expression, each written out."""
 MOST_START = 2**30
 
 
 class LoweredSequences(LoweredSubject):
-    """What is gone through in a function."""
+    """Lowers the iterables of a function."""
 
     def over(self, node: ast.expr) -> Turns:
-        """What a loop with this head goes through."""
+        """Return the turns of a loop with this head."""
         leaves: list[ast.expr] = []
         turns = self._planned(node, leaves)
         return turns(iter(self.f.ordered(leaves)))
 
     def is_iterator(self, node: ast.AST) -> bool:
-        """Whether this is a call of `zip`, `enumerate` or `reversed`."""
+        """True if this is a call of `zip`, `enumerate` or `reversed`."""
         return self._iterator(node) is not None
 
     def _iterator(self, node: ast.AST) -> Any:
@@ -49,7 +49,7 @@ class LoweredSequences(LoweredSubject):
         return next((each for each in ITERATORS if each is found), None)
 
     def _planned(self, node: ast.expr, leaves: list[ast.expr]) -> Callable[[Iterator[Term]], Turns]:
-        """How the turns are made of what the leaves are, which Python computes in their order."""
+        """Return a function from the iterables, which Python evaluates in order, to the turns."""
         target = self._iterator(node)
         if target is None:
             leaves.append(node)
@@ -60,9 +60,11 @@ class LoweredSequences(LoweredSubject):
         if target is enumerate:
             return self._numbered(node, named, leaves)
         if named.keys() - ({"strict"} if target is zip else set()):
-            raise self.f.refused(node, f"an argument of `{target.__name__}` by its name", "by its place")
+            raise self.f.refused(node, f"a keyword argument of `{target.__name__}`", "a positional argument")
         if target is reversed and (len(node.args) != 1 or self.is_iterator(node.args[0])):
-            raise self.f.refused(node, "`reversed` of what is not a list, a tuple or a range", "a list, a tuple, range")
+            raise self.f.refused(
+                node, "`reversed` of something that is not a list, a tuple or a range", "a list, a tuple, range"
+            )
         inner = [self._planned(each, leaves) for each in node.args]
         if target is reversed:
             return lambda terms: self._reversed(inner[0](terms), node)
@@ -75,7 +77,7 @@ class LoweredSequences(LoweredSubject):
     ) -> Callable[[Iterator[Term]], Turns]:
         over, *start = [*node.args, *named.values()]
         if len(start) > 1 or named.keys() - {"start"} or any(isinstance(each, ast.Starred) for each in node.args):
-            raise self.f.refused(node, "an argument of `enumerate` by its name", "by its place")
+            raise self.f.refused(node, "a keyword argument of `enumerate`", "a positional argument")
         inner = self._planned(over, leaves)
         leaves += start
 
@@ -83,7 +85,7 @@ class LoweredSequences(LoweredSubject):
             found = inner(terms)
             first = next(terms) if start else Known(0)
             if not (isinstance(first, Known) and type(first.value) is int and abs(first.value) < MOST_START):
-                raise self.f.refused(node, "`enumerate` from a number that is not known", "i + start")
+                raise self.f.refused(node, "`enumerate` from an unknown number", "i + start")
             return _numbered(found, first.value)
 
         return turns
@@ -91,16 +93,18 @@ class LoweredSequences(LoweredSubject):
     def _zipped(self, parts: Sequence[Turns], strict: Term, node: ast.AST) -> Turns:
         counts = {each.count for each in parts} or {0}
         if any(each.until is not None for each in parts):
-            raise self.f.refused(node, "`zip` of what has a changing number of elements", "a loop over range(len(...))")
+            raise self.f.refused(
+                node, "`zip` of something with a varying number of elements", "a loop over range(len(...))"
+            )
         truth = self.f.values.truth(strict, node)
         if truth is not False and len(counts) > 1:
-            raise self.f.refused(node, "`zip` of several lengths that are to be one", "strict=False")
-        found = Turns(min(counts), lambda n: Many(tuple(each.find(n) for each in parts)))
+            raise self.f.refused(node, "`zip` with strict=True of different lengths", "strict=False")
+        found = Turns(min(counts), lambda n: TupleTerm(tuple(each.find(n) for each in parts)))
         finds = [each.find_at for each in parts if each.find_at is not None]
         arrays = tuple(array for each in parts for array in each.arrays)
         if len(finds) < len(parts):
             return replace(found, arrays=arrays)
-        return replace(found, find_at=lambda at: Many(tuple(find(at) for find in finds)), arrays=arrays)
+        return replace(found, find_at=lambda at: TupleTerm(tuple(find(at) for find in finds)), arrays=arrays)
 
     def _reversed(self, turns: Turns, node: ast.AST) -> Turns:
         find_at, last = turns.find_at, turns.count - 1
@@ -111,7 +115,7 @@ class LoweredSequences(LoweredSubject):
         return replace(found, find_at=lambda at: find_at(Operator("-", end, at)))
 
     def turns_of(self, term: Term, node: ast.AST) -> Turns:
-        """What the turns of a loop over this find."""
+        """Return the turns of a loop over this term."""
         if isinstance(term, Known) and is_ring(term.value):
             return self.f.rings.turns(term, node)
         if isinstance(term, Selection):
@@ -146,27 +150,27 @@ class LoweredSequences(LoweredSubject):
         return Turns(code.type.length, lambda n: find_at(Literal(n, INT)), find_at, (whole(code.value),))
 
     def _elements(self, term: Term, node: ast.AST) -> list[Term]:
-        if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, TupleType)):
+        if isinstance(term, TupleTerm) or (isinstance(term, Code) and isinstance(term.type, TupleType)):
             return self.f.calls.parts(term, node)
         if isinstance(term, Known) and is_container(term.value):
             self.f.world.memory.place_known(term.value)
             return [Known(each) for each in term.value]
         raise self.f.refused(
-            node, "what it goes through is not known when the code is generated", "a list of parts, range"
+            node, "what it iterates over is not known when the code is generated", "a list of parts, range"
         )
 
     def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
-        """Python goes through the arrays that were there at the beginning. `rebound`: how many had been assigned as a
-        whole by then."""
-        later, told = self.f.aliases.rebound[rebound:], "what the loop goes through is assigned in it"
+        """Check that arrays are not replaced during a loop: Python iterates over those from the beginning. `rebound`:
+        the number of assignments before."""
+        later, told = self.f.aliases.rebound[rebound:], "the loop assigns what it iterates over"
         for each in turns.arrays:
             if each in later or (calls(body) and each in self.f.world.memory.rebound):
-                raise self.f.refused(node, told, "another name for the new one")
+                raise self.f.refused(node, told, "another name for the new value")
 
     # Tuples and lists as wholes ------------------------------------------------------------------------
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
-        """Elements that are written down, or arguments; those after a `*` are several ones, as they are there."""
+        """The elements or arguments that are written out, including those after a `*`."""
         found: list[Term] = []
         for each, term in zip(nodes, self.f.ordered(nodes, self._unpacked), strict=True):
             found += term.terms if isinstance(each, ast.Starred) else [term]  # type: ignore[union-attr]
@@ -174,11 +178,11 @@ class LoweredSequences(LoweredSubject):
 
     def _unpacked(self, node: ast.AST) -> Term:
         if isinstance(node, ast.Starred):
-            return Many(tuple(self.f.calls.parts(self.f.term(node.value), node)))
+            return TupleTerm(tuple(self.f.calls.parts(self.f.term(node.value), node)))
         return self.f.term(node)
 
     def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
-        """The ends and the step of a slice."""
+        """Return the ends and the step of a slice."""
         if not all(isinstance(each, Known) and type(each.value) in (int, bool, type(None)) for each in terms):
             raise self.f.refused(node, "a slice whose ends are not known", "numbers, or a loop")
         part = slice(*[each.value for each in terms])  # type: ignore[union-attr,arg-type]
@@ -187,19 +191,21 @@ class LoweredSequences(LoweredSubject):
         return part
 
     def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
-        """A part of a tuple or a list, as a copy."""
+        """Return a part of a tuple or a list, as a copy."""
         given = [each or ast.copy_location(ast.Constant(None), node) for each in (ends.lower, ends.upper, ends.step)]
         base, *terms = self.f.ordered([node.value, *given])
         part = self.part_of(terms, node)
         if self.f.arrays.is_array(base):
             return self.f.arrays.sliced(base, part, node)
         if not is_sequence(base):
-            raise self.f.refused(node, "a slice of what is no tuple, list or array", "a tuple, a list; a loop")
+            raise self.f.refused(
+                node, "a slice of something that is not a tuple, a list or an array", "a tuple, a list; a loop"
+            )
         kind = list if _is_list(base) else None
-        return Many(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
+        return TupleTerm(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
 
     def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
-        """Tuples or lists one after the other, or one several times; None: it is another operator."""
+        """Return tuples or lists joined by `+` or repeated by `*`; None for other operators."""
         if isinstance(sign, ast.Add) and is_sequence(left) and is_sequence(right):
             if _is_list(left) != _is_list(right):
                 raise self.f.refused(node, "a list and a tuple are added", "two lists, two tuples")
@@ -210,17 +216,18 @@ class LoweredSequences(LoweredSubject):
             return None
         if len(parts) > MOST_TURNS:
             raise self.f.refused(node, f"a sequence of more than {MOST_TURNS} elements", "a shorter one, an array")
-        return Many(tuple(parts), kind=list if _is_list(left) else None)
+        return TupleTerm(tuple(parts), kind=list if _is_list(left) else None)
 
     # Comprehensions ------------------------------------------------------------------------------------
 
     def lower_list_comp(self, node: ast.ListComp) -> Term:
         if self._chooses(node):
             return self.f.generators.chosen(node)
-        return Many(tuple(self.gone_through(node)), kind=list)
+        return TupleTerm(tuple(self.gone_through(node)), kind=list)
 
     def _chooses(self, node: ast.ListComp) -> bool:
-        """Whether conditions decide when it runs which elements the list has. Nothing of this is kept."""
+        """True if conditions decide at run time which elements a list has. The statements lowered for this are
+        discarded."""
         if len(node.generators) != 1 or not node.generators[0].ifs:
             return False
         names, known = dict(self.f.flow.names), set(self.f.flow.known)
@@ -236,7 +243,7 @@ class LoweredSequences(LoweredSubject):
         return found
 
     def gone_through(self, node: ast.expr) -> list[Term]:
-        """What a comprehension, a generator or an iterator gives, computed in its order."""
+        """The values of a comprehension, a generator or an iterator, computed in order."""
         if not isinstance(node, ast.ListComp | ast.GeneratorExp):
             turns = self.over(node)
             self._check_count(turns, node)
@@ -248,7 +255,7 @@ class LoweredSequences(LoweredSubject):
         return found
 
     def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
-        """A comprehension or generator, whose names are its own, and what it goes through."""
+        """Return a comprehension or generator with names of its own, and its turns."""
         if len(node.generators) != 1 or node.generators[0].is_async:
             raise self.f.refused(node, "two loops in one expression", "a loop for each")
         node = with_own_names(node)
@@ -258,14 +265,14 @@ class LoweredSequences(LoweredSubject):
 
     def _check_count(self, turns: Turns, node: ast.AST) -> None:
         if turns.until is not None:
-            told = "what has a changing number of elements, in one expression"
+            told = "an expression with a varying number of elements"
             raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
         if turns.count > MOST_TURNS:
             told = f"{turns.count} numbers in one expression"
             raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")
 
     def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
-        """What the expression of a generator gives in each turn for which its conditions hold."""
+        """The values of the expression of a generator, for each turn in which its conditions hold."""
         first = node.generators[0]
         for number in range(turns.count):
             with self.f.loops.bound_to(first.target, turns.find(number)):
@@ -274,52 +281,54 @@ class LoweredSequences(LoweredSubject):
             self.f.flow.names = without_own(self.f.flow.names, node)
 
     def _is_known(self, test: ast.expr, node: ast.AST) -> bool:
-        """Whether a condition holds that is known when the code is generated."""
+        """Return the truth of a condition that is known when the code is generated."""
         truth = self.f.values.truth(self.f.term(test), test)
         if not isinstance(truth, bool):
-            told = "`if` in a comprehension, whose length is then not known"
+            told = "an `if` in a comprehension: the length is not known"
             raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
         return truth
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
-        """That no function which an expression calls changes what the expression goes through."""
+        """Refuse a call in an expression that changes what the expression iterates over."""
         called = {each.function for each in walk(*body) if isinstance(each, CallStatement)}
-        changed = self.f.world.changed_by(called) | self.f.world.memory.rebound
-        if called and any(each in changed for each in turns.arrays):
-            raise self.f.refused(node, "code that may change what a generator goes through", "a loop")
+        changed, rebound = self.f.world.changed_by(called), self.f.world.memory.rebound
+        if called and any(each in changed or each in rebound for each in turns.arrays):
+            raise self.f.refused(node, "a call that may change what the generator iterates over", "a loop")
 
 
 def is_sequence(term: Term) -> bool:
-    """Whether it is a tuple or a list of Python."""
+    """True if it is a tuple or a list of Python."""
     if isinstance(term, Code):
         return isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed)
     if isinstance(term, Known):
         return isinstance(term.value, tuple | list) and is_container(term.value)
-    return isinstance(term, Many)
+    return isinstance(term, TupleTerm)
 
 
 def _is_list(term: Term) -> bool:
     if isinstance(term, Code):
         return isinstance(term.type, ArrayType) or (isinstance(term.type, TupleType) and term.type.kind is list)
-    return isinstance(term.value, list) if isinstance(term, Known) else isinstance(term, Many) and term.kind is list
+    return (
+        isinstance(term.value, list) if isinstance(term, Known) else isinstance(term, TupleTerm) and term.kind is list
+    )
 
 
 def _numbered(turns: Turns, first: int) -> Turns:
     find_at = turns.find_at
-    found = replace(turns, find=lambda n: Many((Known(first + n), turns.find(n))))
+    found = replace(turns, find=lambda n: TupleTerm((Known(first + n), turns.find(n))))
     if find_at is None:
         return found
     begin = Literal(first, INT)
-    return replace(found, find_at=lambda at: Many((Code(INT, Operator("+", at, begin)), find_at(at))))
+    return replace(found, find_at=lambda at: TupleTerm((Code(INT, Operator("+", at, begin)), find_at(at))))
 
 
 def mark_of(generator: ast.ListComp | ast.GeneratorExp) -> str:
-    """What is added to the names of a generator: no name of the function around it has it."""
+    """Return the suffix for the names of a generator, which no name of the function has."""
     return f" {generator.lineno} {generator.col_offset}"
 
 
 def with_own_names(generator: ast.ListComp | ast.GeneratorExp) -> ast.ListComp | ast.GeneratorExp:
-    """The same, whose names are no names of the function around it."""
+    """Return the generator with names that differ from those of the function."""
     copied, mark = copy.deepcopy(generator), mark_of(generator)
     first, *more = copied.generators
     targets = [each.target for each in copied.generators]
@@ -332,5 +341,5 @@ def with_own_names(generator: ast.ListComp | ast.GeneratorExp) -> ast.ListComp |
 
 
 def without_own(names: Names, generator: ast.ListComp | ast.GeneratorExp) -> Names:
-    """Names without those of a generator."""
+    """Return the names without those of a generator."""
     return {name: of for name, of in names.items() if not name.endswith(mark_of(generator))}

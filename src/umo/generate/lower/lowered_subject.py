@@ -6,7 +6,7 @@ from umo.generate.lower.function_builder import FunctionBuilder
 
 
 class LoweredSubject:
-    """A subject of the lowering of one function, such as its loops. `f` is the function, with its other subjects."""
+    """One subject of the lowering of a function, such as its loops. `f` is the function, with the other subjects."""
 
     def __init__(self, f: FunctionBuilder) -> None:
         self.f = f

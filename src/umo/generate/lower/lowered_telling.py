@@ -1,4 +1,4 @@
-"""Texts that only tell something: they are left out where it is proved that they do nothing else."""
+"""Texts that are only shown or logged: they are left out if it is proved that making them has no other effect."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from functools import partial
 from typing import Any, TypeAlias
 
 from umo.generate.c_types import NOTHING, CType
-from umo.generate.form import Local, TellStatement, Value
+from umo.generate.form import Local, TextStatement, Value
 from umo.generate.lower.function_builder import NoTranslation
 from umo.generate.lower.local_functions import LocalFunction
 from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.state_members import StateMethod
 from umo.generate.lower.terms import TEXT, ArrayMethod, Code, Known, Term, TruePlaces, UnknownText
 from umo.generate.lower.text_makers import error_as_written, evaluated, is_certain
-from umo.generate.lower.text_proofs import MAKERS, METHODS, TextProof, Unproved, Ways
-from umo.generate.translation import Teller
+from umo.generate.lower.text_proofs import MAKERS, METHODS, ProofQueries, TextProof, Unproved
+from umo.generate.translation import TextMaker
 
-TELLS = "a text that is made at run time, or a caught error"
-"""Why a condition does not translate that a text decides."""
+DEPENDS_ON_TEXT = "this depends on a text made at run time, or on a caught error"
+"""Why a condition on a text does not translate."""
 NOT_OF_PYTHON = ArrayMethod | LocalFunction | TruePlaces | StateMethod
-"""What a local name may stand for while code is translated, and that Python does not have."""
+"""Meanings of a local name that do not exist in Python."""
 Made: TypeAlias = tuple[Callable[..., Any], Sequence[tuple[CType, Value]]]
 REASON = "it is not proved that the text has no effect and cannot fail"
 
 
-class LoweredTelling(LoweredSubject):
-    """What is left out of a function."""
+class LoweredTexts(LoweredSubject):
+    """Lowers or leaves out the texts of a function."""
 
     def text(self, node: ast.expr) -> Known:
-        """The text that an expression makes at run time."""
-        self.check_told([node])
+        """Return the text that an expression makes at run time."""
+        self.check_removable([node])
         return Known(TEXT)
 
-    def check_told(self, nodes: Sequence[ast.AST]) -> None:
-        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail."""
+    def check_removable(self, nodes: Sequence[ast.AST]) -> None:
+        """Refuse expressions whose evaluation for a text may change something or fail."""
         for each in nodes:
             try:
                 self._proof().shown(each)
@@ -44,7 +44,7 @@ class LoweredTelling(LoweredSubject):
                 raise self._refused(error, each) from None
 
     def does_nothing(self, test: ast.expr) -> bool:
-        """Whether evaluating a condition only looks at what there is."""
+        """True if evaluating a condition has no effect and cannot fail."""
         try:
             self._proof().asked(test)
         except Unproved:
@@ -52,17 +52,18 @@ class LoweredTelling(LoweredSubject):
         return True
 
     def check_decided(self, term: Term, node: ast.AST) -> None:
-        """That code does not decide by a text that is only told; that of an attribute may be a state next time."""
+        """Refuse a condition that depends on a text made at run time. The text of an attribute may become a state in
+        the next pass."""
         if isinstance(term, Known) and isinstance(term.value, UnknownText):
             self.f.world.memory.ask_text(term.value)
-            raise self.f.refused(node, TELLS, "a state of an Enum, `except` for each error")
+            raise self.f.refused(node, DEPENDS_ON_TEXT, "a state of an Enum, an `except` for each error")
 
     def is_text(self, node: ast.AST) -> bool:
-        """Whether an expression makes a text at run time."""
+        """True if an expression makes a text at run time."""
         if isinstance(node, ast.JoinedStr):
             return True
         if isinstance(node, ast.Name):
-            text = self._told_name(node)
+            text = self._unknown_text(node)
             return text is not None and text.field is None
         if isinstance(node, ast.IfExp):
             return self.is_text(node.body) or self.is_text(node.orelse)
@@ -75,16 +76,16 @@ class LoweredTelling(LoweredSubject):
         return False
 
     def _begins_text(self, node: ast.AST) -> bool:
-        """Whether it is a text, also one that is written down."""
-        is_told = isinstance(node, ast.Name) and self._told_name(node) is not None
+        """True if this is a text, including one written in the code."""
+        is_told = isinstance(node, ast.Name) and self._unknown_text(node) is not None
         return is_told or self.is_text(node) or (isinstance(node, ast.Constant) and type(node.value) is str)
 
-    def _told_name(self, node: ast.Name) -> UnknownText | None:
+    def _unknown_text(self, node: ast.Name) -> UnknownText | None:
         found = self.f.flow.names.get(node.id)
         return found.value if isinstance(found, Known) and isinstance(found.value, UnknownText) else None
 
     def _has_method(self, func: ast.Attribute) -> bool:
-        """Whether a method of a text is called."""
+        """True if a method of a text is called."""
         if isinstance(func.value, ast.Attribute) and func.attr in METHODS:
             with suppress(NoTranslation), self.f.gathered():
                 term = self.f.term(func.value)
@@ -98,18 +99,18 @@ class LoweredTelling(LoweredSubject):
 
     # Texts that Python makes ---------------------------------------------------------------------------
 
-    def tell_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
-        """Python makes the error of a fault, where it is there. One that needs a text which is made at run time, or a
-        number whose class is not certain, says what stands in the code."""
-        if not self.f.world.target.tells:
+    def python_makes_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
+        """Let Python make the error of a fault if Python runs beside. An error that needs a text made at run time, or a
+        number of uncertain class, gets the message as written in the code."""
+        if not self.f.world.target.makes_texts:
             return
         made = self._made(node)
         make, given = (partial(error_as_written, kind, said), ()) if made is None else made
         self._tell(make, given, fault=fault)
 
-    def tell_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
-        """Whether Python assigns a text that is made at run time; else it is left out."""
-        if not self.f.world.target.tells or not isinstance(term, Known):
+    def python_sets_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
+        """Let Python assign a text made at run time, and return True. Return False if the assignment is left out."""
+        if not self.f.world.target.makes_texts or not isinstance(term, Known):
             return False
         is_value = isinstance(node, ast.AnnAssign) or (isinstance(node, ast.Assign) and target in node.targets)
         if not isinstance(term.value, UnknownText):
@@ -122,9 +123,9 @@ class LoweredTelling(LoweredSubject):
         self._tell(make, given, field=(owner, target.attr))
         return True
 
-    def tell_call(self, node: ast.Call) -> bool:
-        """Whether Python calls a function that only tells; else it is left out."""
-        made = self._made(node) if self.f.world.target.tells else None
+    def python_calls(self, node: ast.Call) -> bool:
+        """Let Python call a function that only makes texts, and return True. Return False if the call is left out."""
+        made = self._made(node) if self.f.world.target.makes_texts else None
         if made is None:
             return False
         make, given = made
@@ -132,11 +133,12 @@ class LoweredTelling(LoweredSubject):
         return True
 
     def _tell(self, make: Callable[..., Any], given: Sequence[tuple[CType, Value]], **to: Any) -> None:
-        number = self.f.world.teller(Teller(make, [of for of, _ in given], **to))
-        self.f.add(TellStatement(number, tuple(place for _, place in given)))
+        number = self.f.world.text_maker(TextMaker(make, [of for of, _ in given], **to))
+        self.f.add(TextStatement(number, tuple(place for _, place in given)))
 
     def _made(self, node: ast.expr) -> Made | None:
-        """What evaluates an expression, of which variables; None: Python does not have all that it needs."""
+        """Return a function that evaluates an expression, with its variables; None if Python does not have all values
+        that it needs."""
         known: dict[str, Any] = {}
         given: dict[str, tuple[CType, Value]] = {}
         for name in dict.fromkeys(each.id for each in ast.walk(node) if isinstance(each, ast.Name)):
@@ -157,7 +159,7 @@ class LoweredTelling(LoweredSubject):
     # Proofs --------------------------------------------------------------------------------------------
 
     def _proof(self) -> TextProof:
-        return TextProof(self.f.source, {}, Ways(self._field, self._take, self._local))
+        return TextProof(self.f.source, {}, ProofQueries(self._field, self._take, self._local))
 
     def _local(self, name: str) -> Term | None:
         if name not in self.f.flow.names:
@@ -177,4 +179,4 @@ class LoweredTelling(LoweredSubject):
             node = error.node if line else node
         else:
             why = f"{error.source.file}:{line}: {error.source.segment(error.node)}: {why}"
-        return self.f.refused(node, f"{REASON}: {why}", "a name for it first")
+        return self.f.refused(node, f"{REASON}: {why}", "assign it to a name first")

@@ -1,10 +1,9 @@
-"""Terms as values of a type: numbers, states, tuples, what may be None, conditions."""
+"""Converts terms to values of a type: numbers, states, tuples, optional values, conditions."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
-from dataclasses import replace
 from enum import Enum
 from typing import Any
 
@@ -32,14 +31,14 @@ from umo.generate.c_types import (
 )
 from umo.generate.form import (
     ONE,
-    Absent,
     Conversion,
     Element,
     Field,
-    Given,
     Literal,
     Member,
+    NoneValue,
     Operator,
+    OptionalValue,
     TupleOf,
     Value,
     differs,
@@ -52,7 +51,7 @@ from umo.generate.form import (
 from umo.generate.lower.known_tables import OF_OBJECTS
 from umo.generate.lower.live_fields import literal
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, OneOf, Present, Selection, Term, Truth
+from umo.generate.lower.terms import Code, Elementwise, Known, NullTest, OneOf, Selection, Term, TruthTest, TupleTerm
 from umo.generate.lower.text_states import truth_of_text
 from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, is_ring, own_methods, parts_of, refused_truth
 from umo.objects import Quality
@@ -62,27 +61,27 @@ OF_UNKNOWN_LENGTH = (
     "a list of which the length is not known",
     "any, all, sum, min, max, len or next of it, whether it is empty, a loop",
 )
-NO_ELEMENTS = "an element of what is no list and no array in C", "a list of floats or of ints, np.zeros(n)"
-"""Why an element does not translate."""
+NO_ELEMENTS = "an element of something that is not a list or an array in C", "a list of floats or of ints, np.zeros(n)"
+"""Why an element cannot be translated."""
 
 
 class LoweredValues(LoweredSubject):
-    """The values of a function."""
+    """Lowers the values of a function."""
 
     def type_of(self, term: Term) -> CType | None:
-        """The type of what a term is; None: it is no value of a controller."""
+        """Return the type of a term, or None if it is not a value of a controller."""
         if isinstance(term, Code):
             return term.type
-        if isinstance(term, Many):
+        if isinstance(term, TupleTerm):
             types = [self.type_of(each) for each in term.terms]
             return self.f.world.fields.tuple_type(types, term.names, term.kind or tuple)
-        if isinstance(term, Present | Truth | OneOf | Selection):
+        if isinstance(term, NullTest | TruthTest | OneOf | Selection):
             return None
         found = self.f.world.fields.type_of_value(term.value)
         return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
 
     def kept(self, code: Code, what: str = "t") -> Code:
-        """The same value under a name of its own."""
+        """Return the value under a name of its own."""
         if not isinstance(code, Elementwise) and is_settled(code.value):
             return code
         name = self.f.temporary(code.type, what)
@@ -93,35 +92,35 @@ class LoweredValues(LoweredSubject):
         return Code(code.type, name)
 
     def copied(self, code: Code) -> Code:
-        """The same value under another name than it has."""
+        """Return the value copied to a new name."""
         name = self.f.temporary(code.type)
         self.f.assign(name, code.value)
         return Code(code.type, name)
 
     def is_list_itself(self, term: Term) -> bool:
-        """Whether it is the list of an attribute, which stays that list: what changes in it is seen by all."""
+        """True if it is the list of an attribute itself, so that changes of the list are seen here."""
         if not (isinstance(term, Code) and isinstance(term.type, ArrayType)):
             return False
         return term.type.listed and isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
 
     def settled(self, term: Term) -> Term:
-        """The same, which nothing changes any longer."""
+        """Return the term with values that later statements cannot change."""
         if isinstance(term, Code):
             if isinstance(plain(term.type), ArrayType):
                 self.f.aliases.share(term)
             return self.kept(term)
-        if isinstance(term, Many):
-            return Many(tuple(map(self.settled, term.terms)), term.names, term.kind)
-        if isinstance(term, Present | Truth):
+        if isinstance(term, TupleTerm):
+            return TupleTerm(tuple(map(self.settled, term.terms)), term.names, term.kind)
+        if isinstance(term, NullTest | TruthTest):
             return type(term)(self.kept(Code(BOOL, term.test)).value)
         return term
 
     def code(self, term: Term, node: ast.AST) -> Code:
-        """A term as a value in C."""
+        """Return a term as a value in C."""
         if isinstance(term, Code):
             return term
         if isinstance(term, Known):
-            self.f.telling.check_decided(term, node)
+            self.f.texts.check_decided(term, node)
             value = term.value
             if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
                 raise self.f.refused(node, f"a {type(value).__name__} of numpy", "np.float64, np.int64, float(...)")
@@ -139,18 +138,18 @@ class LoweredValues(LoweredSubject):
             of = of or self.f.world.fields.record_type(value)
             if isinstance(of, TupleType):
                 names = tuple(name for name, _ in of.members)
-                return self.made(Many(tuple(map(Known, parts_of(value))), names, of.kind), of, node)
+                return self.made(TupleTerm(tuple(map(Known, parts_of(value))), names, of.kind), of, node)
             raise self.f.refused(node, f"{_told(value)} is not a number or a state on the controller", "an Enum")
-        if isinstance(term, Many):
+        if isinstance(term, TupleTerm):
             types = [self.code(each, node).type for each in term.terms]
             of = self.f.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
             if of is None:
-                raise self.f.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
+                raise self.f.refused(node, "a tuple with elements other than Python numbers", "float(...), int(...)")
             return self.made(term, of, node)
         raise self.f.refused(node, *only_asked(term))
 
     def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
-        """A list of its own with these numbers; None: they are of several classes, or none."""
+        """Return a new list with these numbers, or None if they are of several classes or there are none."""
         codes = [self.code(each, node) for each in terms]
         if len({each.type for each in codes}) != 1 or not is_number(codes[0].type):
             return None
@@ -167,39 +166,40 @@ class LoweredValues(LoweredSubject):
         except (ValueError, OverflowError):
             raise self.f.refused(node, f"{value} does not fit 32 bits", "a smaller number, or a float") from None
 
-    def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
+    def made(self, term: TupleTerm, of: TupleType, node: ast.AST) -> Code:
         for each, (_, kind) in zip(term.terms, of.members, strict=True):
             given = self.code(each, node).type if isinstance(each, Known | Code) else kind
             self.check_there(given, "in a tuple", node)
             if isinstance(given, NumpyNumber):
-                raise self.f.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
+                raise self.f.refused(
+                    node, "a tuple cannot contain a number of numpy", "float(...), int(...), bool(...)"
+                )
             if (kind == REAL and plain_number(given) != REAL) or isinstance(given, MixedNumber):
-                raise self.f.refused(node, "a whole number where a tuple has a real one", "0.0, float(...)")
+                raise self.f.refused(node, "an int where the tuple has a float", "0.0, float(...)")
             if kind == INT and given == BOOL:
-                raise self.f.refused(node, "a bool where a tuple has a whole number", "int(...)")
+                raise self.f.refused(node, "a bool where the tuple has an int", "int(...)")
         parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
         return Code(of, TupleOf(of, tuple(parts)))
 
     def as_type(self, term: Term, of: CType, node: ast.AST) -> Value:
-        """A term as a value of this type."""
+        """Return a term as a value of this type."""
         if isinstance(of, ArrayType):
             return self.f.arrays.as_array(term, of, node)
         of = plain_number(of)
         if isinstance(term, Known):
             if isinstance(of, OptionalType) and term.value is None:
-                return Absent(of)
+                return NoneValue(of)
             if of == MASK:
                 return literal(term.value, MASK)
             if of == REAL and type(term.value) in (int, float, bool):
                 return self.literal(term.value, REAL, node)
-        if isinstance(term, Many) and isinstance(of, TupleType):
+        if isinstance(term, TupleTerm) and isinstance(of, TupleType):
             return self.made(term, of, node).value
-        code = self.code(term, node)
-        code = replace(code, type=plain_number(code.type))
+        code = self.code(term, node).as_plain
         if code.type == of or (isinstance(of, OptionalType) and code.type.name == of.name):
             return code.value
         if isinstance(of, OptionalType):
-            return Given(of, self.as_type(code, of.of, node))
+            return OptionalValue(of, self.as_type(code, of.of, node))
         if isinstance(code.type, OptionalType):
             return self.as_type(self.present(code, node), of, node)
         if is_number(of) and is_number(code.type):
@@ -213,11 +213,11 @@ class LoweredValues(LoweredSubject):
         if isinstance(of, TupleType) and isinstance(code.type, TupleType):
             kept = self.kept(code).value
             terms = tuple(Code(kind, Member(kept, name)) for name, kind in code.type.members)
-            return self.made(Many(terms), of, node).value
+            return self.made(TupleTerm(terms), of, node).value
         raise self.f.refused(node, f"a {code.type.name} where a {of.name} was before", "one type for each name")
 
     def present(self, code: Code, node: ast.AST) -> Code:
-        """The value of what may be None: TypeError where it is."""
+        """Return the value of an optional term. TypeError if it is None."""
         if not isinstance(code.type, OptionalType):
             return code
         code = code if is_place(code.value) else self.kept(code)
@@ -225,29 +225,28 @@ class LoweredValues(LoweredSubject):
         return Code(plain(code.type), inside(code.value))
 
     def check_there(self, of: CType | None, where: str, node: ast.AST) -> None:
-        """That a value of this type is never None."""
+        """Refuse a type whose values may be None."""
         if isinstance(of, OptionalType):
-            raise self.f.refused(node, f"what may be None {where}", "`if x is not None`")
+            raise self.f.refused(node, f"a value that may be None {where}", "`if x is not None`")
 
     def number(self, term: Term, node: ast.AST) -> Code:
-        code = self.present(self.code(term, node), node)
-        code = replace(code, type=plain_number(code.type))
+        code = self.present(self.code(term, node), node).as_plain
         if not is_number(code.type):
             raise self.f.refused(node, "it is not a number")
         return code
 
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
-        """A condition; a bool if it is known already."""
+        """Return a condition; a bool if it is already known."""
         if isinstance(term, Known):
-            self.f.telling.check_decided(term, node)
+            self.f.texts.check_decided(term, node)
             if is_ring(term.value):
                 return differs(self.f.rings.count(term, node).value)
             if refused_truth(term.value):
-                raise self.f.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
+                raise self.f.refused(node, f"{type(term.value).__name__} defines its own truth value", "a comparison")
             return bool(term.value)
-        if isinstance(term, Present | Truth):
+        if isinstance(term, NullTest | TruthTest):
             return term.test
-        if isinstance(term, Many):
+        if isinstance(term, TupleTerm):
             return bool(term.terms)
         if isinstance(term, Selection):
             return differs(term.count)
@@ -255,7 +254,7 @@ class LoweredValues(LoweredSubject):
             if all(self.truth(each, node) is True for each in term.options):
                 return True
             raise self.f.refused(node, *only_asked(term))
-        term = replace(term, type=plain_number(term.type))
+        term = term.as_plain
         if isinstance(term.type, OptionalType):
             place = term.value if is_place(term.value) else self.kept(term).value
             inner = self.truth(Code(term.type.of, inside(place)), node)
@@ -271,27 +270,27 @@ class LoweredValues(LoweredSubject):
         if isinstance(term.type, StateType):
             if own_methods(term.type.kind, TRUTH):
                 raise self.f.refused(
-                    node, f"{term.type.kind.__name__} decides whether it is true", "`is`, with a state"
+                    node, f"{term.type.kind.__name__} defines its own truth value", "`is`, with a state"
                 )
             if is_bare_enum(term.type.kind):
                 return True
             zeros = [n for n, each in enumerate(term.type.kind) if not each]
             return Operator("!=", term.value, Literal(zeros[0], INT)) if zeros else True
-        raise self.f.refused(node, "whether it is true is not known on the controller", "any(), all()")
+        raise self.f.refused(node, "its truth value is not known on the controller", "any(), all()")
 
 
 def _widens(one: CType, other: CType) -> bool:
-    """Whether every value of one type is the same as the other."""
+    """True if each value of one type is also a value of the other."""
     return one == other or other == REAL or (one == BOOL and other == INT)
 
 
-def only_asked(term: Present | Truth | OneOf | Selection) -> tuple[str, str]:
-    """Why this is no value, and what is nearest."""
+def only_asked(term: NullTest | TruthTest | OneOf | Selection) -> tuple[str, str]:
+    """Return why this is not a value, and the nearest alternative."""
     if isinstance(term, Selection):
         return OF_UNKNOWN_LENGTH
     if isinstance(term, OneOf):
         return OF_OBJECTS
-    if isinstance(term, Present):
+    if isinstance(term, NullTest):
         return "only whether it is None is known on the controller", "is None, is not None"
     return "one of two values of different types", "bool(...), one type for both"
 

@@ -1,4 +1,4 @@
-"""Vectors of objects as C: read and written at once, by the numbers of the objects."""
+"""Vectors of objects in C: read and written as a whole, by slots."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from umo.generate.form import (
     ONE,
     ZERO,
     Conditional,
+    CurrentIndex,
     Elements,
-    Here,
     Literal,
     Null,
     ObjectOf,
@@ -25,16 +25,16 @@ from umo.generate.form import (
     inside,
 )
 from umo.generate.lower.lowered_subject import LoweredSubject
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import Code, Elementwise, Known, Term, TupleTerm
 from umo.objects import Vector
 from umo.objects.atomic import Atomic, Binary
 
 
 class LoweredVectors(LoweredSubject):
-    """The part of a function that reads and writes Vectors."""
+    """Lowers reads and writes of Vectors."""
 
     def table(self, vector: Vector[Any]) -> str:
-        """The numbers of the objects of a Vector, as a table in C."""
+        """Return the slots of the objects of a Vector, as a table in C."""
         return self.f.world.table([item._slot for item in vector])
 
     def attribute_of_vector(self, vector: Vector[Any], name: str, node: ast.AST) -> Term:
@@ -48,12 +48,12 @@ class LoweredVectors(LoweredSubject):
         if name in ("read", "write", "mask", "_located"):
             return Known(getattr(vector, name), vector, name)
         raise self.f.refused(
-            node, f"`{name}` of a Vector does not translate", "read, write, quality, pending, all_good"
+            node, f"`{name}` of a Vector cannot be translated", "read, write, quality, pending, all_good"
         )
 
     def of_each(self, vector: Vector[Any], of: CType, function: str) -> Code:
-        """What this function of the runtime tells of each object now."""
-        item = ObjectOf(self.table(vector), Here())
+        """Return the result of a runtime function for each object."""
+        item = ObjectOf(self.table(vector), CurrentIndex())
         found = self.f.values.kept(Elementwise(array(of, len(vector)), Runtime(function, (item,))))
         self.f.aliases.sole.add(found.value)
         return found
@@ -70,17 +70,17 @@ class LoweredVectors(LoweredSubject):
         if name == "write" and len(arguments) == 1:
             return self._written(vector, arguments[0], named.get("where", Known(None)), node)
         raise self.f.refused(
-            node, f"`{name}` of a Vector does not translate", "read, write, quality, pending, all_good"
+            node, f"`{name}` of a Vector cannot be translated", "read, write, quality, pending, all_good"
         )
 
     def _mask(self, vector: Vector[Any], term: Term, node: ast.AST) -> Code:
         code = self.f.arrays.array(term, node)
         if code.type != array(BOOL, len(vector)):
-            raise self.f.refused(node, f"a mask that is no array of {len(vector)} booleans")
+            raise self.f.refused(node, f"the mask is not an array of {len(vector)} bools")
         return code
 
     def _chosen(self, vector: Vector[Any], where: Term, node: ast.AST) -> Value:
-        """Where the elements of a mask are."""
+        """Return the elements that a mask selects."""
         if isinstance(where, Known) and where.value is None:
             return Null()
         if isinstance(where, Code) and isinstance(where.type, OptionalType):
@@ -102,7 +102,7 @@ class LoweredVectors(LoweredSubject):
         return Code(array(REAL, len(vector)), result)
 
     def _objects(self, vector: Vector[Any]) -> tuple[Value, ...]:
-        """The first arguments of a function of the runtime for several objects."""
+        """Return the first arguments of a runtime function for several objects."""
         return WholeMachine(), SlotTable(self.table(vector)), Literal(len(vector), INT)
 
     def _written(self, vector: Vector[Any], values: Term, where: Term, node: ast.AST) -> Code:
@@ -117,21 +117,21 @@ class LoweredVectors(LoweredSubject):
         return Code(BOOL, taken)
 
     def _check_values(self, vector: Vector[Any], values: Term, node: ast.AST) -> None:
-        """What `write` refuses in Python."""
+        """Refuse values that `write` refuses in Python."""
         of = values.type if isinstance(values, Code) else None
         if isinstance(of, ArrayType):
             self.f.arrays.check_length(of, node)
             if of.length != len(vector):
                 raise self.f.refused(node, f"{of.length} values for {len(vector)} objects")
         if not isinstance(vector[0], Binary) and (of == BOOL or (isinstance(of, ArrayType) and of.of == BOOL)):
-            raise self.f.refused(node, "booleans for objects with numbers", "astype(np.float64)")
+            raise self.f.refused(node, "bools for digital objects", "astype(np.float64)")
 
     def _levels(self, vector: Vector[Any], values: Term, node: ast.AST) -> Term:
-        """States, or an array of levels."""
+        """Return states, or an array of levels."""
         if self.f.arrays.is_array(values):
             return values
         given: list[Term]
-        if isinstance(values, Many):
+        if isinstance(values, TupleTerm):
             given = list(values.terms)
         elif isinstance(values, Known) and isinstance(values.value, list | tuple):
             given = [Known(each) for each in values.value]
@@ -139,15 +139,15 @@ class LoweredVectors(LoweredSubject):
             given = [values for _ in vector]
         if len(given) != len(vector):
             self.f.raises(StateError, node)
-            return self.f.arrays.listed(Many(tuple(Known(0.0) for _ in vector)), node)
+            return self.f.arrays.listed(TupleTerm(tuple(Known(0.0) for _ in vector)), node)
         levels = tuple(self._level(item, each, node) for item, each in zip(list(vector), given, strict=True))
-        return self.f.arrays.listed(Many(levels), node)
+        return self.f.arrays.listed(TupleTerm(levels), node)
 
     def _level(self, item: Atomic, state: Term, node: ast.AST) -> Term:
         assert isinstance(item, Binary)
         code = self.f.values.code(state, node)
         if isinstance(code.type, OptionalType):
-            raise self.f.refused(node, "a state that may be None is written to a Vector", "a condition before it")
+            raise self.f.refused(node, "a state that may be None is written to a Vector", "check it first")
         one = [*item.states].index(item.one)  # type: ignore[misc]
         if code.type != self.f.values.code(Known(item.one), node).type:
             self.f.raises(StateError, node)

@@ -1,4 +1,4 @@
-"""Functions of `math` that check what they are given, and `round` to a number of digits."""
+"""Functions of `math` that check their arguments, and `round` to a number of digits."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from umo.generate.lower.lowered_expressions import is_of_numpy
 from umo.generate.lower.terms import Code, Known, Term
 
 DIGITS = range(23)
-"""Digits to which `round` is exact: 10 to their power is a float."""
+"""The numbers of digits for which `round` is exact: 10 to their power is exact as a float."""
 IN_DEGREES = {math.degrees: 180.0 / math.pi, math.radians: math.pi / 180.0}
 OF_MATH = (math.hypot, math.fmod, *IN_DEGREES)
 
 
 def of_math(f: FunctionBuilder, target: Any, arguments: Sequence[Term], node: ast.Call) -> Code | None:
-    """One of these functions; None: it is called with another number of arguments."""
+    """Return the result of one of these functions, or None for another number of arguments."""
     values = [f.values.as_type(f.values.number(each, node), REAL, node) for each in arguments]
     if target is math.hypot:
         return _hypot(f, values, node)
@@ -42,13 +42,13 @@ def _hypot(f: FunctionBuilder, values: Sequence[Value], node: ast.AST) -> Code |
 
 
 def rounded(f: FunctionBuilder, one: Term, digits: Term, node: ast.Call) -> Term:
-    """`round(x, digits)`: the float that is nearest to the decimal number that is nearest to x."""
+    """Return `round(x, digits)`: the float nearest to the decimal number that is nearest to x."""
     if not (isinstance(digits, Known) and type(digits.value) is int and digits.value in DIGITS):
-        raise f.refused(node, "`round` to a number of digits that is not known, or not 0 to 22", "round(x, 2)")
+        raise f.refused(node, "`round` to an unknown number of digits, or one outside 0 to 22", "round(x, 2)")
     if isinstance(one, Known) and type(one.value) in (bool, int, float):
         return Known(round(one.value, digits.value))
     if is_of_numpy(one):
-        raise f.refused(node, "numpy rounds to a number of digits in another way", "round(float(x), 2)")
+        raise f.refused(node, "numpy rounds to a number of digits differently", "round(float(x), 2)")
     f.expressions.check_sure([one], node)
     code = f.values.number(one, node)
     if code.type in (INT, BOOL):

@@ -1,4 +1,4 @@
-"""Functions of numpy that are no loop over elements of their own: of numbers, and of arrays one after the other."""
+"""Functions of numpy that are not simple loops: functions of numbers, and joined arrays."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from umo.generate.form import (
 )
 from umo.generate.lower.array_functions import BINARY, OF_ELEMENTS
 from umo.generate.lower.function_builder import FunctionBuilder
-from umo.generate.lower.terms import Code, Elementwise, Known, Many, Term
+from umo.generate.lower.terms import Code, Elementwise, Known, Term, TupleTerm
 
 
 def of_numbers(f: FunctionBuilder, target: Any, arguments: Sequence[Term], node: ast.Call) -> Code | None:
-    """A function of elements with numbers of Python: what it gives for an array of one. None: it is another one."""
+    """Return an element-wise function of Python numbers, as for an array of one element; None for other functions."""
     if not (target in OF_ELEMENTS or target in BINARY or target is np.clip) or not all(map(_is_number, arguments)):
         return None
     f.expressions.check_sure(arguments, node)
@@ -49,18 +49,20 @@ def _is_number(term: Term) -> bool:
 
 
 def sign_of(value: Value) -> Value:
-    """`np.sign`: of a NaN a NaN, of both zeros 0."""
+    """Return `np.sign`: NaN for NaN, 0 for both zeros."""
     below, above = Operator("<", value, ZERO), Operator(">", value, ZERO)
     zero = Conditional(Operator("==", value, ZERO), ZERO, value)
     return Conditional(above, ONE, Conditional(below, Literal(-1, INT), zero))
 
 
 def one_after_the_other(f: FunctionBuilder, parts: Sequence[Term], node: ast.AST) -> Code:
-    """A new array with the elements of these."""
-    codes = [f.arrays.array(f.arrays.listed(each, node) if isinstance(each, Many) else each, node) for each in parts]
+    """Return a new array with the elements of these in order."""
+    codes = [
+        f.arrays.array(f.arrays.listed(each, node) if isinstance(each, TupleTerm) else each, node) for each in parts
+    ]
     kinds = {f.arrays.of(each) for each in codes}
     if not all(map(f.arrays.is_array, codes)) or len(kinds) > 1:
-        raise f.refused(node, "arrays of several classes of numbers are joined", "arrays of one class")
+        raise f.refused(node, "arrays with different types of numbers are joined", "arrays of one class")
     (of,) = kinds
     lengths = [f.arrays.length_of(each, node) for each in codes]
     result, at = f.temporary(array(of, sum(lengths))), 0
@@ -74,9 +76,9 @@ def one_after_the_other(f: FunctionBuilder, parts: Sequence[Term], node: ast.AST
 
 
 def rolled(f: FunctionBuilder, term: Term, by: Term, node: ast.AST) -> Code:
-    """`np.roll` by a number that is known."""
+    """Return `np.roll` by a known number."""
     if not (isinstance(by, Known) and type(by.value) is int):
-        raise f.refused(node, "`np.roll` by a number that is not known", "np.roll(x, 1)")
+        raise f.refused(node, "`np.roll` by an unknown number", "np.roll(x, 1)")
     code = f.arrays.array(term, node)
     first = by.value % f.arrays.length_of(code, node)
     parts = [slice(-first, None), slice(None, -first)] if first else [slice(None)]
@@ -84,11 +86,11 @@ def rolled(f: FunctionBuilder, term: Term, by: Term, node: ast.AST) -> Code:
 
 
 def place_of(f: FunctionBuilder, target: Any, term: Term, node: ast.AST) -> Code:
-    """`np.argmin` and `np.argmax`: the first place of the extreme, or of a NaN."""
+    """Return `np.argmin` or `np.argmax`: the first index of the extreme, or of a NaN."""
     code = f.arrays.array(term, node)
     of, length = f.arrays.of(code), f.arrays.length_of(code, node)
     if of == BOOL:
-        raise f.refused(node, "the place of an extreme of booleans", "a loop")
+        raise f.refused(node, "the index of a minimum or maximum of bools", "a loop")
     code = Code(code.type, f.arrays.kept_place(code))
     found = f.temporary(INT, "place")
     f.assign(found, ZERO)

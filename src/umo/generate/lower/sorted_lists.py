@@ -1,4 +1,4 @@
-"""`sorted` of so many numbers: in the order of Python, which keeps what is equal in its order. A NaN has no place."""
+"""`sorted` of a known number of numbers, stable as in Python. A NaN is refused."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from umo.generate.form import (
     ZERO,
     CountedLoop,
     Element,
-    Forever,
+    EndlessLoop,
     Leave,
     Literal,
     Operator,
@@ -28,10 +28,12 @@ MOST_SORTED = 64
 
 
 def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Code:
-    """A new list. ControllerLimit for a NaN: where Python puts it depends on its version."""
+    """Return a new sorted list. ControllerLimit for a NaN, whose place in Python depends on the version."""
     found = f.values.new_list(terms, node) if len(terms) <= MOST_SORTED else None
     if found is None:
-        raise f.refused(node, f"`sorted` of what is not 1 to {MOST_SORTED} numbers of one class", "float(...), a loop")
+        raise f.refused(
+            node, f"`sorted` of something other than 1 to {MOST_SORTED} numbers of one class", "float(...), a loop"
+        )
     assert isinstance(found.type, ArrayType)
     result, of = found.value, found.type.of
     turn, at, moved = f.temporary(INT, "i"), f.temporary(INT, "at"), f.temporary(of, "moved")
@@ -47,10 +49,10 @@ def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Cod
 
 
 def _move_down(f: FunctionBuilder, result: Value, at: Value, moved: Value) -> None:
-    """The elements that are greater go up, to where this one was."""
+    """Move greater elements up to make room for this one."""
     before, out = Element(result, Operator("-", at, ONE)), f.label("placed")
     with f.body_of() as body:
         f.add_if(negated(joined("&&", [Operator(">", at, ZERO), Operator("<", moved, before)])), Leave(out))
         f.assign(Element(result, at), before)
         f.assign(at, Operator("-", at, ONE))
-    f.add(Forever(out, tuple(body)))
+    f.add(EndlessLoop(out, tuple(body)))

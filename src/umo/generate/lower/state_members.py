@@ -1,4 +1,4 @@
-"""What a member of an Enum has, where it is computed which one it is: its value, its place in an order, its methods."""
+"""Attributes of a member of an Enum that is chosen at run time: its value, its order, its methods."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ class StateMethod:
 
 
 def value_of_state(f: FunctionBuilder, code: Code, node: ast.AST) -> Code:
-    """`.value`, where the values of all members are numbers of one class."""
+    """Return `.value`, if the values of all members are numbers of one class."""
     assert isinstance(code.type, StateType)
     return value_of_each(f, [each.value for each in code.type.kind], code.value, node)
 
 
 def has_own_value(kind: type[Enum]) -> bool:
-    """Whether a class has another `value` than that of Enum."""
+    """True if a class defines its own `value`."""
     return inspect.getattr_static(kind, "value") is not inspect.getattr_static(Enum, "value")
 
 
 def number_of(f: FunctionBuilder, term: Term, node: ast.AST) -> Term | None:
-    """A number, or a member of an IntEnum as its number; None: it is something else."""
+    """Return a number, or a member of an IntEnum as its number; None for other terms."""
     if isinstance(term, Known):
         if isinstance(term.value, IntEnum) and _is_ordered(type(term.value)):
             return Known(int(term.value))
@@ -58,8 +58,8 @@ def number_of(f: FunctionBuilder, term: Term, node: ast.AST) -> Term | None:
 
 
 def as_number(f: FunctionBuilder, term: Term, node: ast.AST) -> Term:
-    """A member of an IntEnum as its number, and a known number of numpy as a value of its type, where arithmetic or a
-    place asks for it; everything else as it is."""
+    """Return a member of an IntEnum as its number and a known numpy number as a value of its type, for arithmetic or an
+    index; other terms unchanged."""
     if isinstance(term, Known) and _is_number(type(term.value)):
         return Known(int(term.value))
     if isinstance(term, Known) and isinstance(term.value, np.generic):
@@ -70,12 +70,12 @@ def as_number(f: FunctionBuilder, term: Term, node: ast.AST) -> Term:
 
 
 def _is_number(kind: Any) -> bool:
-    """Whether arithmetic of the members is that of their numbers."""
+    """True if arithmetic of the members is arithmetic of their numbers."""
     if not (isinstance(kind, type) and issubclass(kind, IntEnum)):
         return False
     return not own_methods(kind, ARITHMETIC) and not has_own_value(kind)
 
 
 def _is_ordered(kind: Any) -> bool:
-    """Whether the order of the members is that of their numbers."""
+    """True if the members are ordered by their numbers."""
     return issubclass(kind, IntEnum) and not own_methods(kind, ORDER) and not has_own_value(kind)

@@ -1,4 +1,4 @@
-"""What the subjects of the lowering of a function ask of one another."""
+"""The protocols by which the subjects of a lowering use one another."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from umo.generate.lower.terms import (
     Code,
     Elementwise,
     Known,
-    Many,
     OneOf,
     RingMethod,
     Selection,
     Term,
+    TupleTerm,
     Turns,
 )
 from umo.objects import Vector
@@ -26,48 +26,48 @@ from umo.objects.atomic import Atomic
 
 
 class AskedOfValues(Protocol):
-    """The values of a function."""
+    """Lowers the values of a function."""
 
     def type_of(self, term: Term) -> CType | None:
-        """The type of what a term is; None: it is no value of a controller."""
+        """Return the type of a term, or None if it is not a value of a controller."""
 
     def kept(self, code: Code, what: str = "t") -> Code:
-        """The same value under a name of its own."""
+        """Return the value under a name of its own."""
 
     def copied(self, code: Code) -> Code:
-        """The same value under another name than it has."""
+        """Return the value copied to a new name."""
 
     def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
-        """A list of its own with these numbers; None: they are of several classes, or none."""
+        """Return a new list with these numbers, or None if they are of several classes or there are none."""
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value: ...
 
     def is_list_itself(self, term: Term) -> bool:
-        """Whether it is the list of an attribute, which stays that list: what changes in it is seen by all."""
+        """True if it is the list of an attribute itself, so that changes of the list are seen here."""
 
     def settled(self, term: Term) -> Term:
-        """The same, which nothing changes any longer."""
+        """Return the term with values that later statements cannot change."""
 
     def code(self, term: Term, node: ast.AST) -> Code:
-        """A term as a value in C."""
+        """Return a term as a value in C."""
 
     def as_type(self, term: Term, of: CType, node: ast.AST) -> Value:
-        """A term as a value of this type."""
+        """Return a term as a value of this type."""
 
     def present(self, code: Code, node: ast.AST) -> Code:
-        """The value of what may be None: TypeError where it is."""
+        """Return the value of an optional term. TypeError if it is None."""
 
     def check_there(self, of: CType | None, where: str, node: ast.AST) -> None:
-        """That a value of this type is never None."""
+        """Refuse a type whose values may be None."""
 
     def number(self, term: Term, node: ast.AST) -> Code: ...
 
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
-        """A condition; a bool if it is known already."""
+        """Return a condition; a bool if it is already known."""
 
 
 class AskedOfAliases(Protocol):
-    """What is known of the arrays of a function."""
+    """What is known of references to the arrays of a function."""
 
     sole: set[Value]
 
@@ -80,82 +80,82 @@ class AskedOfAliases(Protocol):
     keeps: bool
 
     def check_sole(self, place: Code, node: ast.AST) -> None:
-        """That nobody else has this array."""
+        """Refuse an array that may have another reference."""
 
     def is_sole(self, term: Term) -> bool:
-        """Whether nobody else has an array."""
+        """True if an array has no other reference."""
 
     def is_copied(self, term: Term) -> bool:
-        """Whether this is computed, and no other name for what there is."""
+        """True if this is a computed value and not another name for an existing array."""
 
     def is_new(self, term: Term) -> bool:
-        """Whether an array was made here, and has no name yet."""
+        """True if an array was made here and has no name yet."""
 
     def share(self, term: Term) -> None:
-        """Another name is given to an array: neither is changed in place from now on."""
+        """Note that an array gets another name: from now on it is not changed in place."""
 
 
-class AskedOfTelling(Protocol):
-    """What is left out of a function."""
+class AskedOfTexts(Protocol):
+    """Lowers or leaves out the texts of a function."""
 
-    def check_told(self, nodes: Sequence[ast.AST]) -> None:
-        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail."""
+    def check_removable(self, nodes: Sequence[ast.AST]) -> None:
+        """Refuse expressions whose evaluation for a text may change something or fail."""
 
     def does_nothing(self, test: ast.expr) -> bool:
-        """Whether evaluating a condition only looks at what there is."""
+        """True if evaluating a condition has no effect and cannot fail."""
 
     def check_decided(self, term: Term, node: ast.AST) -> None:
-        """That code does not decide by a text that is only told."""
+        """Refuse a condition that depends on a text made at run time."""
 
     def is_text(self, node: ast.AST) -> bool:
-        """Whether an expression makes a text at run time."""
+        """True if an expression makes a text at run time."""
 
-    def tell_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
-        """Python makes the error of a fault, where it is there."""
+    def python_makes_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
+        """Let Python make the error of a fault if Python runs beside."""
 
-    def tell_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
-        """Whether Python assigns a text that is made at run time."""
+    def python_sets_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
+        """Let Python assign a text made at run time, and return True; False if it is left out."""
 
-    def tell_call(self, node: ast.Call) -> bool:
-        """Whether Python calls a function that only tells."""
+    def python_calls(self, node: ast.Call) -> bool:
+        """Let Python call a function that only makes texts, and return True; False if it is left out."""
 
     def text(self, node: ast.expr) -> Known:
-        """The text that an expression makes at run time."""
+        """Return the text that an expression makes at run time."""
 
 
 class AskedOfExpressions(Protocol):
-    """The part of a function that is expressions."""
+    """Lowers the expressions of a function."""
 
     def lower_name(self, node: ast.Name) -> Term: ...
 
     def place(self, code: Code) -> Code:
-        """The same as something that has members."""
+        """Return the value as one whose members can be read."""
 
     def check_elements(self, term: Term, node: ast.AST) -> None:
-        """That it has elements."""
+        """Refuse a term without elements."""
 
     def base_and_slice(self, node: ast.Subscript, ends: ast.Slice) -> tuple[Term, slice]:
-        """What has the elements, and which of them a slice is."""
+        """Return the term that has the elements, and the slice."""
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
-        """What has the element, as itself and not as a copy, and its place."""
+        """Return the term that has the element, not copied, and the index."""
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
-        """One element of a tuple, a list or an array, or of what is known."""
+        """Return one element of a tuple, a list, an array or a known value."""
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> Value:
-        """A place in an array; IndexError beyond it."""
+        """Return an index into an array. IndexError beyond its ends."""
 
     def place_in(self, code: Code, length: int, node: ast.AST) -> Value:
-        """A place among so many, counted from the end where it is negative; IndexError beyond them."""
+        """Return an index into `length` elements, counted from the end if negative. IndexError beyond the ends."""
 
     def of_numbers(
         self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
     ) -> Code:
-        """An operator between numbers; between those of numpy nothing is raised."""
+        """Return the result of an operator between numbers. Operators between numpy numbers raise nothing."""
 
     def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
-        """That the result of arithmetic is a float whenever it is a real in C, and exact."""
+        """Refuse arithmetic whose result is a real in C and might not be a float in Python, or not be exact."""
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code: ...
 
@@ -166,66 +166,66 @@ class AskedOfArrays(Protocol):
     def is_array(self, term: Term) -> bool: ...
 
     def array(self, term: Term, node: ast.AST) -> Code:
-        """An array, or a number; TypeError where it is None."""
+        """Return an array or a number. TypeError if it is None."""
 
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
-        """The length is known."""
+        """Refuse an array whose length is not known."""
 
     def length_of(self, code: Code, node: ast.AST) -> int:
-        """The length of one array, which is known."""
+        """Return the length of one array, which is known."""
 
     def each_place(self, length: int) -> AbstractContextManager[Value]:
-        """A loop over the places of an array."""
+        """Return a context for a loop over the indices of an array."""
 
     def at(self, code: Code, of: CType, length: int) -> Value:
-        """An element, as this type."""
+        """Return an element as this type."""
 
     def kept_place(self, code: Code) -> Value:
-        """An array as a variable or a field."""
+        """Return an array as a variable or a field."""
 
     def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
-        """A loop that sets the elements of an array, those for which the condition holds."""
+        """Add a loop that sets the elements of an array for which the condition holds."""
 
     def as_array(self, term: Term, of: ArrayType, node: ast.AST) -> Value:
-        """A term as an array of this type."""
+        """Return a term as an array of this type."""
 
     def of_arrays(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Code:
-        """An operator between arrays, or an array and a number."""
+        """Return the result of an operator between arrays, or an array and a number."""
 
     def of(self, code: Code) -> CType:
-        """The type of its elements."""
+        """Return the type of the elements."""
 
     def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
-        """An operator before an array."""
+        """Return the result of a unary operator on an array."""
 
     def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code: ...
 
     def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """A function of numpy with these arguments; None: it has no translation."""
+        """Return the result of a numpy function, or None if it cannot be translated."""
 
-    def listed(self, term: Many, node: ast.AST) -> Code: ...
+    def listed(self, term: TupleTerm, node: ast.AST) -> Code: ...
 
     def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
-        """One number of an array."""
+        """Reduce an array to one number."""
 
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term: ...
 
     def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code: ...
 
     def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
-        """A part of an array: other names for its elements."""
+        """Return a slice of an array: its elements under other indices."""
 
     def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
-        """The elements of a slice become others, which are computed before."""
+        """Set the elements of a slice to values that are computed first."""
 
     def overwrite(
         self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
     ) -> None:
-        """The elements of an array become others: all, or those that a mask chooses, each that of its place."""
+        """Replace the elements of an array, all or those that a mask selects, each by the value at its index."""
 
 
 class AskedOfVectors(Protocol):
-    """The part of a function that reads and writes Vectors."""
+    """Lowers reads and writes of Vectors."""
 
     def attribute_of_vector(self, vector: Vector[Any], name: str, node: ast.AST) -> Term: ...
 
@@ -238,34 +238,34 @@ class AskedOfVectors(Protocol):
 
 
 class AskedOfAttributes(Protocol):
-    """The part of a function that is attributes."""
+    """Lowers the attributes of a function."""
 
     def attribute(self, base: Known, name: str, node: ast.AST) -> Term: ...
 
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
-        """An attribute that is a number is a field; another one is known."""
+        """Return a field if the attribute is a number, otherwise a known value."""
 
     def check_in_c(self, name: str, node: ast.AST) -> None:
-        """That the runtime in C has what is asked of an object: beside Python it has not."""
+        """Refuse an attribute of an object that Python evaluates where laws are compiled."""
 
     def object(self, owner: Atomic, node: ast.AST) -> Value:
-        """The object; a controller samples those that are synchronous."""
+        """Return the object. An asynchronous sensor is noted, as a controller does not read it."""
 
     def got_by(self, function: str, *arguments: Value, of: CType) -> Code:
-        """The result of a function of the runtime that may fail."""
+        """Return the result of a runtime function that may fail."""
 
 
 class AskedOfCalls(Protocol):
-    """The part of a function that is calls and attributes."""
+    """Lowers the calls and attributes of a function."""
 
     def is_super(self, node: ast.AST) -> bool:
-        """Whether this is `super()`."""
+        """True if this is `super()`."""
 
     def of_super(self, node: ast.Attribute) -> Term:
-        """A method, a property or a value of the classes above."""
+        """Return a method, a property or a value of a base class."""
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
-        """The elements of a tuple, or of a list of numbers."""
+        """The elements of a tuple or of a list of numbers."""
 
     def members(self, term: Term, node: ast.AST) -> list[Term]:
         """The same, and the values of the fields of a dataclass."""
@@ -276,38 +276,38 @@ class AskedOfCalls(Protocol):
 
 
 class AskedOfBuiltins(Protocol):
-    """The part of a function that calls min, max, abs, round, len, any, math ..."""
+    """Lowers the calls of min, max, abs, round, len, any, math and others."""
 
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """A function of Python itself, or of math; None: it is another one."""
+        """Return the result of a built-in function or of one of math, or None for other functions."""
 
     def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
-        """The first element whose key, a number or an ordered state, is the least (`min`), or the greatest."""
+        """Return the first element with the least (`min`) or greatest key. A key is a number or an ordered state."""
 
 
 class AskedOfChoices(Protocol):
-    """The objects of a function that are chosen when it runs."""
+    """Lowers the use of objects that are chosen at run time."""
 
     def of_table(self, table: Any, index: Term, node: ast.AST) -> OneOf | None:
-        """The object at a computed place, or of a computed key; None: the table has none, or numbers and states."""
+        """Return the object at a computed index or key, or None if the table has numbers, states or nothing."""
 
     def each(self, choice: OneOf, what: Callable[[Known], Term], node: ast.AST) -> Term:
-        """What is found for each of the objects, of the one that it is."""
+        """Return the result of `what` for the object that is chosen at run time."""
 
 
 class AskedOfGenerators(Protocol):
-    """The generators of a function that something is made of at once."""
+    """Lowers generators that are passed directly to a function."""
 
     def over(self, target: Any, node: ast.Call) -> Term | None:
-        """any, all, sum, min, max, len or next of a generator; None: it is another call, or the number of elements is
-        known."""
+        """Return any, all, sum, min, max, len or next of a generator; None for other calls, or if the number of
+        elements is known."""
 
     def chosen(self, generator: ast.ListComp) -> Selection:
-        """A list of the numbers for which the conditions hold."""
+        """Return a list of the numbers for which the conditions hold."""
 
 
 class AskedOfAssignments(Protocol):
-    """The part of a function that is assignments."""
+    """Lowers the assignments of a function."""
 
     def store(self, target: ast.AST, term: Term, node: ast.AST) -> None: ...
 
@@ -317,50 +317,50 @@ class AskedOfLoops(Protocol):
 
     @property
     def around(self) -> Sequence[object]:
-        """The loops around what is being lowered."""
+        """The loops around the statement that is being lowered."""
 
     def is_range(self, node: ast.AST) -> bool:
-        """Whether this is a call of `range`."""
+        """True if this is a call of `range`."""
 
     def bound_to(self, target: ast.AST, term: Term) -> AbstractContextManager[None]:
-        """The name of a loop stands for one object."""
+        """Return a context in which the loop variable means one object."""
 
 
 class AskedOfSequences(Protocol):
-    """What is gone through in a function."""
+    """Lowers the iterables of a function."""
 
     def over(self, node: ast.expr) -> Turns:
-        """What a loop with this head goes through."""
+        """Return the turns of a loop with this head."""
 
     def is_iterator(self, node: ast.AST) -> bool:
-        """Whether this is a call of `zip`, `enumerate` or `reversed`."""
+        """True if this is a call of `zip`, `enumerate` or `reversed`."""
 
     def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
-        """Python goes through the arrays that were there at the beginning."""
+        """Check that arrays are not replaced during a loop: Python iterates over those from the beginning."""
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
-        """Elements that are written down, or arguments; those after a `*` are several ones."""
+        """The elements or arguments that are written out, including those after a `*`."""
 
     def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
-        """The ends and the step of a slice."""
+        """Return the ends and the step of a slice."""
 
     def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
-        """A part of a tuple or a list, as a copy."""
+        """Return a part of a tuple or a list, as a copy."""
 
     def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
-        """Tuples or lists one after the other, or one several times; None: it is another operator."""
+        """Return tuples or lists joined by `+` or repeated by `*`; None for other operators."""
 
     def gone_through(self, node: ast.expr) -> list[Term]:
-        """What a comprehension, a generator or an iterator gives, computed in its order."""
+        """The values of a comprehension, a generator or an iterator, computed in order."""
 
     def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
-        """A comprehension or generator, whose names are its own, and what it goes through."""
+        """Return a comprehension or generator with names of its own, and its turns."""
 
     def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
-        """What the expression of a generator gives in each turn."""
+        """The values of the expression of a generator, for each turn."""
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
-        """That no function which an expression calls changes what the expression goes through."""
+        """Refuse a call in an expression that changes what the expression iterates over."""
 
 
 class AskedOfRings(Protocol):
@@ -370,16 +370,17 @@ class AskedOfRings(Protocol):
         """`len` of a deque."""
 
     def turns(self, term: Term, node: ast.AST) -> Turns:
-        """What a loop over a deque finds."""
+        """Return the turns of a loop over a deque."""
 
     def held(self, turns: Turns, node: ast.AST) -> AbstractContextManager[None]:
-        """A loop over a deque: it does not change it, as Python raises there."""
+        """Return a context for a loop over a deque, in which the deque must not be changed: Python raises an error
+        there."""
 
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
-        """IndexError beyond its ends."""
+        """Return an element. IndexError beyond the ends."""
 
     def element_among(self, chosen: Selection, index: Term, node: ast.AST) -> Code:
-        """The same of a list of those that were chosen."""
+        """Return an element of a list that conditions have selected. IndexError beyond the ends."""
 
     def set_element(self, term: Term, index: Term, value: Term, node: ast.AST) -> None: ...
 
@@ -389,6 +390,6 @@ class AskedOfRings(Protocol):
 
 
 class AskedOfErrors(Protocol):
-    """The errors of a function: raise, try, assert, with."""
+    """Lowers raise, try, assert and with."""
 
     tries: int

@@ -1,13 +1,13 @@
-"""What an expression is while it is translated: a value of the form, a live object, or several of them; and what is
-gone through."""
+"""The meaning of an expression while it is translated: a value of the form, a live object or several of them, or an
+iterable."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from umo.generate.c_types import ArrayType, CType
+from umo.generate.c_types import ArrayType, CType, plain_number
 from umo.generate.form import Value
 
 
@@ -18,19 +18,25 @@ class Code:
     type: CType
     value: Value
 
+    @property
+    def as_plain(self) -> Code:
+        """Return the number in C, without the mark that it is one of numpy or of Python."""
+        of = plain_number(self.type)
+        return self if of is self.type else replace(self, type=of)
+
 
 @dataclass(frozen=True)
 class Elementwise(Code):
-    """An array that is computed element by element: `value` is the one at the place `Here`."""
+    """An array that is computed element by element: `value` is the element at the current index."""
 
 
 @dataclass(frozen=True)
 class SliceView(Elementwise):
-    """A slice of an array, which has its elements under other names."""
+    """A slice of an array: its elements under other indices."""
 
     base: Value
     place: Callable[[Value], Value]
-    """Where an element is in the array."""
+    """The place of an element in the array."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,7 @@ class RecordReplace:
 
 @dataclass(frozen=True)
 class TruePlaces:
-    """The places of the elements of an array that are true: how many there are is of run time."""
+    """The indices of the true elements of an array. Their number is not known before run time."""
 
     array: Code
 
@@ -65,11 +71,11 @@ class RingMethod:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Something that is known when the code is generated."""
+    """A value that is known when the code is generated."""
 
     value: Any
     owner: Any = None
-    """The live object whose attribute it is."""
+    """The live object that has the attribute."""
     name: str = ""
 
     def __eq__(self, other: object) -> bool:
@@ -79,16 +85,16 @@ class Known:
         return id(self.value)
 
 
-NO_VALUE = "on some ways it has no value, or another object", "give it a value first, a name for each object"
-"""A name that is read: what is told of it, and what to write."""
+NO_VALUE = "on some branches it has no value or another object", "give it a value first, or use one name per object"
+"""The obstacle for a name that is read, and what to write instead."""
 
 
 class UnknownText(str):
-    """A text that is made at run time: a controller has none. It may be the message of an error."""
+    """A text that is made at run time, which a controller does not have. It may be the message of an error."""
 
     __slots__ = ("field",)
     field: tuple[int, str] | None
-    """The attribute that it is read from, by the id of its object; None: from none."""
+    """The attribute that it is read from, by the id of its object; None if it is not from one."""
 
     @classmethod
     def of(cls, field: tuple[int, str] | None) -> UnknownText:
@@ -101,7 +107,7 @@ TEXT = UnknownText.of(None)
 
 
 @dataclass(frozen=True)
-class Many:
+class TupleTerm:
     """A tuple of terms."""
 
     terms: tuple[Term, ...]
@@ -110,52 +116,52 @@ class Many:
 
 
 @dataclass(frozen=True)
-class Present:
-    """Something that is only asked for whether it is None, such as the reason of an inhibition."""
+class NullTest:
+    """A value that is only compared with None, such as the reason of an inhibition."""
 
     test: Value
-    """The condition under which it is not None."""
+    """The condition that it is not None."""
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Something that is only asked for whether it is true, such as `a and b` of a bool and a state."""
+class TruthTest:
+    """A value of which only the truth is used, such as `a and b` of a bool and a state."""
 
     test: Value
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of several live objects, of which it is computed which one."""
+    """One of several live objects, chosen at run time."""
 
     place: Value
-    """The number of the object, which nothing changes any longer."""
+    """The number of the object, which does not change any more."""
     options: tuple[Known, ...]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """A list of those that a condition has chosen: how many there are is of run time."""
+    """A list of the elements that a condition has selected. Their number is not known before run time."""
 
     at: Value
-    """Where they are: the first ones of a list of `of`."""
+    """The place of the elements: the first ones of a list of `of`."""
     count: Value
     of: ArrayType
 
 
-Term = Code | Known | Many | Present | Truth | OneOf | Selection
+Term = Code | Known | TupleTerm | NullTest | TruthTest | OneOf | Selection
 
 
 @dataclass(frozen=True)
 class Turns:
-    """What is gone through."""
+    """The values in each turn of a loop."""
 
     count: int
     find: Callable[[int], Term]
-    """What the turn of this number finds."""
+    """Returns the values of the turn with this number."""
     find_at: Callable[[Value], Term] | None = None
-    """The same for a number that is computed; None: turns differ in more than it."""
+    """The same for a computed number; None if the turns differ in more than their values."""
     arrays: tuple[Value, ...] = ()
     """The lists and arrays whose elements are read."""
     until: Value | None = None
-    """How many turns there are, where it changes; `count` is then the most of them."""
+    """The number of turns if it varies. `count` is then the maximum."""

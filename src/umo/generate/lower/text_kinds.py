@@ -1,4 +1,4 @@
-"""What is known of the values that a text is made of: the live object, or the classes that they may have."""
+"""What is known of the values in a text: the live object, or the classes that a value may have."""
 
 from __future__ import annotations
 
@@ -22,7 +22,17 @@ from umo.generate.c_types import (
     TupleType,
     plain_number,
 )
-from umo.generate.lower.terms import Code, Many, OneOf, Present, Selection, Term, TruePlaces, Truth, UnknownText
+from umo.generate.lower.terms import (
+    Code,
+    NullTest,
+    OneOf,
+    Selection,
+    Term,
+    TruePlaces,
+    TruthTest,
+    TupleTerm,
+    UnknownText,
+)
 from umo.generate.value_kinds import is_plain_enum, own_methods
 
 NUMBERS = frozenset({bool, int, float})
@@ -31,13 +41,13 @@ PLAIN = NUMBERS | {str, bytes, NoneType, complex}
 
 @dataclass(frozen=True)
 class LiveKind:
-    """An object of the machine, or what a name of a module stands for."""
+    """An object of the machine, or the value of a name of a module."""
 
     value: Any
 
 
 @dataclass(frozen=True)
-class Some:
+class ClassKind:
     """A value of one of these classes."""
 
     kinds: frozenset[type]
@@ -45,56 +55,56 @@ class Some:
 
 @dataclass(frozen=True)
 class RowKind:
-    """An array or a list of numbers; `count`: how many; None: it is not known."""
+    """An array or a list of numbers. `count` is their number, None if not known."""
 
     of: type
     count: int | None
 
 
 @dataclass(frozen=True)
-class Several:
-    """A tuple of these."""
+class TupleKind:
+    """A tuple of values of these kinds."""
 
     parts: tuple[Kind, ...]
     names: tuple[str, ...] = ()
 
 
-Kind: TypeAlias = LiveKind | Some | RowKind | Several
-TEXT = Some(frozenset({str}))
+Kind: TypeAlias = LiveKind | ClassKind | RowKind | TupleKind
+TEXT = ClassKind(frozenset({str}))
 
 
-def some(*kinds: type) -> Some:
-    return Some(frozenset(kinds))
+def some(*kinds: type) -> ClassKind:
+    return ClassKind(frozenset(kinds))
 
 
 def kind_of_type(of: CType) -> Kind:
-    """What a value of translated code is in Python."""
+    """Return the kind of a value of translated code in Python."""
     if isinstance(of, OptionalType):
         inner = kind_of_type(of.of)
-        return Some(inner.kinds | {NoneType}) if isinstance(inner, Some) else some(object)
+        return ClassKind(inner.kinds | {NoneType}) if isinstance(inner, ClassKind) else some(object)
     if isinstance(of, ArrayType):
         element = kind_of_type(of.of)
-        (kind,) = element.kinds if isinstance(element, Some) and len(element.kinds) == 1 else (object,)
+        (kind,) = element.kinds if isinstance(element, ClassKind) and len(element.kinds) == 1 else (object,)
         return RowKind(kind, None if of.loose else of.length)
     if isinstance(of, TupleType):
         names, types = zip(*of.members, strict=True)
-        return Several(tuple(map(kind_of_type, types)), names)
+        return TupleKind(tuple(map(kind_of_type, types)), names)
     if isinstance(of, StateType):
         return TEXT if isinstance(of, TextType) else some(of.kind)
     kinds = {REAL: float, INT: int, BOOL: bool}
     if isinstance(of, MixedNumber):
-        return Some(NUMBERS)
+        return ClassKind(NUMBERS)
     return some(kinds.get(plain_number(of), object))
 
 
 def kind_of_term(term: Term) -> Kind:
     if isinstance(term, Code):
         return kind_of_type(term.type)
-    if isinstance(term, Many):
-        return Several(tuple(map(kind_of_term, term.terms)), term.names)
-    if isinstance(term, Present):
+    if isinstance(term, TupleTerm):
+        return TupleKind(tuple(map(kind_of_term, term.terms)), term.names)
+    if isinstance(term, NullTest):
         return some(str, NoneType)
-    if isinstance(term, Truth | OneOf | Selection):
+    if isinstance(term, TruthTest | OneOf | Selection):
         return some(object)
     if isinstance(term.value, TruePlaces):
         return RowKind(int, None)
@@ -102,21 +112,21 @@ def kind_of_term(term: Term) -> Kind:
 
 
 def is_plain(value: Any) -> bool:
-    """Whether this is a number, a text, a state, None, or a tuple of these."""
+    """True if this is a number, a text, a state, None, or a tuple of these."""
     if type(value) is tuple:
         return all(map(is_plain, value))
     return type(value) in PLAIN or isinstance(value, np.generic | Enum)
 
 
 def plain_kinds(kind: Kind) -> frozenset[type] | None:
-    """The classes that a plain value has; None: it is an object of its own."""
-    if isinstance(kind, Some):
+    """The classes that a plain value has; None if it is an object."""
+    if isinstance(kind, ClassKind):
         return kind.kinds
     return frozenset({type(kind.value)}) if isinstance(kind, LiveKind) and is_plain(kind.value) else None
 
 
 def is_bare(kind: type) -> bool:
-    """Whether Python itself tells if an object of this class is true."""
+    """True if Python itself decides if an object of this class is true."""
     return not own_methods(kind, ("__bool__", "__len__"))
 
 

@@ -1,4 +1,4 @@
-"""Texts and errors that Python makes while compiled laws drive, of the variables that C hands over."""
+"""Texts and errors that Python makes for compiled laws, from the variables that C passes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from umo.generate.function_source import SourcedFunction
 def evaluated(
     source: SourcedFunction, node: ast.expr, known: Mapping[str, Any], given: Sequence[str]
 ) -> Callable[..., Any]:
-    """A function that evaluates an expression of another function, where these names are known, and these are given."""
+    """Return a function that evaluates an expression of another function. `known` has the values of known names,
+    `given` the names of its arguments."""
     tree = ast.parse("lambda: 0", mode="eval")
     assert isinstance(tree.body, ast.Lambda)
     tree.body.args.args = [ast.arg(name) for name in (*known, *given)]
@@ -27,7 +28,7 @@ def evaluated(
 
 
 def error_as_written(kind: type[BaseException], text: str) -> BaseException:
-    """An error whose text is the one that stands in the code; RuntimeError for a class that takes no text."""
+    """Return an error with the text in the code; a RuntimeError for a class that takes no text."""
     try:
         return kind(text)
     except TypeError:
@@ -35,7 +36,7 @@ def error_as_written(kind: type[BaseException], text: str) -> BaseException:
 
 
 def is_certain(of: CType) -> bool:
-    """Whether a value of this type is one of Python of a certain class."""
+    """True if a value of this type has one known Python class."""
     if isinstance(of, MixedNumber) or (isinstance(of, NumpyNumber) and not of.sure):
         return False
     if isinstance(of, ArrayType):

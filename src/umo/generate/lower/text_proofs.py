@@ -1,7 +1,7 @@
-"""Proofs that a text may be left out: to make it has no effect and cannot fail. They follow what it is made of, into
-the functions, properties and methods that it calls, whoever wrote them. What is not proved raises `Unproved`.
+"""Proofs that a text may be left out: making it has no effect and cannot fail. They follow its parts into the
+functions, properties and methods that it calls, including the user's. What is not proved raises `Unproved`.
 
-Known are the live objects of the machine, and of everything else the classes that it may have."""
+The live objects of the machine are known, and for all other values the classes that they may have."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from umo.digits import number_text, setting_text
+from umo.duration import duration, lasting
 from umo.generate.c_types import CType
 from umo.generate.function_source import ABSENT, NoSource, SourcedFunction, sourced
 from umo.generate.known_values import Unwatchable
-from umo.generate.lower.flow import disproved_by, proved_by, without_name
+from umo.generate.lower.flow import disproved_by, expression_text, proved_by, without_name
 from umo.generate.lower.terms import Term
 from umo.generate.lower.text_kinds import (
     NUMBERS,
     PLAIN,
     TEXT,
+    ClassKind,
     Kind,
     LiveKind,
     RowKind,
-    Several,
-    Some,
+    TupleKind,
     are_one_enum,
     is_bare,
     is_plain,
@@ -43,32 +45,30 @@ from umo.generate.value_kinds import attribute_kind, is_container, is_plain_enum
 from umo.objects import Compound, Node, Quality, Vector
 from umo.objects.atomic import Atomic, Binary
 from umo.objects.link import Cycle
+from umo.objects.presentation.value_text import measure, span
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState
-from umo.presentation.digits import number_text, setting_text
-from umo.presentation.durations import duration, lasting
-from umo.presentation.value_text import measure, span
 from umo.text import cut_repr
 
 SHOWING = ("__str__", "__repr__", "__format__")
 """Methods that show an object in a text."""
 OF_UMO = (Atomic.__repr__, Compound.__repr__, Vector.__repr__)
-"""Those of umo's own objects."""
+"""The methods of umo's own objects."""
 MAKERS = (str, repr, cut_repr)
-"""Functions that make a text of whatever there is."""
+"""Functions that make a text of any value."""
 OF_NUMBERS = (number_text, setting_text, measure, span, duration, lasting)
-"""Functions of umo that make a text of numbers and units."""
+"""Functions of umo that make a text from numbers and units."""
 METHODS = ("upper", "lower", "strip", "rstrip", "lstrip", "title", "capitalize", "removeprefix", "removesuffix",
            "replace")  # fmt: skip
-"""Methods of a text that give a text, and whose arguments are texts."""
+"""Methods of a text that return a text and whose arguments are texts."""
 REDUCING = {"max": float, "min": float, "sum": float, "any": bool, "all": bool, "argmax": int, "argmin": int}
-"""Methods of an array that has an element, with the class of what they give."""
+"""Methods of an array that is not empty, with the class of their result."""
 PROPERTIES: Mapping[Any, tuple[type, ...]] = {
     Node._path: (str,),
     Cycle.fault: (str, NoneType),
     Procedure.state: (ProcedureState,),
     PackML.state: (PackMLState,),
 }
-"""Properties of umo that only look, with the classes of what they give."""
+"""Properties of umo without an effect, with the classes of their values."""
 OF_ATOMIC: Mapping[str, tuple[type, ...]] = {
     "path": (str,),
     "units": (str,),
@@ -79,60 +79,60 @@ OF_ATOMIC: Mapping[str, tuple[type, ...]] = {
     "resolution": (float,),
 }
 FORMATS = {float: "fFeEgG%", int: "fFeEgG%dxob", bool: "d"}
-"""How a format of a number may end."""
+"""The types at the end of a number's format."""
 DEEPEST = 12
-"""Functions in one another."""
+"""Maximum depth of calls."""
 
 
 class Unproved(Exception):
-    """Something in a text may have an effect, or fail."""
+    """A part of a text may have an effect or fail."""
 
     def __init__(self, node: ast.AST, source: SourcedFunction, why: str) -> None:
         super().__init__(why)
         self.node, self.source, self.why = node, source, why
 
 
-class Ways(NamedTuple):
-    """What a proof asks of the translation."""
+class ProofQueries(NamedTuple):
+    """The questions of a proof to the translation."""
 
     field: Callable[[Any, str], CType | None]
-    """The type of an attribute that is a number or a state, whatever its value; None: it is none."""
+    """Returns the type of an attribute that is a number or a state, or None."""
     take: Callable[[Any, str, tuple[str, int]], None]
-    """An attribute of a live object is taken as known."""
+    """Records that an attribute of a live object is taken as known."""
     term: Callable[[str], Term | None]
-    """What a local name of the function around is; None: there is none."""
+    """Returns the term of a local name of the enclosing function, or None."""
 
 
 class TextProof:
-    """The proof of expressions of one function, whose names are of these kinds."""
+    """The proof for expressions of one function, whose names are of these kinds."""
 
-    def __init__(self, source: SourcedFunction, names: Mapping[str, Kind], ways: Ways, depth: int = 0) -> None:
+    def __init__(self, source: SourcedFunction, names: Mapping[str, Kind], ways: ProofQueries, depth: int = 0) -> None:
         self._source, self._names, self._ways, self._depth = source, dict(names), ways, depth
         self._present = set[str]()
         """Expressions that are not None here."""
 
-    def unproved(self, node: ast.AST, why: str = "it may change something, or fail") -> Unproved:
+    def unproved(self, node: ast.AST, why: str = "it may change something or fail") -> Unproved:
         return Unproved(node, self._source, why)
 
     # Expressions ---------------------------------------------------------------------------------------
 
     def of(self, node: ast.AST) -> Kind:
-        """What an expression gives."""
+        """Return the kind of an expression."""
         found = EXPRESSIONS.get(type(node))
         if found is None:
             raise self.unproved(node)
         kind = found(self, node)
-        if isinstance(kind, Some) and ast.dump(node) in self._present:
-            return Some(kind.kinds - {NoneType})
+        if isinstance(kind, ClassKind) and expression_text(node) in self._present:
+            return ClassKind(kind.kinds - {NoneType})
         return kind
 
-    def shown(self, node: ast.AST) -> Some:
-        """That a text shows this."""
+    def shown(self, node: ast.AST) -> ClassKind:
+        """Prove that a text may show this."""
         self._show(self.of(node), node)
         return TEXT
 
-    def text(self, node: ast.AST) -> Some:
-        """That this is a text."""
+    def text(self, node: ast.AST) -> ClassKind:
+        """Prove that this is a text."""
         kind = self.of(node)
         if kind != TEXT and not (isinstance(kind, LiveKind) and type(kind.value) is str):
             raise self.unproved(node, "it is not always a text")
@@ -160,7 +160,7 @@ class TextProof:
             self._check_format(TEXT, text, node.value)
 
     def _check_format(self, kind: Kind, spec: str, node: ast.AST) -> None:
-        """That a value takes this format whatever it is."""
+        """Prove that a value of this kind always accepts this format."""
         kinds = self._classes(kind)
         if kinds == {str}:
             fits = re.fullmatch(r"(.?[<>^])?[0-9]*(\.[0-9]+)?s?", spec) is not None
@@ -169,10 +169,10 @@ class TextProof:
             pattern = r"(.?[<>^=])?[-+ ]?#?0?[0-9]*[,_]?(\.[0-9]+)?({})"
             fits = all(each and re.fullmatch(pattern.format(f"[{each}]"), spec) for each in ends)
         if not fits or not kinds:
-            raise self.unproved(node, f"the format {spec!r} does not fit what it may be")
+            raise self.unproved(node, f"the format {spec!r} does not suit all values that it may have")
 
     def _classes(self, kind: Kind) -> set[type]:
-        if isinstance(kind, Some):
+        if isinstance(kind, ClassKind):
             return {float if issubclass(each, np.generic) else each for each in kind.kinds}
         return {type(kind.value)} if isinstance(kind, LiveKind) else {object}
 
@@ -183,7 +183,7 @@ class TextProof:
         if term is not None:
             return kind_of_term(term)
         if self._source.is_local(node.id) or (value := self._source.meaning(node.id)) is ABSENT:
-            raise self.unproved(node, "it is used before it has a value on every way")
+            raise self.unproved(node, "it is used before it has a value on every branch")
         return LiveKind(value)
 
     def attribute(self, node: ast.Attribute) -> Kind:
@@ -196,14 +196,14 @@ class TextProof:
             return self._of_live(base.value, name, node)
         if isinstance(base, RowKind) and name == "size":
             return some(int)
-        if isinstance(base, Several) and name in base.names:
+        if isinstance(base, TupleKind) and name in base.names:
             return base.parts[base.names.index(name)]
-        kinds = base.kinds if isinstance(base, Some) else ()
+        kinds = base.kinds if isinstance(base, ClassKind) else ()
         if kinds and all(issubclass(each, Enum) and is_plain_enum(each) for each in kinds):
             if name == "name":
                 return TEXT
             if name == "value":
-                return Some(
+                return ClassKind(
                     frozenset(type(member.value) for each in cast("frozenset[type[Enum]]", kinds) for member in each)
                 )
             (kind, *others) = kinds
@@ -239,8 +239,8 @@ class TextProof:
         return self._value_of(owner, name, found, node)
 
     def _value_of(self, owner: Any, name: str, found: Any, node: ast.AST) -> Kind:
-        """An attribute of a live object. A number, a text or a state may be another one when it is shown; what else it
-        is stays as it is."""
+        """Return the kind of an attribute of a live object. A number, a text or a state may have changed when it is
+        shown; other values stay the same."""
         of = None if isinstance(owner, ModuleType | type) else self._ways.field(owner, name)
         if of is not None:
             return kind_of_type(of)
@@ -272,11 +272,11 @@ class TextProof:
         for each in node.elts:
             inner = self.of(each.value if isinstance(each, ast.Starred) else each)
             parts += self._parts(inner, each) if isinstance(each, ast.Starred) else [inner]
-        return Several(tuple(parts))
+        return TupleKind(tuple(parts))
 
     def _parts(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
-        """The elements of what has as many as it has now."""
-        if isinstance(kind, Several):
+        """The elements of a container of fixed length."""
+        if isinstance(kind, TupleKind):
             return kind.parts
         if isinstance(kind, LiveKind) and is_container(kind.value) and not isinstance(kind.value, dict | set):
             return [LiveKind(each) for each in kind.value]
@@ -285,7 +285,7 @@ class TextProof:
         raise self.unproved(node)
 
     def _each(self, kind: Kind, node: ast.AST) -> Sequence[Kind]:
-        """What is gone through; of numbers one for all."""
+        """The elements in the turns of a loop; for numbers one for all."""
         return [some(kind.of)] if isinstance(kind, RowKind) else self._parts(kind, node)
 
     def subscript(self, node: ast.Subscript) -> Kind:
@@ -303,11 +303,11 @@ class TextProof:
             entries = base.value if isinstance(base.value, dict) else dict(enumerate(base.value))
             if place.value in entries:
                 return LiveKind(entries[place.value])
-        if isinstance(place, LiveKind) and type(place.value) is int and not isinstance(base, Some):
+        if isinstance(place, LiveKind) and type(place.value) is int and not isinstance(base, ClassKind):
             parts = [] if isinstance(base, RowKind) and base.count is None else self._parts(base, node)
             if -len(parts) <= place.value < len(parts):
                 return parts[place.value]
-        raise self.unproved(node, "it may have no such element")
+        raise self.unproved(node, "it may not have this element")
 
     # Conditions and operators ----------------------------------------------------------------------------
 
@@ -327,7 +327,7 @@ class TextProof:
         kinds = [plain_kinds(each) for each in (one, other)]
         if None in kinds:
             raise self.unproved(node, "it is one of two objects")
-        return Some(frozenset().union(*cast("list[frozenset[type]]", kinds)))
+        return ClassKind(frozenset().union(*cast("list[frozenset[type]]", kinds)))
 
     def _one_of(self, found: Sequence[Kind], node: ast.AST) -> Kind:
         kind = found[0]
@@ -335,15 +335,15 @@ class TextProof:
             kind = self._either(kind, other, node)
         return kind
 
-    def asked(self, node: ast.AST) -> Some:
-        """That it can be asked whether this is true."""
+    def asked(self, node: ast.AST) -> ClassKind:
+        """Prove that the truth of this can be evaluated."""
         kind = self.of(node)
-        if isinstance(kind, Several):
+        if isinstance(kind, TupleKind):
             return some(bool)
         kinds = self._classes(kind)
         good = all(each in PLAIN or issubclass(each, tuple | list | dict) or is_bare(each) for each in kinds)
         if isinstance(kind, RowKind) or not good:
-            raise self.unproved(node, "whether it is true is decided by code")
+            raise self.unproved(node, "its class defines its truth value")
         return some(bool)
 
     def bool_op(self, node: ast.BoolOp) -> Kind:
@@ -364,7 +364,7 @@ class TextProof:
         if isinstance(node.op, ast.USub) and isinstance(kind, LiveKind) and type(kind.value) in NUMBERS:
             return LiveKind(-kind.value)
         if isinstance(node.op, ast.USub) and self._classes(kind) <= NUMBERS:
-            return Some(frozenset({int if each is bool else each for each in self._classes(kind)}))
+            return ClassKind(frozenset({int if each is bool else each for each in self._classes(kind)}))
         raise self.unproved(node)
 
     def compare(self, node: ast.Compare) -> Kind:
@@ -378,7 +378,7 @@ class TextProof:
             kinds = set[type]().union(*map(self._classes, (one, *inner)))
             ordered = not isinstance(sign, ast.Eq | ast.NotEq | ast.In | ast.NotIn)
             if not (kinds <= NUMBERS if ordered else kinds <= PLAIN or are_one_enum(kinds)):
-                raise self.unproved(node, "the comparison is decided by code")
+                raise self.unproved(node, "its class defines the comparison")
         return some(bool)
 
     def _compared_rows(self, one: Kind, other: Kind, node: ast.Compare) -> Kind:
@@ -387,7 +387,7 @@ class TextProof:
         return RowKind(bool, self._common_count([one, other], node))
 
     def _common_count(self, kinds: Sequence[Kind], node: ast.AST) -> int:
-        """The length of arrays of one length, beside numbers."""
+        """Return the length of arrays of one length, with numbers beside them."""
         counts = {each.count for each in kinds if isinstance(each, RowKind)}
         rest = [each for each in kinds if not isinstance(each, RowKind)]
         if len(counts) != 1 or None in counts or any(not self._classes(each) <= NUMBERS for each in rest):
@@ -445,7 +445,7 @@ class TextProof:
         return self._called(func.value, given, named, node)
 
     def _called(self, target: Any, given: Sequence[Kind], named: Mapping[str, Kind], node: ast.AST) -> Kind:
-        """A function of Python, whose body is proved."""
+        """Return the kind of a call of a Python function, whose body is proved."""
         if isinstance(target, MethodType):
             target, given = target.__func__, [LiveKind(target.__self__), *given]
         if not isinstance(target, FunctionType) or self._depth > DEEPEST:
@@ -481,7 +481,7 @@ class TextProof:
         return TEXT
 
     def _elements(self, node: ast.expr) -> None:
-        """Texts that are joined."""
+        """Prove that the elements of a `join` are texts."""
         if isinstance(node, ast.GeneratorExp | ast.ListComp):
             self._turns(node, self.text)
         elif isinstance(node, ast.Tuple | ast.List):
@@ -497,7 +497,7 @@ class TextProof:
             raise self.unproved(node)
 
     def _turns(self, node: ast.GeneratorExp | ast.ListComp, each_turn: Callable[[ast.AST], Any]) -> None:
-        """The turns of a generator with one loop."""
+        """Prove the turns of a generator with one loop."""
         (loop, *more) = node.generators
         if more or loop.is_async:
             raise self.unproved(node)
@@ -521,7 +521,7 @@ class TextProof:
             self._bind(each, part)
 
     def _format(self, text: str, node: ast.Call) -> None:
-        """`"...".format(...)`, whose arguments have their places."""
+        """Prove `"...".format(...)` with positional arguments."""
         given = iter(node.args)
         for _, name, spec, conversion in Formatter().parse(text):
             if name is None:
@@ -543,7 +543,7 @@ class TextProof:
         raise self.unproved(node)
 
     def shows(self, node: ast.Call) -> Kind:
-        """`str`, `repr`: of one thing."""
+        """Prove `str` or `repr` of one argument."""
         if len(node.args) > 1 or node.keywords:
             raise self.unproved(node)
         for each in node.args:
@@ -551,21 +551,21 @@ class TextProof:
         return TEXT
 
     def of_numbers(self, node: ast.Call) -> Kind:
-        """A function of umo that makes a text of numbers and units."""
+        """Prove a function of umo that makes a text from numbers and units."""
         for each in (*node.args, *(one.value for one in node.keywords)):
             if not self._classes(self.of(each)) <= NUMBERS | {str, NoneType}:
                 raise self.unproved(each)
         return TEXT
 
     def _argument(self, node: ast.Call, place: int = 0, count: int = 1) -> Kind:
-        """One argument of a function that takes so many."""
+        """Return one argument of a function that takes this number of arguments."""
         if len(node.args) != count or node.keywords:
             raise self.unproved(node)
         return self.of(node.args[place])
 
     def length(self, node: ast.Call) -> Kind:
         kind = self._argument(node)
-        if isinstance(kind, RowKind | Several) or self._classes(kind) == {str}:
+        if isinstance(kind, RowKind | TupleKind) or self._classes(kind) == {str}:
             return some(int)
         if isinstance(kind, LiveKind) and (is_container(kind.value) or isinstance(kind.value, Vector)):
             return some(int)
@@ -575,20 +575,20 @@ class TextProof:
         kinds = self._classes(self._argument(node))
         if not kinds <= NUMBERS:
             raise self.unproved(node)
-        return Some(frozenset({int if each is bool else each for each in kinds}))
+        return ClassKind(frozenset({int if each is bool else each for each in kinds}))
 
     def rounded(self, node: ast.Call) -> Kind:
-        """`round(x, digits)`."""
+        """Prove `round(x, digits)`."""
         if len(node.args) != 2 or not isinstance(node.args[1], ast.Constant) or node.keywords:
             raise self.unproved(node)
         return self.absolute(ast.copy_location(ast.Call(node.func, node.args[:1], []), node))
 
     def extreme(self, node: ast.Call) -> Kind:
-        """`min` and `max` of several numbers."""
+        """Prove `min` or `max` of several numbers."""
         kinds = set[type]().union(*(self._classes(self.of(each)) for each in node.args))
         if len(node.args) < 2 or node.keywords or not kinds <= NUMBERS:
             raise self.unproved(node)
-        return Some(frozenset(kinds))
+        return ClassKind(frozenset(kinds))
 
     def truth(self, node: ast.Call) -> Kind:
         if len(node.args) != 1:
@@ -596,7 +596,7 @@ class TextProof:
         return self.asked(node.args[0])
 
     def total(self, node: ast.Call) -> Kind:
-        """`sum` of a generator of numbers, or of a list of them."""
+        """Prove `sum` of a generator or a list of numbers."""
         found: set[type] = {int}
 
         def add(each: ast.AST) -> None:
@@ -612,16 +612,16 @@ class TextProof:
                 found |= self._classes(each)
         if not found <= NUMBERS:
             raise self.unproved(node)
-        return Some(frozenset(found - {bool}))
+        return ClassKind(frozenset(found - {bool}))
 
     def places(self, node: ast.Call) -> Kind:
-        """`np.flatnonzero` of an array."""
+        """Prove `np.flatnonzero` of an array."""
         if not isinstance(self._argument(node), RowKind):
             raise self.unproved(node)
         return RowKind(int, None)
 
     def chosen(self, node: ast.Call) -> Kind:
-        """`np.where` of three."""
+        """Prove `np.where` of three arguments."""
         if len(node.args) != 3:
             raise self.unproved(node)
         kinds = [self.of(each) for each in node.args]
@@ -632,21 +632,21 @@ class TextProof:
         return RowKind(float if float in found else max(found, key=[bool, int].index), count)
 
     def counted(self, node: ast.Call) -> Kind:
-        """`np.count_nonzero` of an array."""
+        """Prove `np.count_nonzero` of an array."""
         self.places(node)
         return some(int)
 
     def converted(self, node: ast.Call) -> Kind:
-        """`cast` of typing: it does nothing."""
+        """Prove `cast` of typing, which does nothing."""
         return self._argument(node, 1, 2)
 
     # What is shown ---------------------------------------------------------------------------------------
 
     def _show(self, kind: Kind, node: ast.AST) -> None:
-        """That a text shows this without an effect, and without a failure."""
+        """Prove that a text can show this without an effect and without a failure."""
         if isinstance(kind, RowKind):
             return
-        if isinstance(kind, Several):
+        if isinstance(kind, TupleKind):
             for each in kind.parts:
                 self._show(each, node)
             return
@@ -676,7 +676,7 @@ class TextProof:
                 raise self.unproved(node)
 
     def _show_fields(self, kind: Any, value: Kind, node: ast.AST) -> None:
-        """The fields of a dataclass, which its own method shows."""
+        """Prove the fields of a dataclass, which its own method shows."""
         for name, each in kind.__dataclass_fields__.items():
             if each.repr:
                 self._show(self.attribute_of(value, name, node), node)
@@ -684,7 +684,7 @@ class TextProof:
     # Functions -------------------------------------------------------------------------------------------
 
     def function(self) -> Kind:
-        """What the function gives: its statements only compute."""
+        """Return the kind of the result of the function. Its statements may only compute."""
         assert isinstance(self._source.tree, ast.FunctionDef)
         found: list[Kind] = []
         if self._body(self._source.tree.body, found):
@@ -692,7 +692,7 @@ class TextProof:
         return self._one_of(found, self._source.tree)
 
     def _body(self, statements: Sequence[ast.stmt], found: list[Kind]) -> bool:
-        """Whether what stands after the statements is reached."""
+        """Prove the statements. Return True if the code after them is reached."""
         for each in statements:
             if isinstance(each, ast.Return):
                 found.append(LiveKind(None) if each.value is None else self.of(each.value))

@@ -1,5 +1,5 @@
-"""Texts as states: an attribute that is assigned texts which are written down, and that is only compared, is a number
-among all texts of the machine."""
+"""Texts as states: an attribute that is only assigned texts written in the code, and only compared, is a number among
+all texts of the machine."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from umo.generate.value_kinds import MOST_STATES
 
 
 def is_text_state(term: Term) -> bool:
-    """Whether it is computed which text it is."""
+    """True if the text is chosen at run time."""
     return isinstance(term, Code) and isinstance(term.type, TextType)
 
 
 def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
-    """A text that is written down, or one of several; None: it is something else, or made at run time."""
+    """Return a text written in the code, or one of several; None for other terms and for texts made at run time."""
     if isinstance(term, Code):
         return term if isinstance(term.type, TextType) else None
     if not (isinstance(term, Known) and type(term.value) is str):
@@ -30,16 +30,16 @@ def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
 
 
 def compared_texts(f: FunctionBuilder, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
-    """Whether two texts are equal, of which one at least is computed."""
+    """Return whether two texts are equal, at least one of which is chosen at run time."""
     one, other = as_text(f, left, node), as_text(f, right, node)
     if one is None or other is None or not isinstance(sign, ast.Eq | ast.NotEq):
-        raise f.refused(node, "a text is compared with something else, or by order", "==, with a text")
+        raise f.refused(node, "a text is compared with something other than a text, or by order", "==, with a text")
     one = f.values.copied(one) if one.value == other.value else one
     test = Operator("==", one.value, other.value)
     return Code(BOOL, test if isinstance(sign, ast.Eq) else negated(test))
 
 
 def truth_of_text(f: FunctionBuilder, code: Code) -> Value:
-    """A text is true where it is not the empty one."""
+    """Return the truth of a text: False for the empty one."""
     empty = f.world.memory.text_type("").kind.index("")
     return Operator("!=", code.value, Literal(empty, INT))

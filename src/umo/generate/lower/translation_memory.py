@@ -1,11 +1,11 @@
-"""What is learnt of the types while code is translated, again and again until nothing is new."""
+"""The facts on types that are learnt while code is translated, and the translations that a new fact makes invalid."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -15,42 +15,123 @@ from umo.generate.lower.terms import UnknownText
 from umo.generate.names import identifier
 
 MOST_PASSES = 12
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+T = TypeVar("T")
+
+
+class Learner:
+    """One lowering of a condition or a step, which looks facts up."""
+
+    def __init__(self) -> None:
+        self.is_stale = False
+        """True if something that it has looked up has changed since, so that its result may change too."""
+        self._users: set[Learner] = set()
+        """The lowerings of functions that call the functions of this one."""
+
+    def used_by(self, other: Learner) -> None:
+        if other is not self:
+            self._users.add(other)
+            if self.is_stale:
+                other.was_wrong()
+
+    def was_wrong(self) -> None:
+        waiting = [self]
+        while waiting:
+            each = waiting.pop()
+            waiting += each._users if not each.is_stale else ()
+            each.is_stale = True
 
 
 @dataclass
-class TranslationMemory:
-    """Types of fields by object and name, of local names and results by function; which fields are assigned."""
+class CurrentLearner:
+    """The current lowering."""
 
-    assigned: set[tuple[int, str]] = field(default_factory=set)
-    texts: set[tuple[int, str]] = field(default_factory=set)
-    """Fields to which a text is assigned: they do not exist on a controller, but for those that code asks."""
-    asked: set[tuple[int, str]] = field(default_factory=set)
-    """Those of them by which code decides: each is one of the texts of the machine."""
-    told: dict[tuple[int, str], UnknownText] = field(default_factory=dict)
-    """The texts of those that code only tells so far."""
-    made: set[tuple[int, str]] = field(default_factory=set)
-    """Those of them whose text is made at run time."""
-    words: list[str] = field(default_factory=list)
-    """The texts of the machine; a text is its number among them."""
-    shared: set[Any] = field(default_factory=set)
-    """Arrays that may have several names: fields; function and name of local ones, where it is in a loop."""
-    fields: dict[tuple[int, str], CType] = field(default_factory=dict)
-    locals: dict[tuple[Any, str], CType] = field(default_factory=dict)
-    results: dict[Any, CType] = field(default_factory=dict)
-    of_numpy: set[tuple[int, str]] = field(default_factory=set)
-    """Fields that numbers of numpy are assigned to."""
-    records: dict[Any, str] = field(default_factory=dict)
-    """Names in C of NamedTuples, by class and members."""
-    arrays: dict[tuple[Hashable, int], Any] = field(default_factory=dict)
-    """The arrays and lists that fields, and places in their values, were, by the place and their ids."""
-    rings: dict[int, Any] = field(default_factory=dict)
-    """What has the fields of a deque, by its id."""
-    rebound: set[Value] = field(default_factory=set)
-    """Fields to which another array is assigned."""
-    changed: bool = False
+    learner: Learner = field(default_factory=Learner)
+
+
+class Facts(Generic[K, V]):
+    """The facts on one subject, by key. A lowering that has looked up a fact is invalid once the fact changes. A fact
+    that nobody has looked up before it was learnt makes nothing invalid."""
+
+    def __init__(self, current: CurrentLearner) -> None:
+        self._current = current
+        self._values: dict[K, V] = {}
+        self._looks: dict[K, list[tuple[Callable[[V | None], Any], Any, Learner]]] = {}
+        """The lookups of each key: the question, the answer, and the lowering that asked."""
+
+    def look(self, key: K, ask: Callable[[V | None], T]) -> T:
+        """Return a fact on a value. The value itself may change as long as the fact does not."""
+        answer = ask(self._values.get(key))
+        self._looks.setdefault(key, []).append((ask, answer, self._current.learner))
+        return answer
+
+    def get(self, key: K) -> V | None:
+        return self.look(key, _itself)
+
+    def __contains__(self, key: Any) -> bool:
+        return self.get(key) is not None
+
+    def before(self, key: K) -> V | None:
+        """Return the fact so far, to be combined with a new one. This does not count as looking it up."""
+        return self._values.get(key)
+
+    def put(self, key: K, value: V) -> None:
+        if self._values.get(key) != value:
+            self._values[key] = value
+            for ask, answer, learner in self._looks.get(key, ()):
+                if ask(value) != answer:
+                    learner.was_wrong()
+
+
+def _itself(value: V) -> V:
+    return value
+
+
+class FactSet(Facts[K, bool]):
+    """The keys for which something is true."""
+
+    def add(self, key: K) -> None:
+        self.put(key, True)
+
+
+class TranslationMemory:
+    """The types of fields by object and name, of local names and results by function, and which fields are assigned."""
+
+    def __init__(self) -> None:
+        self.current = now = CurrentLearner()
+        self.assigned = FactSet[tuple[int, str]](now)
+        self.texts = FactSet[tuple[int, str]](now)
+        """Fields that are assigned a text. A controller does not have them, unless code depends on them."""
+        self.asked = FactSet[tuple[int, str]](now)
+        """Those of these fields on which code depends: each is one of the texts of the machine."""
+        self.told: dict[tuple[int, str], UnknownText] = {}
+        """The texts of those fields on which code does not depend so far."""
+        self.made = FactSet[tuple[int, str]](now)
+        """Those of these fields whose text is made at run time."""
+        self.words = Facts[None, tuple[str, ...]](now)
+        """The texts of the machine. A text is its index among them."""
+        self.shared = FactSet[Any](now)
+        """Arrays that may have several names: fields, or the function and name of local arrays, if in a loop."""
+        self.fields = Facts[tuple[int, str], CType](now)
+        self.locals = Facts[tuple[Any, str], CType](now)
+        self.results = Facts[Any, CType](now)
+        self.of_numpy = FactSet[tuple[int, str]](now)
+        """Fields that are assigned numpy numbers."""
+        self.records: dict[Any, str] = {}
+        """Names in C of NamedTuples, by class and members."""
+        self.arrays: dict[tuple[Hashable, int], Any] = {}
+        """The arrays and lists that were found in fields and in the places of their values, by the place and their
+        ids."""
+        self.rings: dict[int, Any] = {}
+        """The object with the fields of a deque, by its id."""
+        self.hints: dict[tuple[type, str], CType | None] = {}
+        """The types that classes declare for attributes."""
+        self.rebound = FactSet[Value](now)
+        """Fields that are assigned another array."""
 
     def record_name(self, kind: type, members: Any) -> str:
-        """The name in C of a NamedTuple: no other one has it, and no other type."""
+        """Return the name in C of a NamedTuple. No other NamedTuple or type has it."""
         key = kind, members
         if key not in self.records:
             name = f"machine_{kind.__name__}"
@@ -60,11 +141,12 @@ class TranslationMemory:
         return self.records[key]
 
     def place_known(self, value: Any) -> None:
-        """Numbers of a list or an array are taken as they are when the code is generated: nothing changes them."""
+        """Note that the numbers of a list or an array are taken as known when the code is generated: nothing changes
+        them."""
         self.place_arrays(("known", id(value)), value)
 
     def place_arrays(self, place: Hashable, value: Any) -> None:
-        """A field has this value: a list or an array, or one with such in it."""
+        """Note that a field has this value, which may contain lists or arrays."""
         if isinstance(value, list | np.ndarray):
             self.place_array(place, value)
         if isinstance(value, list | tuple):
@@ -72,7 +154,7 @@ class TranslationMemory:
                 self.place_arrays((place, number), each)
 
     def place_array(self, place: Hashable, value: Any) -> None:
-        """A field has this array or list: one that is found at another place, too, has several names."""
+        """Note that a field has this array or list. If it is found at another place too, it has several names."""
         if (place, id(value)) in self.arrays:
             return
         for (each, _), one in self.arrays.items():
@@ -80,74 +162,59 @@ class TranslationMemory:
                 self.share(each)
                 self.share(place)
         self.arrays[place, id(value)] = value
-        self.changed = True
 
     def rebind(self, place: Value) -> None:
-        if place not in self.rebound:
-            self.rebound.add(place)
-            self.changed = True
+        self.rebound.add(place)
 
     def assign(self, owner: object, name: str) -> None:
-        self._note(self.assigned, owner, name)
+        self.assigned.add((id(owner), name))
 
     def add_text(self, owner: object, name: str) -> None:
-        self._note(self.texts, owner, name)
+        self.texts.add((id(owner), name))
 
-    def told_text(self, owner: object, name: str) -> UnknownText:
-        """The text of a field that is only told, as far as is known."""
+    def shown_text(self, owner: object, name: str) -> UnknownText:
+        """Return the text of a field that is only shown, as far as is known."""
         key = id(owner), name
         return self.told.setdefault(key, UnknownText.of(key))
 
     def ask_text(self, text: UnknownText) -> None:
-        """Code decides by this text."""
-        if text.field is not None and text.field not in self.asked:
+        """Note that code decides by this text."""
+        if text.field is not None:
             self.asked.add(text.field)
-            self.changed = True
 
     def take_text(self, owner: object, name: str, text: UnknownText) -> None:
-        """A field is assigned a text that is no state so far: it is none either, unless the text becomes one."""
+        """Note that a field is assigned a text that is not a state so far. Then the field is not one either, unless the
+        text becomes one."""
         if text.field is None or text.field in self.made:
-            self._note(self.made, owner, name)
+            self.made.add((id(owner), name))
         elif (id(owner), name) in self.asked:
             self.ask_text(text)
 
-    def _note(self, where: set[tuple[int, str]], owner: object, name: str) -> None:
-        if (id(owner), name) not in where:
-            where.add((id(owner), name))
-            self.changed = True
-
     def is_text_state(self, owner: object, name: str) -> bool:
-        """Whether a field is one of several texts that are written down, and is read."""
+        """True if a field is one of several texts written in the code, and is read."""
         is_one = (id(owner), name) in self.asked and (id(owner), name) not in self.made
         return is_one and type(getattr(owner, name, None)) is str
 
     def text_type(self, *texts: str) -> TextType:
-        """The type of a text that may be one of these, or of the others of the machine."""
-        for each in texts:
-            if each not in self.words:
-                self.words.append(each)
-                self.changed = True
-        return TextType("uint8_t", tuple(self.words))
+        """Return the type of a text that is one of these or of the other texts of the machine."""
+        self.words.put(None, tuple(dict.fromkeys((*(self.words.before(None) or ()), *texts))))
+        return TextType("uint8_t", self.words.get(None) or ())
 
     def share(self, place: object) -> None:
-        if place not in self.shared:
-            self.shared.add(place)
-            self.changed = True
+        self.shared.add(place)
 
-    def learn(self, where: dict[Any, Any], key: Any, new: CType, refuse: Callable[[], None]) -> CType:
-        """The type of this after it has this one too; `refuse` is called if there is none for both."""
-        before = where.get(key)
+    def learn(self, where: Facts[Any, CType], key: Any, new: CType, refuse: Callable[[], None]) -> CType:
+        """Return the type after this type was added; `refuse` is called if no type holds both."""
+        before = where.before(key)
         try:
-            after = new if before is None else joined(before, new)
+            where.put(key, new if before is None else joined(before, new))
         except TypeError:
+            where.get(key)
             refuse()
             return new
-        if after != before:
-            where[key] = after
-            self.changed = True
-        return after
+        return where.get(key) or new
 
 
 def _overlap(one: Any, other: Any) -> bool:
-    """Whether two arrays are views of the same numbers."""
+    """True if two arrays are views of the same numbers."""
     return isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and bool(np.may_share_memory(one, other))

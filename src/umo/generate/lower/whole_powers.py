@@ -1,11 +1,11 @@
-"""Powers of whole numbers whose exponent is known: products, each of which is checked."""
+"""Powers of integers with a known exponent: products that are each checked."""
 
 from __future__ import annotations
 
 import ast
 
 from umo.generate.c_types import BOOL, INT
-from umo.generate.form import ONE, Checked, Value
+from umo.generate.form import ONE, CheckedArithmetic, Value
 from umo.generate.lower.function_builder import FunctionBuilder
 from umo.generate.lower.terms import Code, Known, Term
 from umo.generate.translation import ControllerLimit
@@ -14,13 +14,13 @@ MOST_POWER = 64
 
 
 def is_whole_power(sign: ast.AST, base: Code, power: Term) -> bool:
-    """Whether this is a power that is a whole number of Python."""
+    """True if this power is an int in Python."""
     known = isinstance(sign, ast.Pow) and isinstance(power, Known) and type(power.value) in (int, bool)
     return known and base.type in (INT, BOOL) and 0 <= power.value <= MOST_POWER  # type: ignore[union-attr,operator]
 
 
 def whole_power(f: FunctionBuilder, base: Code, power: int, node: ast.AST) -> Code:
-    """ControllerLimit beyond 32 bits: no product on the way is larger than the power itself."""
+    """Return the power. ControllerLimit beyond 32 bits: no intermediate product is greater than the power."""
     if not power:
         return Code(INT, ONE)
     number = f.values.kept(Code(INT, f.values.as_type(base, INT, node)))
@@ -34,5 +34,5 @@ def whole_power(f: FunctionBuilder, base: Code, power: int, node: ast.AST) -> Co
 
 def _product(f: FunctionBuilder, one: Value, other: Value, node: ast.AST) -> Value:
     result = f.temporary(INT, "n")
-    f.add(Checked("mul", result, one, other, f.fault(ControllerLimit, node)))
+    f.add(CheckedArithmetic("mul", result, one, other, f.fault(ControllerLimit, node)))
     return result

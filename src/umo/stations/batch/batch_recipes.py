@@ -12,10 +12,10 @@ FOLDER = Path(__file__).parent / "recipes"
 
 
 class BatchRecipe(Recipe):
-    """What a batch is made of, and how."""
+    """A recipe of a batch: materials and steps."""
 
     amounts: Annotated[tuple[float, float], Number("kg", 5.0, 60.0)]
-    """Of the raw materials A and B, kg."""
+    """Amounts of the raw materials A and B, kg."""
     temperature: Annotated[float, Number("degC", 20.0, 95.0)]
     """degC."""
     hold: Annotated[float, Number("s", 0.0, 3600.0)]
@@ -31,5 +31,5 @@ AMOUNT_TOLERANCE, TEMPERATURE_TOLERANCE, STIRRING_TOLERANCE = 0.5, 2.0, 5.0
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """How many batches of which recipe: "glue 2, soap 1"."""
+    """Return how many batches of which recipe, as text: "glue 2, soap 1"."""
     return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))

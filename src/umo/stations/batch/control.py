@@ -11,10 +11,10 @@ from math import nan
 from typing import Annotated, ClassVar
 
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
-from umo.alarms import Alarm, High, Priority
 from umo.control import Servo, Task, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 from umo.operation import Procedure, ProcedureState
+from umo.operation.alarms import Alarm, High, Priority
 from umo.operation.recipe_book import RecipeBook, recipe_names
 
 from .batch_recipes import BOOK, FOLDER, STIRRING_TOLERANCE, BatchRecipe
@@ -28,7 +28,7 @@ __all__ = ["BatchPlant", "ChargingLine", "Making", "Reactor"]
 
 
 class Making(Procedure):
-    """It makes a batch of its recipe at each start. While it is paused or held, the reactor keeps its temperature, the
+    """Makes a batch of its recipe at each start. While it is paused or held, the reactor keeps its temperature, the
     valves are closed, and the charging line waits if it works for this reactor."""
 
     numbers: ClassVar[Mapping[str, Number]] = {
@@ -119,14 +119,14 @@ class Reactor(
         self.begin()
 
     def begin(self) -> None:
-        """A run begins: what is in it belongs to no batch."""
+        """Begin a run: the content belongs to no batch."""
         self._before = self.unit.produced, self.unit.rejected  # the counts are kept over a restart
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for the charging line."""
+        """True if it waits for the charging line."""
         return self.phase == WAITING
 
     @property
@@ -155,7 +155,7 @@ class Reactor(
 
     @property
     def activity(self) -> str:
-        """What it does, in a word: its phase, or the state in which it does not go on."""
+        """Its activity in one word: its phase, or the state in which it waits."""
         if self.cycle.fault:
             return "fault"
         state = self.unit.state
@@ -163,8 +163,8 @@ class Reactor(
         return state.name.lower() if state in stands else self.phase
 
     async def produce(self, recipe: BatchRecipe, line: ChargingLine) -> None:
-        """Make one batch. What is left of one that was broken off is drained first; one that was broken off while it
-        was drained is made when that is done."""
+        """Make one batch. The remains of a batch that failed are drained first. A batch that failed while it was
+        drained counts as made when this is done."""
         try:
             if value_of(self.level) > self.empty and not self._ready:
                 self.unit.rejected += 1
@@ -187,7 +187,7 @@ class Reactor(
         self.stirrer.write(0.0)
 
     def close_valves(self, line: ChargingLine) -> None:
-        """Nothing flows, as the batch is held: also in the charging line, if that works for this reactor."""
+        """Close all valves because the batch is held; also in the charging line, if it works for this reactor."""
         in_line = () if self.in_line is None else (*line.inlets, *line.outlets, line.waste)
         for valve in (self.feed, self.drain, *in_line):
             valve.write(CLOSED)
@@ -233,7 +233,7 @@ class Reactor(
             number = 1
         if number == 1:
             found, wanted = self.temperature.read(), self.setpoint
-            raise TemperatureError(f"{found:.1f} degC: the temperature does not come to {wanted:g} degC")
+            raise TemperatureError(f"{found:.1f} degC: the temperature does not reach {wanted:g} degC")
 
     async def _standstill(self) -> None:
         """Ends when the temperature does not rise although it is too low: it is not heated without a thermometer."""
@@ -245,7 +245,7 @@ class Reactor(
                 return
 
     def _is_off(self) -> bool:
-        """Whether it has not the temperature and the stirring of the recipe: a box that was away begins at 0 rpm."""
+        """True if it has not the temperature and the stirring of the recipe: a box that was away begins at 0 rpm."""
         slow = abs(self.stirrer.read() - self.stirring) > STIRRING_TOLERANCE
         return slow or abs(value_of(self.temperature) - self.setpoint) > self.tolerance
 

@@ -11,7 +11,7 @@ REACTORS = 2
 
 
 KEPT: Any = {"max_age": "1 s"}
-"""How long a value that was not read, or not accepted, is kept."""
+"""The time for which a value that was not read or not accepted is kept."""
 
 
 def machine() -> BatchPlant:
@@ -53,5 +53,5 @@ def drive(units: str, maximum: float, **more: Any) -> DigitalActuator:
 
 
 def valve() -> BinaryActuator[OpenClosed]:
-    """As a drive; what a valve does can wait for longer."""
+    """Return a valve that is driven like a motor. Its action can be awaited for longer."""
     return BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED, on_error="retry", max_age="3 s")

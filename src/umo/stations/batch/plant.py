@@ -21,14 +21,15 @@ and the noise. What `report` says is on no channel.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from math import ceil, exp
 from random import Random
 from typing import Any
 
-from umo.drivers import Channel, ChannelError, Direction, Driver, Reports
+from umo.drivers import Channel, ChannelError, Direction, Driver, IntArray, Reports
 
 from .batch_recipes import BatchRecipe, in_words
-from .vessel import MATERIALS, POWER, VALVE_LAG, Vessel, let_out
+from .vessel import MATERIALS, POWER, Vessel, let_out, valve_share
 
 IN, OUT = Direction.INPUT, Direction.OUTPUT
 REACTORS = 2
@@ -40,6 +41,9 @@ KINDS = {
 CHANNELS = {f"{kind}:{n}": Channel(f"{kind}:{n}", *about) for kind, about in KINDS.items() for n in range(REACTORS)}
 CHANNELS |= {"waste": Channel("waste", OUT, 1), "scale": Channel("scale", IN, 16, signed=True)}
 CHANNELS |= {"tick": Channel("tick", IN, 31)}
+INLETS, OUTLETS = [f"inlet:{n}" for n in range(MATERIALS)], [f"outlet:{n}" for n in range(REACTORS)]
+VESSEL_OUTPUTS = [(f"feed:{n}", f"drain:{n}", f"stirrer:{n}", f"heater:{n}") for n in range(REACTORS)]
+VESSEL_INPUTS = [(f"thermometer:{n}", f"level:{n}") for n in range(REACTORS)]
 INFLOWS, DISCHARGE = (2.0, 1.5), 5.0
 """Flows of the raw materials into the hopper, and out of it, kg/s."""
 SCALE_LAG = 0.3
@@ -68,7 +72,7 @@ class Plant(Driver, Reports):
         self.good: list[tuple[int, BatchRecipe]] = []
         """The good batches that were drained: reactor and recipe."""
         self.wrong = 0
-        """How many others were drained."""
+        """Number of other batches that were drained."""
         self.wasted = 0.0  # kg
         self.deviation = 0.0  # largest of an amount in a good batch, kg
         self._measure()
@@ -87,8 +91,18 @@ class Plant(Driver, Reports):
         channel.check(raw)
         self.levels[channel.text] = raw
 
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        for place, channel in enumerate(channels):
+            out[place] = self.read(channel)
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        levels = self.levels
+        for channel, raw in zip(channels, raws.tolist(), strict=True):
+            if raw != levels[channel.text] or channel.direction is IN:
+                self.write(channel, raw)
+
     def advance(self, periods: int = 1) -> None:
-        """Let so many periods pass under the levels as they are."""
+        """Simulate a number of periods with the present levels."""
         span = periods * (self.period or MAX_STEP)
         steps = ceil(span / MAX_STEP - 1e-9)
         for _ in range(steps):
@@ -98,12 +112,12 @@ class Plant(Driver, Reports):
     def _step(self, dt: float) -> None:
         levels = self.levels
         self._move_valves(dt)
-        for n, vessel in enumerate(self.vessels):
+        for (feed, drain, stirrer, heater), vessel in zip(VESSEL_OUTPUTS, self.vessels, strict=True):
             vessel.move(
-                feed=levels[f"feed:{n}"],
-                drain=levels[f"drain:{n}"],
-                stirrer=levels[f"stirrer:{n}"] / 10.0,
-                heater=levels[f"heater:{n}"] / 1000.0,
+                feed=levels[feed],
+                drain=levels[drain],
+                stirrer=levels[stirrer] / 10.0,
+                heater=levels[heater] / 1000.0,
                 dt=dt,
             )
         self._weigh(dt)
@@ -113,13 +127,12 @@ class Plant(Driver, Reports):
                 self._judge(n, vessel)
 
     def _move_valves(self, dt: float) -> None:
-        """Those of the charging line."""
-        levels, share = self.levels, 1.0 - exp(-dt / VALVE_LAG)
+        """Move the valves of the charging line."""
+        levels, share = self.levels, valve_share(dt)
         self._waste += (levels["waste"] - self._waste) * share
-        for n in range(MATERIALS):
-            self._inlets[n] += (levels[f"inlet:{n}"] - self._inlets[n]) * share
-        for n in range(REACTORS):
-            self._outlets[n] += (levels[f"outlet:{n}"] - self._outlets[n]) * share
+        for valves, names in ((self._inlets, INLETS), (self._outlets, OUTLETS)):
+            for n, name in enumerate(names):
+                valves[n] += (levels[name] - valves[n]) * share
 
     def _weigh(self, dt: float) -> None:
         """Raw materials flow into the hopper; its load goes where the ways are open. The scale follows."""
@@ -143,15 +156,15 @@ class Plant(Driver, Reports):
     def _measure(self) -> None:
         noise, levels = self._random.gauss, self.levels
         levels["scale"] = round((self._load + noise(0.0, 0.02)) / 0.01)
-        for n, vessel in enumerate(self.vessels):
-            levels[f"thermometer:{n}"] = round(min(vessel.sensed + noise(0.0, 0.03), 300.0) / 0.01)
-            levels[f"level:{n}"] = round((vessel.volume + noise(0.0, 0.1 + vessel.speed / 500.0)) / 0.1)
+        for (thermometer, level), vessel in zip(VESSEL_INPUTS, self.vessels, strict=True):
+            levels[thermometer] = round(min(vessel.sensed + noise(0.0, 0.03), 300.0) / 0.01)
+            levels[level] = round((vessel.volume + noise(0.0, 0.1 + vessel.speed / 500.0)) / 0.1)
 
     # Truth, for tests and observers -------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """The batches that left the reactors: how many were good, and of which recipe, and how many were not; the
-        largest deviation of an amount in a good one; what went to the waste."""
+        """Return a report on the batches that left the reactors: how many were good, and of which recipe, and how many
+        were not; the largest deviation of an amount in a good one; the amount of waste."""
         return {
             "batches_good": len(self.good),
             "good": in_words(Counter(recipe.name for _, recipe in self.good)),

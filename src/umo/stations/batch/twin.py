@@ -6,7 +6,7 @@ The content of a vessel is a column that rises out of its base, which hides what
 from collections.abc import Iterator, Mapping
 from math import atan2, degrees, hypot
 
-from umo.twin import Body, Colour, Cuboid, Cylinder, Slide, Sphere, Twin, Viewpoint, turned
+from umo.plant.twin import Body, Colour, Cuboid, Cylinder, Slide, Sphere, Twin, Viewpoint, turned
 
 from .control import BatchPlant
 

@@ -26,7 +26,7 @@ class Vessel:
     """A reactor and its content."""
 
     power: float
-    """Of the heater at full duty, kW."""
+    """Power of the heater at full duty, kW."""
     amounts: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
     """Content, kg of each raw material."""
     temperature: float = AMBIENCE
@@ -36,7 +36,7 @@ class Vessel:
     feed: float = 0.0  # of the valves, 0 (closed) to 1 (open)
     drain: float = 0.0
     charged: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
-    """What came into it since it was empty, kg."""
+    """Amounts that came in since it was empty, kg."""
     held: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
     """Longest time at the temperature and speed of each recipe since then, s."""
     holding: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
@@ -49,11 +49,11 @@ class Vessel:
     @property
     def volume(self) -> float:
         """Volume of its content, l."""
-        return sum(amount / density for amount, density in zip(self.amounts, DENSITIES, strict=True))
+        return self.amounts[0] / DENSITIES[0] + self.amounts[1] / DENSITIES[1]
 
     def move(self, *, feed: int, drain: int, stirrer: float, heater: float, dt: float) -> None:
         """Valves, stirrer (rpm) and heater (0 to 1) follow their levels for a time in s."""
-        share = 1.0 - exp(-dt / VALVE_LAG)
+        share = valve_share(dt)
         self.feed += (feed - self.feed) * share
         self.drain += (drain - self.drain) * share
         self.speed += (stirrer - self.speed) * dt / STIRRER_LAG
@@ -62,9 +62,10 @@ class Vessel:
     def charge(self, amounts: Sequence[float]) -> None:
         """Raw materials at the temperature of the ambience come in, kg."""
         before = WALL + HEAT * self.content
+        held, charged = self.amounts, self.charged
         for number, amount in enumerate(amounts):
-            self.amounts[number] += amount
-            self.charged[number] += amount
+            held[number] += amount
+            charged[number] += amount
         after = WALL + HEAT * self.content
         self.temperature = AMBIENCE + (self.temperature - AMBIENCE) * before / after
 
@@ -73,14 +74,19 @@ class Vessel:
         flow = self.heat - LOSS * (self.temperature - AMBIENCE)
         self.temperature += flow * dt / (WALL + HEAT * self.content)
         self.sensed += (self.temperature - self.sensed) * dt / THERMOMETER_LAG
+        holding = self.holding
         for name, recipe in BOOK.items():
-            right = abs(self.temperature - recipe.temperature) <= TEMPERATURE_TOLERANCE
-            right = right and abs(self.speed - recipe.stirring) <= STIRRING_TOLERANCE
-            self.holding[name] = self.holding[name] + dt if right else 0.0
-            self.held[name] = max(self.held[name], self.holding[name])
+            if (
+                abs(self.temperature - recipe.temperature) <= TEMPERATURE_TOLERANCE
+                and abs(self.speed - recipe.stirring) <= STIRRING_TOLERANCE
+            ):
+                holding[name] += dt
+                self.held[name] = max(self.held[name], holding[name])
+            else:
+                holding[name] = 0.0
 
     def empty(self, dt: float) -> bool:
-        """Let the content out through the drain for a time in s; whether it has become empty."""
+        """Let the content out through the drain for a time in s. Return True if it has become empty."""
         had = self.content
         let_out(self.amounts, DRAIN * self.drain, dt)
         return had >= TRACE > self.content
@@ -97,16 +103,21 @@ class Vessel:
         return max(abs(had - wanted) for had, wanted in zip(self.charged, recipe.amounts, strict=True))
 
     def begin(self) -> None:
-        """What comes in from now on is another batch."""
+        """Begin another batch: what comes in from now on belongs to it."""
         self.charged = [0.0] * MATERIALS
         self.held, self.holding = dict.fromkeys(BOOK, 0.0), dict.fromkeys(BOOK, 0.0)
 
 
+def valve_share(dt: float) -> float:
+    """Share of its way that a valve goes in a time in s."""
+    return 1.0 - exp(-dt / VALVE_LAG)
+
+
 def let_out(amounts: list[float], flow: float, dt: float) -> list[float]:
-    """What leaves at a flow (kg/s) in a time (s): its share of each raw material, slower when little is left."""
-    content = sum(amounts)
+    """Return what leaves at a flow (kg/s) in a time (s): its share of each raw material, slower when little is left."""
+    first, second = amounts
+    content = first + second
     share = min(flow * dt / content, flow / (DRAIN * LAST) * dt, 1.0) if content > 0.0 else 0.0
-    out = [amount * share for amount in amounts]
-    for number, amount in enumerate(out):
-        amounts[number] -= amount
+    out = [first * share, second * share]
+    amounts[:] = first - out[0], second - out[1]
     return out

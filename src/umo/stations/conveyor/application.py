@@ -10,6 +10,7 @@ from .errors import PartsLost
 
 STANDING = (PackMLState.STOPPED, PackMLState.IDLE, PackMLState.SUSPENDED, PackMLState.ABORTED)
 """The states in which the sorter waits for an operator; in Held it does so because he has chosen that."""
+RESTING = (*STANDING, PackMLState.COMPLETE)
 
 
 async def main(
@@ -47,7 +48,7 @@ async def main(
 
 
 def report(lot: Lot) -> dict[str, object]:
-    """What was sorted so far."""
+    """Return what was sorted so far."""
     accepted = sum(part.accepted for part in lot.measured)
     lengths = [round(part.length, 1) for part in lot.measured]
     return {"accepted": accepted, "rejected": lot.done - accepted, "lengths_mm": lengths}
@@ -68,7 +69,7 @@ async def complete(m: Conveyor, patience: float) -> None:
     """Wait until the sorter is complete. PartsLost if it stands for longer than `patience` in s."""
     unit, lot = m.sorter.unit, m.sorter.lot
     while unit.state is not PackMLState.COMPLETE:
-        await until(lambda: unit.state in (*STANDING, PackMLState.COMPLETE))
+        await until(lambda: unit.state in RESTING)
         try:
             await until(lambda: unit.state not in STANDING, timeout=patience)
         except TimeExpired:

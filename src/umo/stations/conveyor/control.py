@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from umo import Compound, DigitalSensor, Interlock, Number, action
-from umo.alarms import Alarm, Priority
 from umo.control import next_period, state_of, until, value_of
 from umo.operation import PackML, PackMLState
+from umo.operation.alarms import Alarm, Priority
 from umo.states import OpenClosed
 
 from .belt import Beam, Belt, covered
@@ -20,7 +20,7 @@ __all__ = ["Beam", "Belt", "Conveyor", "Lot", "Part", "Sorter", "Sorting", "cove
 
 @dataclass
 class Lot:
-    """What is to be sorted, and what was."""
+    """The parts to sort, and those that were sorted."""
 
     parts: int = 10
     speed: float = 0.3  # of the belt, m/s
@@ -36,10 +36,10 @@ class Lot:
 
 
 class Sorting(PackML):
-    """It sorts the parts of its lot, and is complete then. Without parts, and with a full bin, it suspends itself.
+    """Sorts the parts of its lot, and is complete then. Without parts, or with a full bin, it suspends itself.
 
-    While it is held or suspended, the belt stands; the parts on it stay known. A stop or a fault loses them.
-    """
+    While it is held or suspended, the belt stands, and its parts stay known. After a stop or a fault they are not
+    known."""
 
     part: Sorter
 
@@ -112,12 +112,12 @@ class Sorter(
 
     @property
     def waits(self) -> bool:
-        """Whether it is suspended because no parts come."""
+        """True if it is suspended because no parts come."""
         return self.starved and self.unit.state is PackMLState.SUSPENDED
 
     @property
     def cause(self) -> str:
-        """Why nothing is sorted, in words."""
+        """Return why nothing is sorted, as text."""
         if self.cycle.fault is None and self.waits:
             return f"no part came on {self.distance + self.spacing:.0f} mm of belt"
         return self.cycle.fault or self.unit.refusal("start") or self.unit.state.name.lower()
@@ -140,7 +140,7 @@ class Sorter(
             self._reject(1)
 
     def lose(self) -> None:
-        """Where the parts on the belt are is known no longer: the next start pushes them onto the chute."""
+        """Forget the positions of the parts on the belt: the next start pushes them onto the chute."""
         lost = len(self.forget())
         self.lot.lost += lost
         self._reject(lost)

@@ -27,4 +27,4 @@ class EmergencyStop(TaskFailed):
 
 
 class PartsLost(TaskFailed):
-    """Nobody went on in time after a fault, a stop, or without parts: not all parts were sorted."""
+    """No operator continued in time after a fault, a stop, or a lack of parts: not all parts were sorted."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Literal
 
-from umo.drivers import Channel, ChannelError, Direction, Driver, DriverError, Reports, WiringError
+from umo.drivers import Channel, ChannelError, Direction, Driver, DriverError, IntArray, Reports, WiringError
 
 START, EXIT, DIVERTER, END = -100.0, 300.0, 450.0, 460.0
 REACH = 20.0  # the diverter rejects a part whose middle is so near to its own, mm
@@ -105,8 +105,18 @@ class Plant(Driver, Reports):
             raise DriverError(f"{channel.text} is an input and cannot be written")
         self.outputs[channel.text] = raw
 
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        for place, channel in enumerate(channels):
+            out[place] = self.read(channel)
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        outputs = self.outputs
+        for channel, raw in zip(channels, raws.tolist(), strict=True):
+            if raw != outputs.get(channel.text):
+                self.write(channel, raw)
+
     def advance(self, periods: int = 1) -> None:
-        """Let so many sampling periods pass."""
+        """Simulate a number of sampling periods."""
         for _ in range(periods):
             self.time += self.period
             present = self.faults if self.time >= self.fault_at else set()
@@ -125,12 +135,17 @@ class Plant(Driver, Reports):
 
     def _move(self, travel: float, present: set[str]) -> None:
         """Parts move with the belt, up to the part before them or to where they jam."""
-        jams = [JAMS[name] for name in present & JAMS.keys()]
+        jams = [JAMS[name] for name in present & JAMS.keys()] if present else ()
         free = math.inf
         for item in self.belt:
-            stops = [place for place in jams if item.front <= place] if jams else ()
-            item.front = min(item.front + travel, free, *stops)
-            free = item.front - item.length
+            before, front = item.front, item.front + travel
+            if front > free:
+                front = free
+            for place in jams:
+                if before <= place < front:
+                    front = place
+            item.front = front
+            free = front - item.length
         if self.coming and free - self.coming[0].gap >= START:
             self.belt.append(item := self.coming.pop(0))
             item.front = min(START + travel, free - item.gap)
@@ -151,13 +166,18 @@ class Plant(Driver, Reports):
                 self.rejected.append(item)
 
     def _show(self, present: set[str]) -> None:
-        self.inputs["dio:entry"] = int("entry-stuck" in present or self._covered(0.0))
-        self.inputs["dio:exit"] = int("exit-stuck" in present or self._covered(EXIT))
-        self.inputs["drive:speed"], self.inputs["hertz:speed"] = round(self.speed * 16.384), round(self.speed * 5.0)
-        self.inputs["dio:stop"] = int("emergency-stop" not in present)
+        inputs, speed = self.inputs, self.speed
+        inputs["dio:entry"] = int("entry-stuck" in present or self._covered(0.0))
+        inputs["dio:exit"] = int("exit-stuck" in present or self._covered(EXIT))
+        inputs["drive:speed"], inputs["hertz:speed"] = round(speed * 16.384), round(speed * 5.0)
+        inputs["dio:stop"] = int("emergency-stop" not in present)
 
     def _covered(self, place: float) -> bool:
-        return any(item.front >= place >= item.front - item.length for item in self.belt)
+        for item in self.belt:
+            front = item.front
+            if front >= place >= front - item.length:
+                return True
+        return False
 
     def report(self) -> dict[str, Any]:
         """The parts delivered to the end of the belt or the chute, how many of them wrongly, and the largest deviation

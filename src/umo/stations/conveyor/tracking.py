@@ -33,11 +33,12 @@ class Part:
 
 
 class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
-    """What is known of the parts on the belt. Parts are shorter than `distance` and do not touch each other.
+    """The known parts on the belt. Parts are shorter than `distance` and do not touch each other.
 
-    What two barriers cannot tell apart: an entry barrier that stays covered at the start is stuck, or a part is jammed
-    there (BarrierStuck). A part is jammed at a barrier, or the exit barrier got stuck when a part was due, or the entry
-    barrier got stuck and no part followed (Jam). The last part on the belt was taken away, or is jammed (PartMissing).
+    Two barriers cannot distinguish these cases: an entry barrier that stays covered at the start is stuck, or a part is
+    jammed there (BarrierStuck). A part is jammed at a barrier, or the exit barrier got stuck when a part was due, or
+    the entry barrier got stuck and no part followed (Jam). The last part on the belt was taken away, or is jammed
+    (PartMissing).
     """
 
     belt: Belt
@@ -70,7 +71,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self.jammed = False
 
     def accepts(self, length: float) -> bool:
-        """Whether a part of this length in mm stays on the belt."""
+        """True if a part of this length in mm stays on the belt."""
         raise NotImplementedError
 
     def passed(self, part: Part) -> None:
@@ -81,7 +82,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
             self._barriers, self._edges = barriers, self._edges + 1
 
     def on_suspend(self) -> None:
-        """Nobody watches the barriers while the belt brakes."""
+        """Called when the belt brakes and the barriers are not watched."""
         self._unwatched_from = self.belt.position, self._edges
 
     async def on_resume(self) -> None:
@@ -95,7 +96,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     @property
     def tracked(self) -> bool:
-        """Whether it is known where the parts are."""
+        """True if it is known where the parts are."""
         return any(not task.done for task in self._tasks)
 
     @property
@@ -105,12 +106,12 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     @property
     def starved(self) -> bool:
-        """Whether no part is on the belt, and none came on `distance` and `spacing` of it."""
+        """True if no part is on the belt, and none came on `distance` and `spacing` of it."""
         return self.belt.position > self.fed_at + self.distance + self.spacing and not self.on_belt
 
     def track(self) -> None:
-        """Measure, track and sort parts from now on, unless that is under way. What lies on the belt at the beginning
-        was measured by nobody: it is pushed onto the chute."""
+        """Measure, track and sort parts from now on, unless that is under way. Parts that lie on the belt at the
+        beginning were not measured: they are pushed onto the chute."""
         self.fed_at = self.belt.position
         if not self.tracked:
             self._between.clear()
@@ -197,12 +198,14 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self.passed(part)
 
     def _overdue(self) -> bool:
-        """A part has not arrived, and neither has the next one: that tells a jam from a part that was taken away."""
+        """A part has not arrived, and neither has the next one: this distinguishes a jam from a part that was taken
+        away."""
         if not self._between:
             return False
-        first, *others = self._between
+        first = self._between[0]
+        following = self._between[1] if len(self._between) > 1 else first
         margin = self.window if first.length < inf else self.spacing  # the next one shows whether the entry is stuck
-        return self.belt.position > (others or [first])[0].front + self.distance + margin
+        return self.belt.position > following.front + self.distance + margin
 
     def _missing(self) -> Exception:
         """Reason why the foremost part does not arrive."""

@@ -1,10 +1,10 @@
 """The twin of the conveyor: parts on the belt as the entry barrier saw them, barriers, diverter and lamps.
 
 Places along x are those of `tracking.Tracking`, from the entry barrier, in m. A part that the diverter pushes off is
-drawn up to the diverter; which part that was, no object tells.
+drawn up to the diverter, because no object shows which part it was.
 """
 
-from umo.twin import Body, Carried, Colour, Cuboid, Cylinder, Slide, Sphere, Twin, Viewpoint, turned
+from umo.plant.twin import Body, Carried, Colour, Cuboid, Cylinder, Slide, Sphere, Twin, Viewpoint, turned
 
 from .control import Conveyor
 

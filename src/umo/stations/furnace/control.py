@@ -100,7 +100,7 @@ class Furnace(
         self._clear()
 
     def _clear(self) -> None:
-        """Nothing is left of a run before."""
+        """Forget the state of an earlier run."""
         self.heating.reset()
         self.setpoints, self.targets = np.zeros(len(self.zones)), np.zeros(len(self.zones))
         self.ramp = 0.0  # K/s
@@ -200,7 +200,7 @@ class Furnace(
         return {"zones_good": good, "zones_faulted": _named(self.faulted) or "none", "soak_errors_K": errors[:1000]}
 
     def _away(self) -> Any:
-        """Which zones are not at their set temperatures yet."""
+        """Return which zones are not at their set temperatures yet."""
         return (np.abs(self.targets - self.temperatures.read()) > self.tolerance) & ~self.faulted
 
 

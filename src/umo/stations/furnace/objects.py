@@ -14,7 +14,7 @@ def machine(zones: int = 40, laws: int = 0) -> Furnace:
 
     Options:
         zones: how many, 1 to 5,000.
-        laws: so many zones, from the first on, have laws of their own, and may run on controllers.
+        laws: this number of zones, from the first on, have laws of their own, and may run on controllers.
     """
     if not 1 <= zones <= MAX_ZONES:
         raise DeclarationError(f"a tunnel has 1 to {MAX_ZONES} zones, not {zones}")

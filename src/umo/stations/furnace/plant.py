@@ -127,7 +127,7 @@ class Plant(Driver[FurnaceChannel], Reports):
         self._time = self._energy = self._highest = 0.0
 
     def advance(self, periods: int = 1) -> None:
-        """Let so many periods pass under the levels as they are."""
+        """Simulate a number of periods with the present levels."""
         span = periods * (self.period or MAX_STEP)
         steps = ceil(span / MAX_STEP - 1e-9)
         for _ in range(steps):
@@ -176,7 +176,7 @@ class Plant(Driver[FurnaceChannel], Reports):
 
 
 def _within(values: FloatArray, low: float, high: float) -> FloatArray:
-    """As np.clip, in a third of the time; they are changed."""
+    """Clip in place as np.clip, in a third of the time."""
     np.maximum(values, low, out=values)
     np.minimum(values, high, out=values)
     return values

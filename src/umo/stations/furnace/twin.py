@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from umo.twin import Body, Colour, Cuboid, Cylinder, Twin
+from umo.plant.twin import Body, Colour, Cuboid, Cylinder, Twin
 
 from .control import Furnace
 

@@ -50,7 +50,7 @@ class StepOutput(BinaryActuator[UpDown]):
     __slots__ = ()
 
     async def step(self) -> None:
-        """One step, in the direction that stands: UP for a period, DOWN for a period."""
+        """Make one step in the present direction: UP for a period, DOWN for a period."""
         for level in (UpDown.UP, UpDown.DOWN):
             self.write(level)
             await until(lambda level=level: self.read() is level)  # type: ignore[misc]

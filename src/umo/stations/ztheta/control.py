@@ -65,12 +65,13 @@ class Gripper(Compound, when_suspended="hold"):
 
     @property
     def sealed(self) -> bool:
-        """Whether there is vacuum in the cup."""
+        """True if there is vacuum in the cup."""
         return state_of(self.pressure) is PassFail.PASS
 
     @action
     async def grip(self) -> bool:
-        """Vacuum on; whether the switch passed within `seal_time`. If not, the vacuum is off again."""
+        """Switch the vacuum on. Return True if the switch closed within `seal_time`; otherwise the vacuum is off
+        again."""
         self.vacuum.write(OnOff.ON)
         try:
             await until(lambda: self.sealed, timeout=self.seal_time)

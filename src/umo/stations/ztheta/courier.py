@@ -92,10 +92,9 @@ class _Part:
 
 
 class Courier:
-    """The courier: where it ought to be, and what it saw. Positions in m along its track.
+    """The courier: its intended position, and what it saw. Positions in m along its track.
 
-    `stops` are its positions with each part under the cup, `look` gives the true pose of a part.
-    """
+    `stops` are its positions with each part under the cup, `look` gives the true pose of a part."""
 
     def __init__(
         self, stops: Sequence[float], look: Callable[[int], Pose], *, park: float, absent: bool = False
@@ -106,14 +105,14 @@ class Courier:
         self._absent = absent
         self._from = self._to = park
         self.moving = False
-        """Whether the courier is under way."""
+        """True if the courier is under way."""
         self._clock = 0.0
         self._quiet = 0.0
         self._height = 0.0
         self.current = -1
         """Index of the part under the cup or on its way to it; -1 before the first one."""
         self.present = False
-        """Whether the current part stands under the cup."""
+        """True if the current part stands under the cup."""
 
     @property
     def lifted(self) -> bool:

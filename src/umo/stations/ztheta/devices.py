@@ -31,7 +31,7 @@ class EncoderCounter:
         self.dead = False
 
     def power_up(self, position: float) -> None:
-        """The circuit forgets where it was: the count is 0 wherever the axis stands."""
+        """Switch the circuit on, which loses the position: the count is 0 at any place."""
         self._line = math.floor((position - self._origin) / self._resolution)
         self._offset = -self._line
         self.raw = 0
@@ -71,7 +71,7 @@ class StepDrive:
 
 
 class Counterbalance:
-    """The counterbalance cylinder behind its valve. Open, it fills; closed, it keeps its pressure but for a leak.
+    """The counterbalance cylinder behind its valve. Open, it fills; closed, it keeps its pressure except for a leak.
 
     Nothing lets the pressure fall faster than the leak does.
     """

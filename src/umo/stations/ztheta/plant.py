@@ -33,6 +33,7 @@ from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import one_of
 from umo.drivers.optional import Reports
 from umo.errors import ChannelError, DriverError, WiringError
+from umo.system.packages import how_to_install
 
 from .courier import Report
 from .devices import STEP
@@ -56,7 +57,7 @@ class PlantChannel(Channel):
 
 
 def _channels() -> dict[str, PlantChannel]:
-    """Every channel by its text, outputs first, in the order of `Plant.advance`."""
+    """Return every channel by its text, outputs first, in the order of `Plant.advance`."""
     lines = ["step", "direction", "z_index", "theta_index", "counterweight", "vacuum", "pressure"]
     outputs = {"dac:z": 12, "pwm:z": 16} | {f"dio:{line}": 1 for line in lines}
     inputs = {"counter:z": 16, "counter:theta": 24, "adc:counterweight": 10, "dio:gripper": 1, "tick": 31}
@@ -148,7 +149,7 @@ class Plant(Driver[PlantChannel], Reports):
                 self._put(channel, raw, stood)
 
     def _put(self, channel: PlantChannel, raw: int, stood: int) -> None:
-        """One output; `stood` is the direction before this transfer, in which a rising edge makes a step."""
+        """Set one output. `stood`: the direction before this transfer, in which a rising edge makes a step."""
         index = channel.index
         lowest, highest = RANGES[index]
         if index <= PWM:
@@ -199,11 +200,11 @@ class Plant(Driver[PlantChannel], Reports):
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] != "mujoco":
                 raise
-            raise DriverError('the plant needs MuJoCo: pip install "umo[plant]"') from error
+            raise DriverError(f"the plant needs MuJoCo: {how_to_install('plant')}") from error
         return Physics(seed=self._seed, parts=self._parts, preset=self._preset, faults=self._faults)
 
     def advance(self, periods: int = 1) -> None:
-        """Let the physics run on for so many periods under the levels as they are; after `close` too."""
+        """Simulate a number of periods with the present levels; also after `close`."""
         physics = self._opened()
         dac, pwm, _, _, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
         steps, self._pulses = self._pulses, 0
@@ -249,7 +250,7 @@ class Plant(Driver[PlantChannel], Reports):
         return self._opened().courier.report()
 
     def report(self) -> dict[str, Any]:
-        """How many parts were placed, and the largest errors of those (um, deg)."""
+        """Return how many parts were placed, and the largest errors of those (um, deg)."""
         parts = self.truth().parts
         return {
             "parts_placed": sum(part.placed for part in parts),

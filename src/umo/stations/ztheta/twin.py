@@ -2,7 +2,7 @@
 
 from importlib.resources import files
 
-from umo.twin import Body, Colour, Cuboid, Cylinder, Sphere, Twin, Visible
+from umo.plant.twin import Body, Colour, Cuboid, Cylinder, Sphere, Twin, Visible
 
 from .control import Manipulator
 

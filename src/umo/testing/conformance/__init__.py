@@ -1,4 +1,4 @@
-"""The conformance kit: proves that a driver keeps its contract, and says in words what is broken.
+"""The conformance kit: proves that a driver keeps its contract, and says as text what is broken.
 
     with TcpTap("127.0.0.1", 5020) as tap:
         certificate = conform(
@@ -13,7 +13,7 @@
         )
     assert certificate.passed, str(certificate)
 
-`umo conform` does this with a wiring; docs/howto-prove-a-driver.md describes both.
+`umo device conform` does this with a wiring; docs/howto-prove-a-driver.md describes both.
 """
 
 from umo.testing.conformance.budget import TimePlan

@@ -63,7 +63,7 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
 
 @rule(Cost(each=14, calls=8, more=200))
 def block_read(context: RuleContext) -> str | None:
-    """read_many reads what read reads, of all channels in any order, of halves, of pairs and of one."""
+    """read_many gives the same values as read: for all channels in any order, halves, pairs and single ones."""
     texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
@@ -134,8 +134,8 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
 
 @rule(Cost(each=6, calls=32, more=350))
 def block_write(context: RuleContext) -> str | None:
-    """write_many brings each output straight to its own level, and no other one anywhere: all outputs in any order,
-    halves, pairs and one."""
+    """write_many brings each output directly to its own level, and changes no other one: for all outputs in any order,
+    halves, pairs and single ones."""
     outputs = context.required_outputs
     with context.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
@@ -216,7 +216,7 @@ def block_buffers(context: RuleContext) -> str | None:
 
 
 def _raws(context: RuleContext, probe: Probe) -> None:
-    """One array, of which a part is handed over with other levels in every period, as the image does it."""
+    """Write one array, a part of which is passed with other levels in every period, as the image does."""
     outputs = context.required_outputs
     texts = [output.channel for output in outputs]
     whole = np.zeros(len(outputs) + 2, np.int64)

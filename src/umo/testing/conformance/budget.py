@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic
 
-from umo.presentation.durations import duration, lasting
+from umo.duration import duration, lasting
 from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
@@ -106,7 +106,7 @@ class Budget:
         self.left_out: list[str] = []
         """Rules that did not fit."""
         self.parts: list[str] = []
-        """Parts of rules that were left out, in words."""
+        """Parts of rules that were left out, as text."""
 
     def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
         """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use. `line`: whether there
@@ -126,12 +126,12 @@ class Budget:
 
     @property
     def _left(self) -> float:
-        """Time in s, without what is kept."""
+        """Return the remaining time in s, without the reserved part."""
         return self._end - self.clock() - self._kept
 
     def begin(self, rule: Rule) -> bool:
-        """Whether the rule fits; if so, `more` is for it from now on. One that was promised fits also if those before
-        took a little longer; one that was not, if it takes nothing from those behind it that were."""
+        """Return True if the rule fits; then `more` refers to it. A promised rule also fits if those before took a
+        little longer; any other one only if it takes no time from promised ones after it."""
         left, least = self._left, self._least[rule.id]
         behind = [each.id for each in self._rules[self._rules.index(rule) + 1 :]]
         promised = sum(self._least[each] for each in behind if each not in self._unpromised)
@@ -151,9 +151,9 @@ class Budget:
 
     @property
     def more(self) -> bool:
-        """Whether the rule may go on with what it need not do."""
+        """Return True if the rule may continue with its optional part."""
         return self.has(0.0)
 
     def has(self, seconds: float) -> bool:
-        """Whether it may do more that takes so long."""
+        """Return True if there is time for something that takes this long."""
         return self.clock() + seconds < self._until

@@ -7,7 +7,6 @@ import platform
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from umo.presentation.durations import duration
+from umo.duration import duration
+from umo.system.packages import umo_version
 from umo.testing.conformance.rules import LINE
 from umo.text import in_brackets, some
 
@@ -50,10 +50,10 @@ def time_text(seconds: float) -> str:
 
 
 def edition() -> dict[str, Any]:
-    """When and with what a certificate is made: its fields `date`, `versions` and `platform`."""
+    """Return when and with what a certificate is made: its fields `date`, `versions` and `platform`."""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "versions": {"umo": version("umo"), "Python": platform.python_version()},
+        "versions": {"umo": umo_version(), "Python": platform.python_version()},
         "platform": f"{platform.system()} {platform.machine()}",
     }
 
@@ -101,7 +101,7 @@ class Certificate:
 
     @property
     def line_tried(self) -> bool:
-        """Whether any of the rules that disturb the line could be tried, or none was chosen."""
+        """True if a rule that disturbs the line could be tried, or none was selected."""
         line = [each for each in self.findings if each.theme in LINE]
         return not line or any(each.verdict is not Judgement.NOT_TRIED for each in line)
 
@@ -112,7 +112,7 @@ class Certificate:
 
     @property
     def status(self) -> str:
-        """The result in words."""
+        """The result as text."""
         if not self.passed:
             return "FAILED"
         gaps = ["" if self.line_tried else "the line was not tried", "cut short" if self.left_out else ""]

@@ -20,8 +20,8 @@ LAST_NUMBER = re.compile(r"([0-9]+)(?!.*[0-9])")
 
 @rule(Cost(opens=1))
 def channels(context: RuleContext) -> None:
-    """A channel's text means one channel of fixed direction and bits; another text raises ChannelError. Two channels
-    have no place in common. One channel that two texts mean, such as out:1 and out:01, is in one place."""
+    """A channel's text means one channel with fixed direction and bits; any other text raises ChannelError. Two
+    channels have no place in common. If two texts mean one channel, such as out:1 and out:01, it has one place."""
     probe, other = context.new(), context.new()
     for text in context.channels:
         channel = probe.channel(text)
@@ -96,8 +96,8 @@ def _takes(driver: Driver[Any], text: str) -> bool:
 
 @rule(Cost(opens=1))
 def before_open(context: RuleContext) -> str | None:
-    """Before `open` a driver accesses no hardware, not for `check_watchdog` either; `devices` names it alike for two
-    drivers, whenever it is asked; `forms` is a list of texts."""
+    """Before `open` a driver accesses no hardware, also not for `check_watchdog`; `devices` returns the same names for
+    two drivers, whenever it is called; `forms` is a list of texts."""
     before = _connections(context)
     probe, other = context.new(), context.new()
     for text in context.channels:
@@ -113,12 +113,12 @@ def before_open(context: RuleContext) -> str | None:
     if not all(isinstance(each, str) for each in devices):
         raise RuleBroken(f"devices() returned {devices}, not texts")
     if _connections(context) != before:
-        raise RuleBroken("it connected to the device before open")
+        raise RuleBroken("the driver connected to the device before open")
     with context.leaving(other):
         if context.failure(other.open) is None and (now := _devices(other)) != devices:
             raise RuleBroken(f"devices() returned {devices} before open and {now} after it")
     line = context.subject.line
-    return None if line is not None and line.ordered else "whether it connects before open was not seen"
+    return None if line is not None and line.ordered else "whether the driver connects before open was not seen"
 
 
 def _devices(probe: Probe) -> list[str]:

@@ -13,16 +13,16 @@ except ImportError:  # not on Windows
     fcntl = resource = None  # type: ignore[assignment]
 
 OPEN = "/proc/self/fd"
-OUT_OF_THE_WAY = 400
+KIT_DESCRIPTORS = 400
 """Numbers of descriptors from here on are the kit's own: the kernel gives a driver the lowest one that is free."""
 
 
 def out_of_the_way(descriptor: int) -> int:
     """The same file by a number that no driver has had, if the limits of the process allow it: a driver that closes one
     of its own twice does not end the kit."""
-    if fcntl is None or resource.getrlimit(resource.RLIMIT_NOFILE)[0] <= 2 * OUT_OF_THE_WAY:
+    if fcntl is None or resource.getrlimit(resource.RLIMIT_NOFILE)[0] <= 2 * KIT_DESCRIPTORS:
         return descriptor
-    moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, OUT_OF_THE_WAY)
+    moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, KIT_DESCRIPTORS)
     os.close(descriptor)
     return moved
 
@@ -64,7 +64,7 @@ class Placeholders:
 def _numbers() -> Iterator[int]:
     """Numbers of the descriptors that are open, without the kit's own."""
     try:
-        listed = [number for number in map(int, os.listdir(OPEN)) if number < OUT_OF_THE_WAY]
+        listed = [number for number in map(int, os.listdir(OPEN)) if number < KIT_DESCRIPTORS]
     except OSError:
         return
     for number in listed:

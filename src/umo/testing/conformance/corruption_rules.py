@@ -37,7 +37,7 @@ UNSTEADY = (
 
 @rule(Cost(each=6, calls=47, connects=43, waits=43, settles=2))
 def late_answer(context: RuleContext) -> str | None:
-    """After a timeout, or several, a late answer is never taken for that of a later request."""
+    """After one or several timeouts a late answer is never taken for the answer to a later request."""
     # The answer to the later request gets lost: if the call succeeds, it took the late one
     tried = False
     with context.opened() as probe:
@@ -66,7 +66,7 @@ def _calls(context: RuleContext, probe: Probe) -> list[DriverCall]:
 def _comes_late(
     context: RuleContext, probe: Probe, behind: bool, asked: DriverCall, later: DriverCall, times: int = 1
 ) -> bool:
-    """Whether the first call, made so many times, had an answer, which came after its timeout."""
+    """Return True if the first call, made `times` times, had an answer that came after its timeout."""
     line = context.line
     _alive(context, probe)
     before = line.spoiled
@@ -131,7 +131,7 @@ def answer_in_pieces(context: RuleContext) -> None:
 
 @rule(Cost(each=4, calls=16, connects=8, waits=8))
 def old_answer(context: RuleContext) -> str | None:
-    """An earlier answer in place of the right one is an error, where answers carry a number."""
+    """An earlier answer instead of the right one is an error, if answers carry a number."""
     # The number shows: two answers to one call, while nothing changes, are not alike
     with context.opened() as probe:
         tried = False
@@ -205,9 +205,9 @@ def short_answer(context: RuleContext) -> str | None:
 
 @rule(Cost(opens=3, each=6, calls=196, connects=47, waits=13, settles=28))
 def garbled_answer(context: RuleContext) -> str | None:
-    """An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or
-    register in a sound answer cannot be noticed; it is tried only where answers have a checksum, also in one that
-    says that a channel failed."""
+    """An answer with a garbled structure (its start, all of it, random bytes) is an error. A changed digit or register
+    in a valid answer cannot be noticed; this is tested only if answers have a checksum, also in an answer that says
+    that a channel failed."""
     random = Random(1998)
 
     def noise(count: int) -> bytes:
@@ -261,7 +261,7 @@ def _garbled_refusal(context: RuleContext, probe: Probe, block: tuple[str, str],
 
 
 def _unchecked(size: int) -> Change:
-    """All bits of the byte before the checksum are changed, and the checksum is 0."""
+    """Return a change of all bits of the byte before the checksum; the checksum is 0."""
     return lambda answer: answer[: -size - 1] + bytes([answer[-size - 1] ^ 0xFF]) + bytes(size)
 
 

@@ -10,9 +10,9 @@ from time import sleep
 from typing import Any
 
 from umo.cycle.connect import connect
+from umo.duration import duration
 from umo.errors import DriverError, WiringError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
-from umo.presentation.durations import duration
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
@@ -40,7 +40,7 @@ SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer
 
 @rule(Cost(each=4, calls=8, connects=7, waits=7))
 def reset_after_failure(context: RuleContext) -> str | None:
-    """Reset reaches the default also after calls that failed, and a write its level, alone and as a block."""
+    """After failed calls reset still reaches the default, and a write reaches its level, alone and as a block."""
     outputs = context.required_outputs
     with context.opened() as probe:
         for output in outputs:
@@ -82,9 +82,9 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
 
 @rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away each call fails in time; when it is back the next call works, however many have
-    failed (if none has, the first may find the end of the connection), its reading is right, and what failed is not
-    made up for. A level that was written before is written again, alone and as a block: the device may have lost
+    """While the device is away each call fails in time. When it is back the next call works, however many have failed
+    (if none has, the first may find the end of the connection). Its reading is right, and failed writes are not
+    repeated. A level that was written before is written again, alone and as a block, because the device may have lost
     it."""
     loss = context.loss
     with context.opened() as probe:
@@ -209,9 +209,9 @@ def _right(context: RuleContext, probe: Probe, after: str) -> None:
 
 @rule(Cost(opens=3, each=22, calls=14))
 def two_clients(context: RuleContext) -> str | None:
-    """A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes
-    stays when the other writes something else, alone or as a block, and is what the other reads. Reset and initialise
-    reach the default from there."""
+    """A second driver of the device is refused by an OSError, or works; the first continues to work. A value that one
+    writes stays when the other writes something else, alone or as a block, and the other reads it. Reset and initialise
+    then still reach the default."""
     with context.opened() as first:
         context.use(first)  # a device may be in use from the first transfer on
         second = context.new()
@@ -241,7 +241,7 @@ def two_clients(context: RuleContext) -> str | None:
 
 
 def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
-    """One client writes an output, the other one another: neither changes what the other wrote."""
+    """Let one client write an output, and another client another one: neither may change what the other wrote."""
     for one, other in pairwise((*context.visible, *context.visible[:1])):
         if one == other:
             return
@@ -323,7 +323,7 @@ def fresh(context: RuleContext) -> str | None:
         raise NotTried("no input is looped back from an output, and no counterpart records levels")
     with context.opened() as probe, context.second() as second:
         if context.told(probe):
-            raise NotTried("the driver is told its values, and gives their ages: see the rule ages")
+            raise NotTried("the driver receives its values from elsewhere, and gives their ages: see the rule ages")
         for output in looped:
             _is_fresh(context, probe, second, output)
     return None
@@ -366,8 +366,8 @@ def _is_old(
     context: RuleContext, probe: Probe, other: Probe | None, output: Output, reading: Callable[[], int], number: int,
     still: int = 1, levels: tuple[int, int] | None = None, pause: float = 0.0,
 ) -> bool:  # fmt: skip
-    """Whether a level is read that was there before, and was read so `still` times, though another has come since for
-    sure, after a pause. `levels`: these two in turns; default: the default and another one."""
+    """Return True if an earlier level is read `still` times although another one has certainly come since, after a
+    pause. `levels`: these two in turn; default: the default and another one."""
     levels = levels or (output.default, output.other(number))
     before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other

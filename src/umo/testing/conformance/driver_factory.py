@@ -22,7 +22,7 @@ class DriverFactory:
         self.unreached: list[str] = []
         """Outputs that could not be brought to their defaults."""
         self.dirty = False
-        """Whether an output may be left at another level than its default: `restore` has something to do."""
+        """True if an output may be left at another level than its default: `restore` has something to do."""
         self._is_full = False
         """The device has turned away a second driver."""
 
@@ -89,7 +89,7 @@ class DriverFactory:
             raise errors[0]
 
     def bring_to_default(self, probe: Probe, output: Output) -> None:
-        """As the guardian does it with a new driver: initialised, then reset."""
+        """Bring an output to its default as the guardian does with a new driver: initialised, then reset."""
         probe.initialize(output.channel, output.default)
         probe.reset(output.channel, output.default)
 
@@ -148,7 +148,7 @@ class DriverFactory:
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """All channels, inputs first."""
+        """Return all channels, inputs first."""
         inputs = [each.channel for each in self.subject.inputs]
         return tuple(dict.fromkeys((*inputs, *self._defaults)))
 

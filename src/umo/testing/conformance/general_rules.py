@@ -45,7 +45,7 @@ def kind_of_errors(context: RuleContext) -> str | None:
 
 @rule(Cost(opens=2, calls=3))
 def end(context: RuleContext) -> str | None:
-    """At the end every output is at its default. Closing a driver moves none."""
+    """At the end every output is at its default. Closing a driver changes none."""
     # A new driver looks at the outputs
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from itertools import cycle
 from time import monotonic, sleep
 
+from umo.digits import number_text
 from umo.drivers.optional import Looks
-from umo.presentation.digits import number_text
 from umo.testing.conformance.certificate import time_text
 from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
@@ -40,7 +40,7 @@ ROUNDS, MAX_ROUNDS = 3, 9
 MAX_WARMING = 1.0
 """Time in s of the calls before the first measurement, at most."""
 CACHE_FILLING_CALLS = 5000
-"""Calls after which a cache is full, if there is time for so many."""
+"""Number of calls after which a cache is full, if there is time for them."""
 CYCLES = 1000
 """Cycles of one measurement at most."""
 FREE_GROWTH, FREE_PIECES = 4096, 6
@@ -68,9 +68,9 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 
 @rule(Cost(opens=16, each=12, calls=115, connects=54, waits=18, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
-    """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
-    garbled answers, and calls without an answer, nor by a `close` that fails or ends a look; also not until `close`. No
-    child process inherits one."""
+    """No descriptor stays open and no thread stays alive after many openings, lost connections, looks, error answers,
+    garbled answers, and calls without an answer, nor after a `close` that fails or ends a look; also not until `close`.
+    No child process inherits one."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before, known = _counts(context), frozenset(threading.enumerate())
@@ -289,7 +289,7 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
 @rule(Cost(opens=3, calls=560, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
     """Python's memory does not grow over many calls, alone and as blocks, without the garbage collector; also not by
-    calls that fail, lost connections, or looks for a device that is away."""
+    failed calls, lost connections, or looks for a device that is away."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever
     with context.opened(direct=True) as probe:
         run = LongRun(context, probe)

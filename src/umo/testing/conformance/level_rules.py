@@ -24,16 +24,16 @@ MOST_LOOKS = 20
 OTHER_LEVEL = 2
 """Number of the level that another client writes, beside that of the driver."""
 FEWEST_OUTPUTS = 1
-"""Outputs whose requests are told from others, at any rate."""
+"""Least number of outputs whose requests are distinguished from others."""
 Happening = Callable[[RuleContext, "Witness", int], object]
 """Function that brings it about that the driver connects again, or looks. The number is that of the levels."""
 
 
 @rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
 def levels_kept(context: RuleContext) -> str | None:
-    """Only what is written moves an output: it stays where it is when the driver connects again, after a lost
-    connection, a timeout, a garbled answer or an error that the device answers, and while it looks for its device.
-    After the device itself was away the driver may bring outputs to their defaults, as it has lost their levels."""
+    """Only a write changes an output: it keeps its level when the driver connects again, after a lost connection, a
+    timeout, a garbled answer or an error answer, and while the driver looks for its device. After the device itself was
+    away the driver may bring outputs to their defaults, because the device has lost their levels."""
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")
     happenings = _happenings(context)
@@ -52,7 +52,7 @@ def levels_kept(context: RuleContext) -> str | None:
 
 
 def _happenings(context: RuleContext) -> Mapping[str, Happening]:
-    """What may happen before the next call, by its words."""
+    """Return the events that may precede the next call, by their names."""
     context.loss  # noqa: B018  NotTried
     found: dict[str, Happening] = {"the device was away": _away}
     if (line := context.subject.line) is not None:
@@ -64,7 +64,7 @@ def _happenings(context: RuleContext) -> Mapping[str, Happening]:
 
 
 def _moved(context: RuleContext, witness: Witness, happening: Happening, number: int) -> str:
-    """What has moved, in words; empty if nothing has."""
+    """Return what has moved, as text; empty if nothing has."""
     probe, witness.seen, witness.lost = witness.probe, "", happening is _away
     for place, output in enumerate(context.subject.outputs):
         rewrite(context, probe, output, output.other(number + place), "what was tried before")
@@ -79,7 +79,7 @@ def _moved(context: RuleContext, witness: Witness, happening: Happening, number:
 
 
 def _harmless(context: RuleContext, probe: Probe, number: int) -> list[DriverCall]:
-    """Calls that move nothing: of a driver without inputs a write of the level that is there."""
+    """Return calls that move nothing: for a driver without inputs a write of the present level."""
     if context.readable:
         return [partial(probe.read, context.readable[0]), partial(probe.read_many, context.readable)]
     first = context.subject.outputs[0]
@@ -130,7 +130,8 @@ def _in_haste(context: RuleContext, witness: Witness, number: int) -> DriverCall
 
 
 class Witness:
-    """Who sees the outputs beside the driver: a record, another client through the loop-backs, and the tap."""
+    """Observes the outputs independently of the driver: by a record, another client through the loop-backs, and the
+    tap."""
 
     def __init__(self, context: RuleContext, probe: Probe, other: Probe | None) -> None:
         self.context, self.probe = context, probe
@@ -150,7 +151,7 @@ class Witness:
         self.watched = {each.channel for each in (*recorded, *self._looped, *self._writes)}
 
     def write(self, output: Output, number: int) -> None:
-        """What another client writes meanwhile stays, where it may write."""
+        """Values that another client writes in the meantime stay, if it may write."""
         if self._apart is not None and self.context.readable and not self.context.subject.sole_writer:
             self.context.insist(self.context.ready, self._apart, output.channel)
             self.context.insist(self._apart.write, output.channel, output.other(number))
@@ -159,7 +160,7 @@ class Witness:
 
     @property
     def remark(self) -> str | None:
-        """Words for the outputs that nobody else sees."""
+        """Return a remark on the outputs that have no independent observer."""
         unseen = [each.channel for each in self.context.subject.outputs if each.channel not in self.watched]
         return f"nobody watched {some(unseen)}" if unseen else None
 

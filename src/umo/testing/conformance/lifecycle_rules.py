@@ -26,8 +26,8 @@ MAX_OTHERS = 8
 
 @rule(Cost(opens=11, each=9, calls=6, connects=2, waits=1, more=24))
 def initialise(context: RuleContext) -> str | None:
-    """An output comes up at its default, also after an initialise that has failed; the others stay where they are.
-    Channels are initialised in any order."""
+    """An output starts at its default, also after an initialise that has failed; the others do not change. Channels can
+    be initialised in any order."""
     for output, _ in _left_levels(context):
         others = [each for each in context.visible if each != output]
         with context.leaving(context.new()) as probe:
@@ -71,7 +71,7 @@ def _again_after_a_failure(context: RuleContext) -> None:
 
 
 def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
-    """Each output, and the level at which a process that died has left it; the other outputs are at other levels."""
+    """Each output, with the level at which a process that died has left it; the other outputs are at other levels."""
     for output in context.as_time_allows(context.required_outputs, FEWEST_OUTPUTS, "outputs"):
         for left in dict.fromkeys((output.default, output.other())):
             _leave_at(context, output, left)
@@ -111,8 +111,8 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
 
 @rule(Cost(each=14, calls=6))
 def reset(context: RuleContext) -> str | None:
-    """Reset brings an output from any level to the default that it is given; it changes nothing of an input or another
-    output, not for a moment either."""
+    """Reset brings an output from any level to the given default; it changes no input and no other output, not even for
+    a moment."""
     with context.opened() as probe:
         _check_inputs(context, probe)
         for output in context.required_outputs:
@@ -208,8 +208,9 @@ def _direct(
 
 
 def _is_gradual(context: RuleContext, probe: Probe, output: Output, levels: Sequence[int], left: int) -> bool:
-    """Whether it is the loop-back that goes from one level to another through several in between: it does so with a
-    plain write too. A driver that writes in two parts shows always the same one, and a record the output itself."""
+    """Return True if it is the loop-back that changes gradually from one level to another: it does so with a plain
+    write too. A driver that writes in two parts always shows the same level in between, and a record shows the output
+    itself."""
     if context.subject.levels is not None or list(levels) not in (sorted(levels), sorted(levels, reverse=True)):
         return False
     between = set(levels[1:-1])
@@ -224,7 +225,7 @@ def _is_gradual(context: RuleContext, probe: Probe, output: Output, levels: Sequ
 
 @rule(Cost(opens=2, each=13))
 def finalise(context: RuleContext) -> str | None:
-    """Channels are finalised in any order; the others go on working, keep their levels and read the same."""
+    """Channels can be finalised in any order; the others continue to work, keep their levels and read the same."""
     if len(context.channels) < 2:
         raise NotTried("the subject has one channel only")
     for order in (context.channels, context.channels[::-1]):
@@ -263,9 +264,9 @@ def _use(context: RuleContext, probe: Probe, text: str) -> None:
 
 @rule(Cost(opens=15, each=10, calls=4, connects=2, waits=1))
 def reopen(context: RuleContext) -> str | None:
-    """A closed driver can be opened again, and one that is not open can be closed. Outputs come up at their defaults
-    again, also if they were driven in the meantime. No descriptor is closed twice: its number may be another's by
-    then."""
+    """A closed driver can be opened again, and one that is not open can be closed. Outputs start at their defaults
+    again, also if they were driven in the meantime. No descriptor is closed twice, because its number may belong to
+    another one by then."""
     probe = context.new()
     probe.close()
     with context.watch.placeholders() as held:
@@ -297,7 +298,7 @@ def _opened_again(context: RuleContext, probe: Probe, number: int) -> None:
 
 
 def _lose_connections(context: RuleContext, probe: Probe, line: Tap) -> None:
-    """One ends, the answer of another gets lost, and then the device is looked for; what fails is judged by others."""
+    """Close one connection, lose the answer of another, and then look for the device. Other rules judge failures."""
     context.bring_up(probe)
     call = context.transfers(probe)[0]
     line.drop()

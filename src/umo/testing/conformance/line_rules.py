@@ -28,7 +28,7 @@ REFERENCE_CALLS = 3
 
 @rule(Cost(opens=2, each=4, calls=66, connects=20, waits=14, sleeps=0.3))
 def retry(context: RuleContext) -> str | None:
-    """A request is sent once within a call, also if it fails: a pulse would come twice."""
+    """A request is sent once within a call, also if it fails, because a pulse would come twice."""
     line = context.line
     faults: list[tuple[str, Change, bool]] = [
         ("got no answer", lambda answer: b"", False),
@@ -72,7 +72,7 @@ def _without_a_byte(answer: bytes) -> bytes:
 
 
 def _opening(context: RuleContext) -> list[bytes]:
-    """What a driver sends to open: a call that connects again may send it too."""
+    """Return what a driver sends to open. A call that connects again may send it too."""
     probe = context.new()
     with context.line.counting() as traffic:
         probe.open()
@@ -115,7 +115,7 @@ def _check_count(
 
 
 def _count(requests: Sequence[bytes], alike: Sequence[bytes]) -> int:
-    """How many of the requests have the bytes that all of these have in common; if these are not of one length, how
+    """Return how many of the requests have the bytes that all of `alike` have in common; if these differ in length, how
     many are as long as the first."""
     same = constant(alike)
     if not same:
@@ -182,7 +182,7 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
 
 @rule(Cost(each=4, calls=4, waits=8))
 def error_answer(context: RuleContext) -> str | None:
-    """An error that the device answers is an OSError, not a value and not a timeout."""
+    """An error that the device answers becomes an OSError, not a value and not a timeout."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     silent, kinds = [], set()

@@ -67,7 +67,7 @@ class LongRun:
         self._took: deque[float] = deque(maxlen=WARMING_CYCLES)
 
     def cycle(self) -> None:
-        """One read and one write of every channel, as a block; then of one of them."""
+        """Read and write every channel once, as a block; then one of them."""
         self.probe.call("cycle", self._transfer)
 
     def _transfer(self) -> None:
@@ -95,13 +95,13 @@ class LongRun:
             driver.read(channel)
 
     def fail(self) -> None:
-        """One call that fails."""
+        """Make one call that fails."""
         call = self.failing[self._turn % len(self.failing)]
         self._turn += 1
         self.context.failure(call)
 
     def go(self, most: int | None = None) -> None:
-        """Run so many cycles; default: until there were enough transfers, or the time is up."""
+        """Run a number of cycles; default: until there were enough transfers, or the time is over."""
         number, early = 0, 0
         while (self.per_cycle and number < FEWEST_CYCLES) or (self.calls < self.most and self.context.budget.more):
             if number == most:
@@ -131,7 +131,7 @@ class LongRun:
 
     @property
     def slow(self) -> bool:
-        """Whether the last cycles took much longer than the first ones."""
+        """True if the last cycles took much longer than the first ones."""
         return self.calls > 2 * WARMING_CYCLES * self.per_cycle and self.slower_than(self.early)
 
     def slower_than(self, quickest: float) -> bool:
@@ -139,12 +139,12 @@ class LongRun:
 
     @property
     def remark(self) -> str:
-        """Words for what was looked at."""
+        """Return a remark on what was examined."""
         words = [f"{self.calls:,} transfers"]
         if not self._shown and not self._steady:
             words.append("no reading is known beforehand, so none was compared")
         if self._lags:
-            why = "the driver is told its values" if self._told else "the level takes its time"
+            why = "the driver receives its values from elsewhere" if self._told else "the level takes its time"
             words.append(f"{', '.join(sorted(self._lags))}: compared now and then, as {why}")
         if not self._grown:
             words.append("too few to see the process grow")
@@ -180,8 +180,8 @@ class LongRun:
 
     def _explain(self, view: str, output: Output, raw: int, now: int, number: int) -> None:
         """A loop-back may take its time: it is on its way then, and gets there. One that takes longer than a cycle, as
-        the first ones show, may be on its way to any of the levels before. It is no matter of time if the level has
-        long come, and the next block gives the one before all the same."""
+        the first ones show, may be on its way to any of the levels before. It is not a question of time if the level
+        arrived long ago, and the next block still gives the one before."""
         low, high = sorted((raw, self._before.get(view, output.default)))
         there = self.context.is_read(self.probe, output, raw)
         on_its_way = low <= now <= high or view in self._lags or self.context.subject.agree is not None
@@ -235,7 +235,7 @@ class LongRun:
 
 
 def fails_at_once(context: RuleContext, call: DriverCall) -> bool:
-    """Whether a call fails, and not by waiting."""
+    """True if a call fails without waiting."""
     error = context.failure(call)
     return error is not None and not isinstance(error, TimeoutError) and context.watch.took < QUICK_FAILURE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from time import monotonic, sleep
 
 from umo.drivers.optional import answers_for_device
-from umo.presentation.durations import duration
+from umo.duration import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
@@ -25,8 +25,8 @@ LOOK_INTERVAL = 0.005
 
 @rule(Cost(each=5, calls=15, connects=8, waits=6, sleeps=1.6))
 def look(context: RuleContext) -> str | None:
-    """Looking for a device that does not answer (`look`) waits for nothing, does not find it, says so in the end,
-    and raises nothing but an OSError; when it is back it is found, also if its answer takes a part of the timeout, and
+    """A look for a device that does not answer (`look`) does not wait, does not find it, says so in the end, and raises
+    nothing except an OSError. When the device is back it is found, also if its answer takes a part of the timeout, and
     the next transfers give true values."""
     kinds = [context.line.silent] if context.subject.line is not None else []
     tried = goes_on = False
@@ -53,7 +53,7 @@ def look(context: RuleContext) -> str | None:
 
 
 def _fails(context: RuleContext, probe: Probe) -> bool:
-    """Whether a transfer fails, as it does before umo looks for the device."""
+    """True if a transfer fails, as it does before umo looks for the device."""
     probe.timeout = context.haste
     return context.failure(context.transfers(probe)[0]) is not None
 

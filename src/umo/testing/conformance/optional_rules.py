@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from umo.digits import number_text
 from umo.drivers.optional import (
     HasWatchdog,
     Inspects,
@@ -20,10 +21,9 @@ from umo.drivers.optional import (
     report_of,
     scale_of,
 )
+from umo.duration import duration
 from umo.errors import DeclarationError, text_of
 from umo.objects.units import check_unit, convert, line_between
-from umo.presentation.digits import number_text
-from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import MADE_UP, WRITTEN_MANY, Cost, NotTried, RuleBroken, rule
@@ -39,7 +39,7 @@ AGE_TOLERANCE = 0.02
 AGE_INTERVAL = 0.005
 """Time in s until it is read once more."""
 AGE_LOOKS = 5
-"""How many times `settle` is waited for the old level at most: a driver may keep its readings for longer than that."""
+"""Maximum number of times that `settle` is waited for the old level: a driver may keep its readings for longer."""
 AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
 """Times in s after which a level that has come is read."""
 PAIR_WAITS = (0.0, 0.0, 0.0)
@@ -48,7 +48,7 @@ MAX_AGE_PAIRS = 3
 """Pairs of channels whose ages are looked at, with each output."""
 CLOCK_STEP = 3600.0
 """Time in s by which the clock of the day is set back and forward."""
-UNFED = 1.5
+WATCHDOG_EXPIRY = 1.5
 """Times of the watchdog after which it has run out."""
 NO_TIMES = (1e9, -1.0)
 """Times in s that no watchdog has: 31 years, and one that is over."""
@@ -57,14 +57,14 @@ SILENCES = (0.04, 0.1)
 only for a short one."""
 REPORTS = 3
 """Times that a report is asked for twice in a row."""
-FEEDS = 6
+WATCHDOG_REQUESTS = 6
 """Requests within the time of a watchdog that is not to run out."""
 
 
 @rule(Cost(each=5, calls=10, sleeps=1))
 def physical_scale(context: RuleContext) -> str:
-    """The scale that a driver gives for a channel is one: a resolution that is not 0, a known unit; the same before and
-    after `open`, and at any level. Both ends of a loop-back are the same value by it."""
+    """The scale that a driver gives for a channel is valid: its resolution is not 0, its unit is known, and it is the
+    same before and after `open`, and at any level. Both ends of a loop-back have the same value by it."""
     given = {text: _scale(context.new(), text) for text in context.channels}
     with context.opened() as probe:
         for text, before in given.items():
@@ -118,7 +118,7 @@ def _ends(context: RuleContext, outputs: list[Output]) -> set[str]:
 
 
 def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping[str, PhysicalScale | None]) -> bool:
-    """Whether the two ends of a loop-back could be compared; RuleBroken if their values differ."""
+    """Return True if the two ends of a loop-back could be compared. RuleBroken if their values differ."""
     one, other = given.get(output.channel), given.get(context.view(output))
     if context.view(output) == output.channel or one is None or other is None:
         return False
@@ -141,9 +141,9 @@ def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping
 
 @rule(Cost(each=1, calls=77, waits=1, sleeps=1.6))
 def ages(context: RuleContext) -> str | None:
-    """The age of a reading is no less than the time since the level has changed, if it is an old level, and no more, if
-    it is the new one; while nothing comes from the device, it is no less than that time. There is one for each channel
-    of the block, and none hangs on the clock of the day."""
+    """The age of a reading with an old level is at least the time since the level has changed; with the new level it is
+    at most that time. While nothing arrives from the device, the age is at least that time. There is one age for each
+    channel of the block, and none depends on the wall clock."""
     texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
@@ -166,7 +166,7 @@ def ages(context: RuleContext) -> str | None:
 
 
 def _grow_in_silence(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
-    """What a driver gives while nothing comes from its device has come before."""
+    """Check that a driver returns only earlier values while nothing comes from its device."""
     for silence in SILENCES:
         probe.read_many(texts)
         with context.line.silent(), context.in_haste(probe):
@@ -213,7 +213,8 @@ def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
 
 
 def _age_blocks(view: str, texts: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple[float, ...]]]:
-    """All channels, and pairs with this one, each with the times in s after which it is read: each has its own age."""
+    """Return all channels, and pairs with this one, each with the times in s after which it is read: each has its own
+    age."""
     pairs = [(view, text) for text in texts if text != view]
     return [(texts, AGE_WAITS), *((pair, PAIR_WAITS) for pair in pairs[:MAX_AGE_PAIRS])]
 
@@ -267,9 +268,9 @@ def _time(seconds: float) -> str:
 
 @rule(Cost(each=4, calls=24, connects=2, waits=3))
 def report(context: RuleContext) -> str | None:
-    """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
-    moves no output, not for a moment either, changes no reading, and raises nothing but an OSError if the device is
-    away. Asked again, a report still has what it had, also once the device was away."""
+    """The result of `report` is plain data by name, that of `inspect` for an input a line of text. Asking for them
+    changes no output, not even for a moment, and no reading, and raises nothing except an OSError if the device is
+    away. A later report still has the earlier content, also after the device was away."""
     if not isinstance(context.new().driver, Reports | Inspects):
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
@@ -309,7 +310,7 @@ def _reports_again(context: RuleContext, probe: Probe) -> None:
 
 
 def _reports_of_now(context: RuleContext, probe: Probe) -> None:
-    """What a report says of the outputs is not what it said before they were moved."""
+    """Check that a report on the outputs is a new one after they were moved."""
     driver, late = probe.driver, None
     if not isinstance(driver, Reports):
         return
@@ -333,7 +334,7 @@ def _is(one: Any, other: Any) -> bool:
 
 
 def _holds(value: Any) -> bool:
-    """Whether there is anything but zeros in it."""
+    """True if it contains something other than zeros."""
     if isinstance(value, Mapping):
         return any(map(_holds, value.values()))
     return any(map(_holds, value)) if isinstance(value, list | tuple) else bool(np.any(value))
@@ -389,17 +390,17 @@ def _is_plain(value: Any) -> bool:
 
 @rule(Cost(each=2, calls=4, waits=1, connects=1, watchdogs=9))
 def watchdog(context: RuleContext) -> str | None:
-    """Armed with a time, the watchdog of the circuit lets go of the outputs once nothing has been called for that time,
-    and not before, also if the driver has connected again since: no requests of the driver itself keep it from that.
-    Each call of `watchdog` sets the time anew, and fails if its answer gets lost. `check_watchdog` refuses what the
-    circuit cannot take."""
+    """The watchdog of the circuit, once armed with a time, drops the outputs when nothing was called for that time, and
+    not before, also if the driver has connected again since; requests that the driver sends by itself do not prevent
+    it. Each call of `watchdog` sets the time again, and fails if its answer gets lost. `check_watchdog` refuses a time
+    that the circuit does not support."""
     seconds = context.subject.watchdog
     if not isinstance(context.new().driver, HasWatchdog):
         raise NotTried("the driver has no watchdog of its circuit")
     context.required_outputs  # noqa: B018  NotTried
     if not seconds:
         raise NotTried("nothing says with which time to arm it (`watchdog` of the subject, or of the wiring)")
-    long = 2 * UNFED * seconds
+    long = 2 * WATCHDOG_EXPIRY * seconds
     with context.opened() as probe:
         _drive(context, probe)
         for output in context.required_outputs:
@@ -409,8 +410,8 @@ def watchdog(context: RuleContext) -> str | None:
             longer = _arm(probe, long) is None
             if longer:
                 _drive(context, probe)
-                sleep(UNFED * seconds)
-                silence = f"after {duration(UNFED * seconds)} of silence"
+                sleep(WATCHDOG_EXPIRY * seconds)
+                silence = f"after {duration(WATCHDOG_EXPIRY * seconds)} of silence"
                 _check_held(context, probe, f"armed with {duration(long)}, {silence}")
             _drive(context, probe)
             if (error := _arm(probe, seconds)) is not None:
@@ -455,7 +456,7 @@ def _check_limits(context: RuleContext, probe: Probe) -> None:
 
 
 def _sends_by_itself(context: RuleContext, seconds: float) -> bool:
-    """Whether requests come while nothing is called."""
+    """True if requests come while nothing is called."""
     with context.counted() as traffic:
         sleep(seconds)
     return bool(traffic.asked)
@@ -489,12 +490,14 @@ def _drive(context: RuleContext, probe: Probe) -> None:
 
 def _feed(context: RuleContext, probe: Probe, seconds: float) -> None:
     """Requests come in time: the outputs stay."""
-    for _ in range(2 * FEEDS):
+    for _ in range(2 * WATCHDOG_REQUESTS):
         _drive(context, probe)
         if context.readable:
             probe.read_many(context.readable)
-        sleep(seconds / FEEDS)
-    _check_held(context, probe, f"armed with {duration(seconds)}, with a request every {duration(seconds / FEEDS)}")
+        sleep(seconds / WATCHDOG_REQUESTS)
+    _check_held(
+        context, probe, f"armed with {duration(seconds)}, with a request every {duration(seconds / WATCHDOG_REQUESTS)}"
+    )
 
 
 def _check_held(context: RuleContext, probe: Probe, when: str) -> None:
@@ -504,12 +507,13 @@ def _check_held(context: RuleContext, probe: Probe, when: str) -> None:
 
 
 def _check_let_go(context: RuleContext, probe: Probe, seconds: float, since: str) -> None:
-    """Nothing is asked for long enough. It is the circuit's own choice which outputs it lets go of, and to what."""
+    """Wait without requests until the watchdog must have acted. The circuit decides which outputs it releases, and to
+    what levels."""
     outputs = context.required_outputs
     _drive(context, probe)
-    sends = _sends_by_itself(context, UNFED * seconds)
+    sends = _sends_by_itself(context, WATCHDOG_EXPIRY * seconds)
     if all(context.same(each, each.other(), context.level(probe, each)) for each in outputs):
         at = some([f"{each.channel} at {each.other()}" for each in outputs])
         armed = f"armed with {duration(seconds)}{since}"
         why = ": the driver sends requests by itself meanwhile" if sends else ""
-        raise RuleBroken(f"{armed}, still {at} when nothing was called for {duration(UNFED * seconds)}{why}")
+        raise RuleBroken(f"{armed}, still {at} when nothing was called for {duration(WATCHDOG_EXPIRY * seconds)}{why}")

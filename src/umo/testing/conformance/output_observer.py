@@ -28,7 +28,7 @@ class OutputObserver(DriverFactory):
     """The levels of the outputs, as far as they can be seen."""
 
     excuses: list[str]
-    """What the present rule took for the device's own doing, in words."""
+    """The changes that the present rule attributes to the device itself, as text."""
     last_level = 0
     """Level that `is_at` or `is_read` found last."""
 
@@ -110,7 +110,7 @@ class OutputObserver(DriverFactory):
         return self.reading(probe, output)
 
     def comes_to(self, look: Callable[[], int], right: Callable[[int], bool]) -> tuple[bool, int]:
-        """Whether the look finds a right level within `settle`, and what it found last."""
+        """Return True if the look finds a right level within `settle`, and the last level found."""
         end = monotonic() + self.subject.settle
         while not right(found := look()):
             if monotonic() >= end:
@@ -119,11 +119,11 @@ class OutputObserver(DriverFactory):
         return True, found
 
     def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
-        """Whether the output comes to this level within `settle`; sets `last_level`."""
+        """True if the output comes to this level within `settle`; sets `last_level`."""
         return self._comes_to(self.level, probe, output, raw)
 
     def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
-        """Whether the driver reads this level within `settle`; sets `last_level`."""
+        """True if the driver reads this level within `settle`; sets `last_level`."""
         return self._comes_to(self.reading, probe, output, raw)
 
     def _comes_to(self, look: Callable[[Probe, Output], int], probe: Probe, output: Output, raw: int) -> bool:
@@ -177,7 +177,7 @@ class OutputObserver(DriverFactory):
     # The same level -----------------------------------------------------------------------------------
 
     def same(self, output: Output, raw: int, level: int) -> bool:
-        """Whether a level that was seen is the output's raw one."""
+        """True if an observed level is the raw integer of the output."""
         if raw == level or self.subject.agree is None:
             return raw == level
         views = {self.view(output)}
@@ -186,8 +186,8 @@ class OutputObserver(DriverFactory):
         return any(self.subject.agree(output.channel, raw, view, level) for view in views)
 
     def alike(self, text: str, before: int, now: int) -> bool:
-        """Whether two readings of a channel mean one level: they are equal, or those of a loop-back agree with a level
-        of its output."""
+        """True if two readings of a channel mean the same level: they are equal, or those of a loop-back agree with a
+        level of its output."""
         if before == now or self.subject.agree is None:
             return before == now
         return any(
@@ -198,7 +198,7 @@ class OutputObserver(DriverFactory):
         )
 
     def fallen(self, text: str, found: int) -> bool:
-        """Whether the device itself has brought an output to its default, as a watchdog does while a line is silent: a
+        """True if the device itself has brought an output to its default, as a watchdog does while a line is silent: a
         new driver, without the line, reads that too."""
         shown = [each for each in self.subject.outputs if self.view(each) == text]
         if self.subject.direct is None or not any(self.same(each, each.default, found) for each in shown):
@@ -239,7 +239,7 @@ class OutputObserver(DriverFactory):
     @contextmanager
     def straight(self, goals: Mapping[Output, int], doing: str) -> Iterator[None]:
         """RuleBroken if an output goes within the block anywhere but straight to its goal, which may be the level that
-        it has. Where there is no record of levels, nothing is seen of it."""
+        it has. Without a record of levels it cannot be seen."""
         seen = goals if self.subject.levels is not None else {}
         for output in seen:
             self.recorded(output)

@@ -1,4 +1,4 @@
-"""A driver under test: every call of it is watched, and noted in words."""
+"""A driver under test: every call of it is observed and recorded as text."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Watch:
         self.doing = "make the driver"
         self.began: float | None = None
         self.limit = 0.0
-        """Timeout in s of the call that is under way."""
+        """Timeout in s of the call that is in progress."""
         self.took = 0.0
         """Duration in s of the last call."""
         self.stopped = False
@@ -35,13 +35,13 @@ class Watch:
         self.until = inf
         """The time (`monotonic`) after which the next call is not to be made, as it is up."""
         self.over = False
-        """No more calls are to be made: one did not return in time."""
+        """True if no more calls may be made, because one did not return in time."""
         self.failed = ""
         """The last call, if it has failed."""
         self.interrupted = False
         """A KeyboardInterrupt came out of a call."""
         self.after: Callable[[str], object] | None = None
-        """Called with each call that has ended."""
+        """Function that is called with each call that has ended."""
         self.wrong_kind = ""
         """The first call that raised something else than an OSError."""
         self.wrong_type = ""
@@ -87,7 +87,7 @@ class Watch:
 
     @contextmanager
     def placeholders(self) -> Iterator[Placeholders]:
-        """Each descriptor that becomes free by a call within the block is taken at once."""
+        """Return a context in which each descriptor that becomes free by a call is used at once."""
         held = Placeholders()
         self.after = held.look
         try:
@@ -97,7 +97,7 @@ class Watch:
             held.release()
 
     def _before(self, what: str) -> str:
-        """What the kit has disturbed before this call, and lets pass now; or else another call that has just failed."""
+        """Return what the kit has disturbed before this call and passes now, or another call that has just failed."""
         disturbed = self.line.disturbed if self.line is not None and self.line.passes else ""
         return disturbed or (f"a {self.failed} that failed" if self.failed not in ("", what) else "")
 
@@ -124,7 +124,8 @@ def call_of(error: OSError) -> str:
 
 
 def disturbed_before(error: OSError) -> str:
-    """What the kit had disturbed just before the call, or the call before it that failed; empty if nothing."""
+    """Return what the kit had disturbed just before the call, or before the call that failed before it; empty if
+    nothing."""
     return getattr(error, "umo_after", "")
 
 
@@ -151,7 +152,7 @@ class Probe:
 
     @property
     def timeout(self) -> float:
-        """Timeout in s as it was set here. What the driver makes of it is not asked: it may keep to another one."""
+        """Timeout in s as it was set here. Whether the driver uses it is not checked here: it may use another one."""
         return self._timeout
 
     @timeout.setter
@@ -248,5 +249,5 @@ class Probe:
         return value
 
     def _note(self, words: str) -> None:
-        """What is wrong with the reading of the last call."""
+        """Note what is wrong with the reading of the last call."""
         self.watch.wrong_type = self.watch.wrong_type or f"{self.watch.doing} {words}"

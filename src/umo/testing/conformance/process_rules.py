@@ -15,8 +15,8 @@ from types import FrameType
 from typing import Any, TextIO
 
 from umo.drivers.optional import EndsWait
+from umo.duration import duration
 from umo.errors import text_of
-from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.process_snapshot import alarm_time, change, state, state_of_thread, threads
 from umo.testing.conformance.rule_context import RuleContext
@@ -44,8 +44,8 @@ WAITING_FUNCTIONS = {
 
 @rule(Cost(calls=25, connects=6, waits=6, sleeps=2.5))
 def idle(context: RuleContext) -> str | None:
-    """No processor time is used for waiting: not while the device is silent or away or its connection has ended, not
-    between calls, not after `close`. A pause between two calls does no harm."""
+    """Waiting uses no processor time: not while the device is silent or away or its connection has ended, not between
+    calls, not after `close`. A pause between two calls does no harm."""
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with context.opened() as probe:
@@ -65,7 +65,7 @@ def idle(context: RuleContext) -> str | None:
 
 
 def _works_after_a_pause(context: RuleContext, probe: Probe) -> None:
-    """Where the device has not ended the connection meanwhile, each call works."""
+    """Check that each call works after a pause, unless the device has ended the connection."""
     line = context.subject.line
     before = line.open_connections if line is not None else 0
     sleep(PAUSE)
@@ -114,8 +114,8 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
 @rule(Cost(opens=6, calls=35, connects=6, more=10))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else. The driver can still
-    be used after that, as outputs are reset then, and takes no late answer to that call for another one; so it can once
-    it was asked to end a wait (`stop_waiting`)."""
+    be used after that, because outputs are reset then, and takes no late answer to that call for another one. The same
+    applies after a request to end a wait (`stop_waiting`)."""
     # The interrupt is raised where the call would wait in a function in C
     kinds = len(context.transfers(context.new()))
     _asked_to_stop(context)
@@ -144,7 +144,7 @@ def _asked_to_stop(context: RuleContext) -> None:
 
 
 def _interrupted(context: RuleContext, number: int) -> bool:
-    """Whether a call of this kind waited, and so was interrupted. A few calls may fail by what it has left behind."""
+    """Return True if a call of this kind waited, and so was interrupted. A few calls may fail afterwards."""
     probe = context.new()
     try:
         context.bring_up(probe)
@@ -193,7 +193,7 @@ def _answered_late(context: RuleContext, number: int, line: Tap) -> None:
 
 
 def _raised_in(context: RuleContext, call: Callable[[], object], waits: int = 0) -> str:
-    """The function in which a call was interrupted, when it would have waited for so many times before."""
+    """Return the function in which a call was interrupted when it would have waited for this many times before."""
     before, interrupt = sys.getprofile(), _Interrupt(waits)
     context.watch.interrupted = False
     sys.setprofile(interrupt)
@@ -237,15 +237,17 @@ def process(context: RuleContext) -> str | None:
             remark = _used(context)
             gc.collect()  # its destructor, if that waits for the garbage collector
         if gc.isenabled():
-            raise RuleBroken("it switched the garbage collector on, which is off in the control process")
+            raise RuleBroken("the driver switched the garbage collector on, which is off in the control process")
     finally:
         (gc.enable if on else gc.disable)()
     if text := "".join(printed).strip():
-        raise RuleBroken(f"it prints: {text.splitlines()[0]!r}")
+        raise RuleBroken(f"the driver prints: {text.splitlines()[0]!r}")
     if changed := change(context.before, state()) or change(own, state_of_thread()):
-        raise RuleBroken(f"it changed {changed}")
+        raise RuleBroken(f"the driver changed {changed}")
     if alarm is not None and (now := alarm_time()) is not None and abs(now - alarm) > ALARM_TOLERANCE:
-        raise RuleBroken(f"it changed the timer of the process that was running, by {duration(round(now - alarm, 1))}")
+        raise RuleBroken(
+            f"the driver changed the timer of the process that was running, by {duration(round(now - alarm, 1))}"
+        )
     return remark
 
 

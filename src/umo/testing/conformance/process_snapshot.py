@@ -53,8 +53,8 @@ State = dict[str, object]
 
 
 def change(before: State, now: State) -> str:
-    """The first difference between two states, in words; empty if there is none. Values of the environment are not
-    told: some are secret."""
+    """The first difference between two states, as text; empty if there is none. Values of the environment are not
+    shown, because some are secret."""
     for what, value in now.items():
         if value != before[what]:
             if not isinstance(value, dict):
@@ -101,7 +101,7 @@ def state() -> State:
 
 
 def state_of_thread() -> State:
-    """What each thread has of its own."""
+    """Return the state of each thread."""
     decimals = decimal.getcontext()
     return {
         "context of decimal numbers": {
@@ -130,7 +130,7 @@ def _blocked() -> list[int]:
 
 
 def _umask() -> str:
-    """The mask, as the kernel tells it: asked for by `os.umask`, it would be another one meanwhile."""
+    """The mask, read from the kernel: reading it by `os.umask` would change it for a moment."""
     with suppress(OSError):
         found = re.search(r"^Umask:\s*(\d+)", STATUS.read_text(), re.MULTILINE)
         return found[1] if found else ""
@@ -138,7 +138,8 @@ def _umask() -> str:
 
 
 def _filters() -> list[str]:
-    """Those for a class of warnings of Python itself. Many libraries set one for a warning of their own."""
+    """Return the filters for classes of warnings of Python itself. Many libraries add one for a warning of their
+    own."""
     return [
         f"{action} {category.__name__}"
         for action, message, category, module, _ in warnings.filters

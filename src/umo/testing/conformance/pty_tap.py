@@ -19,8 +19,8 @@ CMSPAR = 0o10_000_000_000
 
 class PtyTap(Tap):
     """A pseudo terminal at `serial`, a path, in front of a device file. The driver's settings of the line (baud rate,
-    stop bits, flow control) are passed on. Parity and data bits are told to the tap, as a pseudo terminal does not keep
-    them. When the line ends, as an adapter that is taken out, a new one appears at the same path."""
+    stop bits, flow control) are passed on. Parity and data bits are arguments of the tap, because a pseudo terminal
+    does not keep them. When the line ends, as an adapter that is taken out, a new one appears at the same path."""
 
     ordered = False
 

@@ -47,7 +47,7 @@ def looks_for_pulses(context: RuleContext, output: Output) -> bool:
 
 
 def known_writes(context: RuleContext, probe: Probe, output: Output) -> Writes | None:
-    """The requests of writes of an output; None if they cannot be told, also not from those of a reading."""
+    """The requests of writes of an output; None if they cannot be recognised, also not from those of a reading."""
     levels = _levels(output)
     writes = Writes((raw, sent) for raw, sent in _written(context, probe, output, levels) if sent)
     with context.line.counting() as traffic:
@@ -72,7 +72,7 @@ def _levels(output: Output) -> list[int]:
 
 
 def _order(levels: list[int]) -> list[int]:
-    """Each several times, in changing orders, none twice in turn."""
+    """Return each level several times, in changing orders, none twice in a row."""
     random, found = Random(1998), list[int]()
     while len(found) < FEWEST_WRITES // 2:
         turn = random.sample(levels, len(levels))
@@ -116,7 +116,7 @@ class Writes:
 
     @property
     def tell(self) -> bool:
-        """Whether the level can be told of any request."""
+        """True if a level can be recognised in any request."""
         return any(form.tells for form in self._forms.values())
 
     def found_in(self, requests: Iterable[bytes]) -> int | None:
@@ -142,7 +142,7 @@ class _Form:
         """`alike`: writes of every level, of the same length."""
         self.length = len(requests[0])
         self.tells = True
-        """No write of another level looks so."""
+        """True if no write of another level looks the same."""
         same = constant(requests)
         self._bits = [(0xFF, same[place]) if place in same else _bits([request[place] for request in alike])
                       for place in range(self.length)]  # fmt: skip

@@ -1,8 +1,8 @@
-"""What passes between a driver and its device: a thread moves the bytes of both directions, and spoils answers.
+"""Passes bytes between a driver and its device, in a thread, and spoils answers.
 
-It knows no protocol. In a mode that spoils, an answer is what comes from the device until nothing more has come for
-`ANSWER_GAP` s. A device that sends by itself may never pause: of what it sends an answer is `LONGEST_ANSWER` s at most.
-"""
+It does not depend on the protocol. In a mode that spoils, an answer is what comes from the device until nothing more
+has come for `ANSWER_GAP` s. A device that sends by itself may never pause: from such a device an answer lasts at most
+`LONGEST_ANSWER` s."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from umo.testing.conformance.closed_twice import out_of_the_way
 ANSWER_GAP = 0.005
 """Time in s without a byte that ends an answer."""
 LONGEST_ANSWER = 0.05
-"""Time in s for which an answer goes on at most, of a device that sends by itself."""
+"""Time in s for which an answer continues at most, of a device that sends by itself."""
 PIECE_INTERVAL = 0.003
 """Time in s between the pieces of an answer."""
 MAX_SETTLING_TIME = 5.0
@@ -41,13 +41,13 @@ class AnswerMode:
 
     change: Change | None = None
     hangup: bool = False
-    """Whether the connection is closed after a changed answer."""
+    """True if the connection is closed after a changed answer."""
     reset: bool = False
-    """Whether the end of the connection is a reset, as from a device that has restarted."""
+    """True if the end of the connection is a reset, as from a device that has restarted."""
     holding: bool = False
-    """Whether they are kept, to be delivered late."""
+    """True if they are kept, to be delivered late."""
     splitting: bool = False
-    """Whether each comes in four pieces: the first byte and the last one are pieces of their own."""
+    """True if each comes in four pieces: the first byte and the last one are pieces of their own."""
     step: float = 0.0
     """Time in s between the bytes of an answer that trickles."""
     endless: float = 0.0
@@ -101,9 +101,9 @@ class Relay(ABC):
         self.missing = ""
         """Cause why the device could not be reached when a driver connected last; empty if it could."""
         self.disturbed = ""
-        """What was disturbed last, in words, until a call of the driver has succeeded since."""
+        """The last disturbance as text, until a later call of the driver succeeds."""
         self._speaks = False
-        """Whether the device sends by itself, and not only a greeting."""
+        """True if the device sends by itself, and not only a greeting."""
         self._traffic: Traffic | None = None
         self._mode = PASSING
         self._open: list[Tapped] = []
@@ -326,7 +326,7 @@ class Relay(ABC):
 
 
 def _words(answer: bytes, changed: bytes | None, mode: AnswerMode) -> str:
-    """What becomes of an answer, in words."""
+    """Return what happens to an answer, as text."""
     if changed is None:
         what = "an answer that came byte by byte" if mode.step else "a late answer"
     elif changed == answer:

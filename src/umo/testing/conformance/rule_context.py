@@ -1,4 +1,4 @@
-"""What a rule works with: the subject in use, the time that is left, and calls whose answers are spoiled."""
+"""The context of a rule: the subject in use, the remaining time, and calls whose answers are spoiled."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WATCHED_CALLS = 4
 MIN_HASTE = 0.2
 """Timeout in s: no shorter one is chosen by the kit itself."""
 HASTE_FACTOR = 10
-"""Factor: a call that must time out waits so many times as long as the slowest of a few answers took."""
+"""Factor: a call that must time out waits this many times as long as the slowest of a few answers."""
 NO_LINE = "there is no line between driver and device that the kit can disturb"
 
 
@@ -51,7 +51,7 @@ class RuleContext(OutputObserver):
         self.excuses = []
         self._told: bool | None = None
         self.left_out: list[str] = []
-        """Parts of the present rule that were left out for want of time, in words."""
+        """Parts of the present rule that were left out for want of time, as text."""
         self.times: dict[str, TransferTime] = {}
         self.threads: frozenset[int] = frozenset()
         """Threads of the process that are older than the first driver."""
@@ -59,7 +59,7 @@ class RuleContext(OutputObserver):
         """The process, as it was before the first driver."""
 
     def begin(self, before: State | None = None) -> None:
-        """Note what is there before the first driver; `before`: the process, if a driver has been there already."""
+        """Note the state before the first driver; `before`: the process, if a driver has been there already."""
         self.before = before or state()
         self.threads = frozenset(threads())
 
@@ -90,7 +90,7 @@ class RuleContext(OutputObserver):
             return 0.0 if other is not None else len(looped) * self.subject.settle
 
     def _connecting(self, transfer: float) -> float:
-        """How much longer a call takes when the connection was lost."""
+        """Return how much longer a call takes when the connection was lost."""
         if self.subject.line is None:
             return 0.0
         with self.opened() as probe:
@@ -114,7 +114,7 @@ class RuleContext(OutputObserver):
             longest = max(longest, monotonic() - began)
 
     def transfers(self, probe: Probe, default: bool = True) -> list[DriverCall]:
-        """One call of each kind. Outputs are written their defaults, or other levels."""
+        """Return one call of each kind. Outputs are written to their defaults, or other levels."""
         found: list[DriverCall] = []
         if self.readable:
             found += [partial(probe.read, self.readable[0]), partial(probe.read_many, self.readable)]
@@ -174,7 +174,8 @@ class RuleContext(OutputObserver):
         probe.timeout = self.patience
 
     def told(self, probe: Probe) -> bool:
-        """Whether the driver is told the values of its inputs: it gives ages, and they are judged by their rule."""
+        """True if the driver receives the values of its inputs instead of requesting them: it gives ages, which have a
+        rule of their own."""
         if self._told is None:
             doing = self.watch.doing
             self._told = bool(self.readable) and isinstance(probe.driver, KnowsAges) and self._gives_ages(probe)
@@ -186,11 +187,13 @@ class RuleContext(OutputObserver):
         return probe.call("ages", ages_of, probe.driver, tuple(map(probe.channel, self.readable))) is not None
 
     def made_up(self, probe: Probe) -> bool:
-        """Whether the last call, which has succeeded without a right answer, made its result up. A driver that is told
-        its values may give a reading that had come before: its age is judged by the rule ages."""
+        """True if the last call, which has succeeded without a right answer, invented its result. A driver that
+        receives its values may return an earlier reading: the rule ages checks its age."""
         if not self.watch.doing.startswith("read") or not self.told(probe):
             return True
-        self.excuses.append("what was read may have come before, as the driver is told its values: see the rule ages")
+        self.excuses.append(
+            "what was read may have come before, as the driver receives its values from elsewhere: see the rule ages"
+        )
         return False
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
@@ -207,7 +210,7 @@ class RuleContext(OutputObserver):
         try:
             found = probe.call("look", driver.look if isinstance(driver, Looks) else lambda: True)
         except WrongKind as error:
-            raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
+            raise RuleBroken(f"look raised {text_of(error)}, which is not an OSError") from error
         except OSError:
             return False
         if found is not None and not isinstance(found, bool):
@@ -215,7 +218,7 @@ class RuleContext(OutputObserver):
         return found
 
     def dead(self) -> str:
-        """Why the device cannot be used at all; empty if it can."""
+        """Return why the device cannot be used at all; empty if it can."""
         probe, doing = None, ""
         try:
             probe = self.new()

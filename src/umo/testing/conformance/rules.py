@@ -1,4 +1,4 @@
-"""What a rule is, how one is registered, and how it ends."""
+"""Defines rules, their registration and their results."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from umo.text import did_you_mean
 
 
 class RuleBroken(Exception):
-    """The driver does not keep the rule; says what it did. `causes`: what a later rule may stumble over again, such as
-    "level of dac:0"; each is told once."""
+    """The driver does not keep the rule; says what it did. `causes`: causes that may break a later rule too, such as
+    "level of dac:0"; each is reported once."""
 
     def __init__(self, text: str, *causes: str) -> None:
         super().__init__(text)
@@ -96,7 +96,7 @@ def rule(cost: Cost = Cost()) -> Callable[[C], C]:
 
 
 def all_rules() -> tuple[Rule, ...]:
-    """Every rule, in the order in which they are tried."""
+    """Return every rule, in the order in which they are tried."""
     for theme in THEMES:
         import_module(f"umo.testing.conformance.{theme}_rules")
     return tuple(sorted(_RULES.values(), key=lambda each: THEMES.index(each.theme)))

@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 from umo.cycle.stopping import raising_signals
 from umo.drivers.contract import Driver
+from umo.duration import duration
 from umo.errors import Failure, StopError, text_of
-from umo.presentation.durations import duration
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement, edition
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of, disturbed_before, failed
@@ -35,7 +35,7 @@ MINUTES = 2.0
 TIME_UP = "left out, as the time was up (--minutes)"
 HANG = 2.0
 """Time in s, beside four times its timeout, after which a call counts as hanging."""
-PATIENT = 1.2
+LONGEST_TIMEOUT_FACTOR = 1.2
 """Factor on the longest timeout: a call that keeps to this one, in place of a shorter one that was set since, does not
 hang."""
 on_certificate: list[Callable[[Certificate], object]] = []
@@ -62,8 +62,8 @@ def conform(
     before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
-    or a signal. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
-    does not return within four times its timeout and 2 s, nor within 3.6 s) or the device does not answer any more.
+    or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs (a call that
+    returns neither within four times its timeout plus 2 s nor within 3.6 s) or the device no longer answers.
     """
     with raising_signals():
         return _conform(subject, chosen_rules(only), minutes, cycles, progress, plan, before)
@@ -108,11 +108,11 @@ class _Examination:
         self.hangs = ""
         """The call that hung already before the first rule."""
         self.ended = ""
-        """Why the rest cannot be tried; the rules of all calls are."""
+        """The reason why the rest cannot be tried; the rules of all calls still are."""
         self._weights = [1.0] * len(rules)
 
     def prepare(self, on_plan: OnPlan | None) -> None:
-        """Measure what a few calls take, and tell what the run will."""
+        """Measure a few calls, and print how long the run will take."""
 
         def measure() -> None:
             with suppress(OSError, Stopped):  # the rule "answers" says it
@@ -156,7 +156,7 @@ class _Examination:
         return finding
 
     def _look_whether_it_lives(self, rule: Rule) -> None:
-        """See whether there is any sense in going on after a rule that failed."""
+        """See whether there is any sense in continuing after a rule that failed."""
         if "dead" in self.causes:
             self.ended = f"as above: {self.causes['dead']}"
             return
@@ -210,9 +210,8 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
 
 
 def _failure(context: RuleContext, error: BaseException | None, causes: Iterable[str]) -> tuple[str, ...]:
-    """The cause that a call has failed: what the driver says, whatever the call and its channel; one that is known
-    already if it is a part of this. A timeout says nothing of its cause: it is what was disturbed before, or else this
-    kind of call."""
+    """The cause of a failed call: the driver's text without the call and its channel; a known cause if that is a part
+    of this text. A timeout says nothing of its cause: it is what was disturbed before, or else this kind of call."""
     if not isinstance(error, OSError):
         return ()
     kind = call_of(error).partition(" ")[0] if isinstance(error, TimeoutError) else ""
@@ -254,7 +253,9 @@ def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], o
 def _check_hang(context: RuleContext) -> None:
     watch = context.watch
     began, limit = watch.began, watch.limit
-    if began is not None and (took := monotonic() - began) > max(4 * limit + HANG, PATIENT * context.patience):
+    if began is not None and (took := monotonic() - began) > max(
+        4 * limit + HANG, LONGEST_TIMEOUT_FACTOR * context.patience
+    ):
         watch.over = True
         raise Hangs(f"{watch.doing} did not end within {duration(round(took, 1))}; its timeout is {duration(limit)}")
 

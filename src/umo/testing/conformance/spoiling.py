@@ -38,9 +38,10 @@ class Spoilt:
     change: Change
     hangup: bool = False
     reset: bool = False
-    """Whether the end of the connection is a reset."""
+    """True if the end of the connection is a reset."""
     blind: bool = False
-    """Nothing is left of the answer by which the driver could know a value: a call that succeeds made it up."""
+    """True if nothing remains of the answer from which the driver could know a value: a call that succeeds invented
+    it."""
     tries: int = TRIES
     """Calls of which the last has to succeed again."""
 
@@ -99,7 +100,7 @@ def _of_a_stream(way: Spoilt) -> Spoilt:
 
 
 def device_sends_by_itself(context: RuleContext) -> bool:
-    """Whether the device sends without being asked. On a busy computer it may be late."""
+    """True if the device sends without a request. On a busy computer the data may be late."""
     for _ in range(TRIES):
         with context.line.counting() as traffic:
             sleep(LISTENING)
@@ -109,7 +110,7 @@ def device_sends_by_itself(context: RuleContext) -> bool:
 
 
 def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
-    """Whether an answer to a read has more than the value: a line of text, or some bytes more."""
+    """True if an answer to a read has more than the value: a line of text, or some bytes more."""
     answer = _answer(context, probe, probe.read, text)
     if not context.subject.structured or not answer:
         return context.subject.structured
@@ -119,7 +120,7 @@ def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
 
 
 def _acknowledged(context: RuleContext, probe: Probe) -> bool:
-    """Whether the answer to a write is more than one or two bytes."""
+    """True if the answer to a write is longer than one or two bytes."""
     output = context.subject.outputs[0]
     probe.timeout = context.patience
     probe.write(output.channel, output.other())
@@ -209,7 +210,7 @@ def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
 def recovers(
     context: RuleContext, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES
 ) -> None:
-    """Each channel reads its value, at the last of the tries at the latest, and no other one before."""
+    """Check that each channel reads its own value, at the latest at the last try, and no other value before."""
     probe.timeout = context.patience
     for text, raw in expected.items():
         found = _at_last(context, after, tries, probe.read, text)

@@ -1,4 +1,4 @@
-"""What is tested: a driver, the channels that may be used, and what stands around them."""
+"""The subject of a test: a driver, the channels that may be used, and their connections."""
 
 from __future__ import annotations
 
@@ -111,8 +111,8 @@ class Subject:
     period: float = 0.001
     """Period in s (`Driver.period`)."""
     agree: Callable[[str, int, str, int], bool] | None = None
-    """Whether an output at this raw level and an input with this reading are the same level of a loop-back, for those
-    with another scale or noise. Default: both raw values are equal."""
+    """Returns True if an output at this raw level and an input with this reading are the same level of a loop-back, for
+    those with another scale or noise. Default: both raw values are equal."""
 
 
 def _levels(least: int, greatest: int, default: int) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Taps: each stands between a driver and its device, passes everything on, and spoils answers when it is told to."""
+"""Taps: each is between a driver and its device, passes everything on, and changes answers on request."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ class Tap(Relay):
     """
 
     ordered = True
-    """Whether a connection that the driver opens again begins without what was sent to the one before."""
+    """True if a connection that the driver opens again begins without what was sent to the one before."""
     _gone = False
 
     def spoiling(self, change: Change, *, hangup: bool = False, reset: bool = False) -> AbstractContextManager[None]:
-        """Each answer is changed; `hangup`: then the connection is closed; `reset`: as if the device had restarted."""
+        """Return a context in which each answer is changed; `hangup`: then the connection is closed; `reset`: as if the
+        device had restarted."""
         return self._in(AnswerMode(change=change, hangup=hangup or reset, reset=reset))
 
     def silent(self) -> AbstractContextManager[None]:
@@ -50,11 +51,12 @@ class Tap(Relay):
             self.await_answer(spoiled)
 
     def split(self) -> AbstractContextManager[None]:
-        """Each answer comes in pieces, the first and the last one of one byte."""
+        """Return a context in which each answer comes in pieces, the first and the last one of one byte."""
         return self._in(AnswerMode(splitting=True))
 
     def trickling(self, step: float) -> AbstractContextManager[None]:
-        """Each answer comes byte by byte, one every `step` s. What is left at the end comes at once."""
+        """Return a context in which each answer comes byte by byte, one every `step` s. The rest comes at once at the
+        end."""
 
         def deliver(tapped: Tapped) -> None:
             self._put(tapped, tapped.driver, tapped.trickle)
@@ -63,7 +65,7 @@ class Tap(Relay):
         return self._in(AnswerMode(step=step), deliver)
 
     def endless(self, step: float = 0.001) -> AbstractContextManager[None]:
-        """In place of an answer, bytes come without an end, one every `step` s."""
+        """Return a context in which bytes come without end in place of an answer, one every `step` s."""
         return self._in(AnswerMode(endless=step))
 
     @contextmanager
@@ -83,8 +85,8 @@ class Tap(Relay):
                 self._traffic = None
 
     def await_answer(self, spoiled: int) -> bool:
-        """Waits for the answer to a request that is under way, or for what a device sends by itself; whether anything
-        was spoiled since `spoiled` was counted."""
+        """Wait for the answer to a request that is in progress, or for data that a device sends by itself. Return True
+        if anything was spoiled since `spoiled` was counted."""
         self.settle()
         end = monotonic() + MAX_LATENESS
         while self.spoiled == spoiled and self._is_awaited and monotonic() < end:
@@ -93,7 +95,7 @@ class Tap(Relay):
 
     @property
     def _is_awaited(self) -> bool:
-        """Whether something is to come from the device."""
+        """True if something must come from the device."""
         return any(each.request or self._speaks for each in tuple(self._open))
 
     @contextmanager
@@ -107,13 +109,13 @@ class Tap(Relay):
 
     @contextmanager
     def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
-        """Nothing answers a request to connect, as if a cable were cut, for the block or so many seconds; False if this
-        kind of line cannot do so."""
+        """Return a context in which nothing answers a request to connect, as if a cable were cut, for the context or
+        for a time in s; it yields False if this kind of line cannot do so."""
         yield False
 
     @property
     def passes(self) -> bool:
-        """Whether everything passes as it is."""
+        """True if everything passes unchanged."""
         return self._mode is PASSING and not self._gone
 
     def heal(self) -> None:

@@ -11,8 +11,8 @@ from time import monotonic, sleep
 from types import ModuleType
 from typing import Any, TypeVar
 
+from umo.duration import duration
 from umo.errors import text_of
-from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
@@ -26,7 +26,7 @@ QUIET_TIME = 0.1
 CLOCK_FACTOR = 0.9
 """Share of the time that has passed by which the clock is set back: it runs at a tenth of its pace."""
 TRICKLE_TIMEOUT = 0.3
-"""Timeout in s of a call whose answer trickles, so that two waits in place of one can be told."""
+"""Timeout in s of a call whose answer arrives slowly, long enough to distinguish two waits from one."""
 TRICKLE_STEP = 0.7
 """Share of the timeout between two bytes that trickle."""
 QUICK_CALLS = 30
@@ -45,9 +45,9 @@ CONNECTING_DELAY = 0.1
 
 @rule(Cost(opens=5, calls=20, connects=17, waits=24, sleeps=0.2))
 def timeout(context: RuleContext) -> str | None:
-    """A call ends within `timeout`, which it reads, by a TimeoutError; also if only the last of its answers is missing,
-    if bytes come without end, or nothing answers the request to connect. `inspect`, `report`, `physical_scale` and
-    `watchdog` end within it too."""
+    """A call ends within `timeout`, which it reads each time, by a TimeoutError: also if only the last of its answers
+    is missing, if bytes arrive without end, or if nothing answers the request to connect. `inspect`, `report`,
+    `physical_scale` and `watchdog` end within it too."""
     line = context.line
     with context.opened() as probe:
         context.use(probe)  # what is kept of it must not be given later
@@ -104,7 +104,7 @@ def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 
 def _answers(context: RuleContext, call: DriverCall) -> int:
-    """How many answers a call has that succeeds."""
+    """Return how many answers a successful call has."""
     seen: list[bytes] = []
 
     def noted(answer: bytes) -> bytes:
@@ -125,8 +125,8 @@ def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 @contextmanager
 def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
-    """The clock of the day is set back by so much, or forward if that is below 0, as seen by `time.time`, also where it
-    was imported by a name."""
+    """Set the wall clock back by a time in s, or forward if it is negative, as seen by `time.time`, also where it was
+    imported by a name."""
     right = time.time
 
     def wrong() -> float:
@@ -140,7 +140,7 @@ def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
 
 
 def _replace(old: object, new: object) -> None:
-    """Another function in the place of one, in all modules that have it."""
+    """Replace a function by another one in all modules that have it."""
     for module in tuple(sys.modules.values()):
         names = vars(module) if isinstance(module, ModuleType) else {}
         for name in [name for name, value in tuple(names.items()) if value is old]:
@@ -163,7 +163,7 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
 
 
 def _without_a_connection(context: RuleContext) -> bool:
-    """Whether requests to connect can be left without an answer."""
+    """True if requests to connect can be left without an answer."""
     others = [context.new() for _ in range(TRIES)]
     probe = context.new()
     context.bring_up(probe)
@@ -205,9 +205,8 @@ def _slow(context: RuleContext, timeout: float) -> str:
 
 @rule(Cost(calls=14, connects=11, waits=7, sleeps=4.5))
 def one_deadline(context: RuleContext) -> str | None:
-    """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer, with each
-    channel or request of a block, or once the driver has connected again, nor does it depend on the clock of the
-    day."""
+    """The timeout is that of the whole call: it does not start again with each byte or part of an answer, with each
+    channel or request of a block, or after a reconnection, and it does not depend on the wall clock."""
     line, tried = context.line, False
     steady = max(context.haste, TRICKLE_TIMEOUT, SLOW_FACTOR * context.pace.transfer)
 
@@ -286,8 +285,8 @@ def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: fl
 
 @rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2, more=60))
 def patience(context: RuleContext) -> str | None:
-    """What is answered within `timeout` is taken: an answer that takes half of it, a connection that takes its time. A
-    longer one, set after `open`, holds at once: initialise and reset get one."""
+    """An answer within `timeout` is accepted, also if it takes half of it, or if connecting is slow. A longer timeout,
+    set after `open`, takes effect immediately, because initialise and reset get one."""
     delay = min(max(LEAST_DELAY, 2 * context.haste), MAX_DELAY, context.patience / 2)
     quick = min(context.haste, delay / 2)
     with context.leaving(context.new()) as probe:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from umo.drivers.contract import Direction
+from umo.duration import duration
 from umo.errors import DriverError, text_of
-from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime, time_text
 from umo.testing.conformance.probe import Probe, WrongKind
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
@@ -28,8 +28,8 @@ FEWEST_LEVELS = 8
 
 @rule(Cost(opens=3, each=5, calls=6))
 def answers(context: RuleContext) -> None:
-    """The device answers: channels are initialised, inputs are read, outputs are written their defaults. The first
-    reading of an input after `open` is as right as the next."""
+    """The device answers: channels can be initialised, inputs read, and defaults written to outputs. The first reading
+    of an input after `open` is as right as the next."""
     # The other rules are not tried if it does not
     if why := context.dead():
         raise RuleBroken(why, "dead")
@@ -87,7 +87,7 @@ def time_(context: RuleContext) -> str:
 
 
 def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
-    """Each kind of transfer of the driver, without what the kit does around it."""
+    """Return each kind of transfer of the driver, without the actions of the kit around it."""
     driver = probe.driver
     kinds: dict[str, Callable[[], Any]] = {}
     if context.readable:
@@ -105,8 +105,8 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
 
 @rule(Cost(each=7, calls=10, more=600))
 def range_(context: RuleContext) -> str | None:
-    """An output takes every raw level of its range exactly, and is read so. Tried: both ends, powers of two and their
-    neighbours, every value of each byte."""
+    """An output accepts every raw level of its range exactly, and is read back so. Tested: both ends, powers of two and
+    their neighbours, every value of each byte."""
     with context.opened() as probe:
         tasks = [(output, raw) for output in context.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
         fewest = len(tasks)
@@ -160,7 +160,7 @@ def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> No
         error = context.failure(call)
         came_to = context.level(probe, output)
         if isinstance(error, WrongKind):
-            raise RuleBroken(f"{context.watch.doing} raised {text_of(error)}, which is no OSError")
+            raise RuleBroken(f"{context.watch.doing} raised {text_of(error)}, which is not an OSError")
         if error is None:
             raise RuleBroken(f"{context.subject.name} took {raw} for {output.channel}, which is at {came_to} now")
         if not context.is_at(probe, output, output.default):
@@ -193,7 +193,7 @@ def directions(context: RuleContext) -> str | None:
 
 @rule(Cost(each=2, calls=2))
 def reading(context: RuleContext) -> str | None:
-    """Reading changes no output, not for a moment either."""
+    """Reading changes no output, not even for a moment."""
     if not context.readable:
         raise NotTried("the driver has no inputs")
     outputs = context.required_outputs

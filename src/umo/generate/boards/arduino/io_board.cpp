@@ -1,4 +1,4 @@
-/* io_board.cpp: the pins of your board. Fill in the tables; umo generate does not write over it. */
+/* io_board.cpp: the pins of your board. Fill in the tables; umo new controller does not write over it. */
 #include <Arduino.h>
 #include <avr/wdt.h>
 

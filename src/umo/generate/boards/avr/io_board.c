@@ -1,4 +1,4 @@
-/* io_board.c: the circuits of your board. Fill in each function; umo generate does not write over it. */
+/* io_board.c: the circuits of your board. Fill in each function; umo new controller does not write over it. */
 #include "io.h"
 
 bool io_begin(void)

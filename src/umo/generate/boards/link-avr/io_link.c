@@ -1,4 +1,4 @@
-/* io_link.c: the serial line to the host is USART0, by interrupts. It is yours: umo generate does not write over it. */
+/* io_link.c: the serial line to the host is USART0, by interrupts. It is yours: umo new controller does not write over it. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>

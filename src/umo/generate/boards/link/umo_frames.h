@@ -1,5 +1,5 @@
 /* umo_frames.h: frames on the line between host and controller: a body, its CRC-32, made free of zeros (COBS), between
- * two zeros. The same is in Python in umo.split.link_frames; docs/split-protocol.md describes it. */
+ * two zeros. The same is in Python in umo.generate.split.link_frames; docs/split-protocol.md describes it. */
 #ifndef UMO_FRAMES_H
 #define UMO_FRAMES_H
 

@@ -148,7 +148,7 @@ static uint16_t size_of(uint8_t kind, uint16_t number)
         return sizeof(umo_real);
     if (kind == LINK_REFERENCE && number < MACHINE_INPUTS)
         return 1 + sizeof(umo_real);
-    return kind >= LINK_CLEAR && kind <= LINK_PLANNED ? 0 : 0xFFFF;
+    return kind >= LINK_CLEAR && kind <= LINK_GIVEN ? 0 : 0xFFFF;
 }
 
 static void carry_out(umo_link *l, uint8_t kind, uint16_t number, const uint8_t *from)
@@ -163,11 +163,17 @@ static void carry_out(umo_link *l, uint8_t kind, uint16_t number, const uint8_t 
         (void)machine_clear(l->machine, (int16_t)number);
     else if (kind == LINK_PLANNED)
         planned(l, number);
-    else
+    else if (kind == LINK_ACKNOWLEDGE)
         machine_acknowledge(l->machine);
 }
 
-/* The items from `at` on: all are whole before the first is carried out. */
+static bool is_after(uint16_t number, uint16_t other)
+{
+    return (int16_t)(uint16_t)(number - other) > 0;
+}
+
+/* The items from `at` on: all are whole before the first is carried out. What was given before, in a frame that was
+ * carried out, is not carried out again: only its answer was lost. */
 static bool items(umo_link *l, const uint8_t *body, uint16_t at, uint16_t length, bool check)
 {
     while (at < length) {
@@ -176,6 +182,8 @@ static bool items(umo_link *l, const uint8_t *body, uint16_t at, uint16_t length
         uint16_t number = u16(&body[at + 1]), size = size_of(body[at], number);
         if (size == 0xFFFF || length - at - 3 < size)
             return false;
+        if (!check && body[at] == LINK_GIVEN && !is_after(number, l->heard))
+            return true;
         if (!check)
             carry_out(l, body[at], number, &body[at + 3]);
         at = (uint16_t)(at + 3 + size);
@@ -214,19 +222,18 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     if (length < (stops ? HEAD : FIRST) || (!stops && !items(l, body, FIRST, length, true)))
         return;
     uint16_t session = u16(&body[1]), number = u16(&body[3]);
-    if (body[0] == LINK_START && l->mode == LINK_BRAKING) {
+    bool starts = body[0] == LINK_START;
+    if (starts && l->mode == LINK_BRAKING)
         return; /* once it stands: the host says it again */
-    } else if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
-        l->session = session;
-        start(l);
-    } else if (stops && session && session == l->offered && session != l->session) {
-        l->session = session; /* of a host that has not started it, such as a guardian */
-    } else if (!l->session || session != l->session || (int16_t)(uint16_t)(number - l->heard) <= 0) {
+    if ((starts || stops) && session && session == l->offered && session != l->begun) {
+        l->session = l->begun = session; /* STOP: of a host that has not started it, such as a guardian */
+        if (starts)
+            start(l);
+    } else if (!l->session || session != l->session || !is_after(number, l->heard)) {
         return; /* of another session, or come twice, or too late */
+    } else if (starts) {
+        length = FIRST; /* said again, as its answer was lost: its items are carried out */
     }
-    l->heard = number;
-    l->silent = 0;
-    l->asked = true;
     if (stops) {
         machine_stop(l->machine, l->raws_out);
         l->mode = LINK_RESTING;
@@ -234,6 +241,9 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
         inhibit(l, &body[HEAD]);
         (void)items(l, body, FIRST, length, false);
     }
+    l->heard = number;
+    l->silent = 0;
+    l->asked = true;
 }
 
 void umo_link_receive(umo_link *l)

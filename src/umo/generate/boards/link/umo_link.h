@@ -9,10 +9,10 @@
 #include "machine_link.h"
 #include "umo_frames.h"
 
-enum { LINK_VERSION = 1 };
+enum { LINK_VERSION = 2 };
 enum link_kinds { LINK_HELLO = 1, LINK_WELCOME, LINK_START, LINK_EXCHANGE, LINK_STOP, LINK_STATE, LINK_REFUSED };
 enum link_refusals { LINK_HAS_A_HOST = 1, LINK_NOT_OWN }; /* why a line to a host is closed at once */
-enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE, LINK_PLANNED };
+enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE, LINK_PLANNED, LINK_GIVEN };
 enum { LINK_NUMBERS = 2 }; /* of what the host is asked to plan, at most */
 enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE, LINK_BRAKING };
 
@@ -31,6 +31,7 @@ typedef struct {
     uint8_t in[LINK_LONGEST + UMO_CRC_BYTES], out[LINK_LONGEST + UMO_CRC_BYTES];
     uint16_t length;            /* of what is in out */
     uint16_t offered, session;  /* 0: none */
+    uint16_t begun;             /* the last session that there was: each is begun once */
     uint8_t nonce[4];           /* of the greeting that offered was for */
     uint16_t heard;             /* the number of the last frame of the host */
     uint32_t silent;            /* periods since then */

@@ -1,7 +1,0 @@
-"""Capabilities that ship: parts that look at the whole machine (the contract: `umo.cycle.capability`)."""
-
-from umo.capabilities.attached_part import AttachedPart
-from umo.capabilities.hour_meters import HourMeters
-from umo.capabilities.write_trace import WriteTrace
-
-__all__ = ["AttachedPart", "HourMeters", "WriteTrace"]

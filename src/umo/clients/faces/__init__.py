@@ -1,0 +1,5 @@
+"""Faces: a running machine in the words of another system's protocol.
+
+A face is a process beside the machine: it reads frames, and commands only what a client asks for. Each face translates
+what the host (`umo.clients.faces.host`) gives it: `umo.clients.faces.face` is all that it needs to know.
+"""

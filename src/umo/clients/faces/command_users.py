@@ -1,0 +1,66 @@
+"""The user of a command: the name in events, and how often a refusal is reported."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from umo.clients.faces.face import User
+from umo.clients.remote.who import UNVERIFIED, who_text
+from umo.errors import OptionError
+from umo.operation.commands.verb import Verb
+from umo.text import printable
+
+MAX_FACE = 20
+"""Characters of a face's name that are told at most: that leaves room for the name of the user."""
+PATH = "path"
+"""The name of the path among the arguments of a verb."""
+REFUSAL_PAUSE = 10.0
+"""Time in s from one event of a refusal of a user to the next: a flood leaves the other events alone."""
+MAX_REFUSED = 16
+"""Users whose refusals are told in that time at most."""
+
+
+def named(user: User, face: str) -> str:
+    """Return a user of a face as shown in events."""
+    return who_text(user.name, f"{'' if user.proved else UNVERIFIED} ({printable(face)[:MAX_FACE]})")
+
+
+def lives(user: User) -> bool:
+    """True if the session of a user's client lives, as far as the protocol reports."""
+    return user.is_alive is None or user.is_alive()
+
+
+class RefusalLimit:
+    """Selects the refusals that are reported as events: the first of a user, and another one after `pause` in s."""
+
+    def __init__(self, pause: float = REFUSAL_PAUSE) -> None:
+        self._pause = pause
+        self._told: dict[str, float] = {}
+
+    def is_told(self, who: str, now: float) -> bool:
+        self._told = {each: then for each, then in self._told.items() if now - then < self._pause}
+        if who in self._told or len(self._told) >= MAX_REFUSED:
+            return False
+        self._told[who] = now
+        return True
+
+
+def arguments_of(text: Any) -> dict[str, Any]:
+    """The arguments of a command as a text: a JSON object, or nothing; OptionError."""
+    try:
+        found = json.loads(text) if text else {}
+    except (ValueError, TypeError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise OptionError('the arguments are a JSON object, as {"weight": 1.5}')
+    return found
+
+
+def asked_of(verb: Verb, text: Any) -> tuple[str, dict[str, Any]]:
+    """The path and the fields of a command whose path and arguments are a text: one JSON object; OptionError."""
+    given = arguments_of(text)
+    path = given.pop(PATH, "")
+    if not isinstance(path, str):
+        raise OptionError(f'{verb.name}: the path must be a text, as {{"{PATH}": "tank.full"}}')
+    return path, verb.fields(given)

@@ -1,0 +1,77 @@
+"""A client of another project, as the conformance kit for faces needs it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+
+class RefusedByFace(Exception):
+    """The error that a client received in place of a result, with the text that its user sees."""
+
+
+class Grade(Enum):
+    """The quality of a value in the protocol."""
+
+    GOOD = "good"
+    DOUBTFUL = "doubtful"
+    """There is a value, and the protocol says that it is not good."""
+    NONE = "none"
+    """There is no value, or one that the protocol calls bad."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The view of a client on one item."""
+
+    value: float | str | None
+    """A number, or the name of a state; None: it has no value."""
+    grade: Grade
+    time: float | None = None
+    """s since 1970; None: the protocol has none, or none was sent."""
+    unit: str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    states: Mapping[int, str] = field(default_factory=dict)
+    """Empty: a number, or the protocol does not show them."""
+
+
+class ForeignClient(ABC):
+    """A client of another project, connected to the server of the face. Items have the names of
+    `umo.process.frames.machine_items.MachineItem.name`: `cell.level`, `tunable:cell.gain`, `alarm:cell.full`."""
+
+    has_times = True
+    """True if values have times."""
+    has_words = True
+    """True if a refusal reaches its user as text."""
+
+    @abstractmethod
+    async def read(self, name: str) -> Seen:
+        """Return the client's view of an item now. An item that it does not see is `Seen(None, Grade.NONE)`."""
+
+    async def tune(self, path: str, value: Any) -> None:
+        """Set a tunable number; RefusedByFace."""
+        raise NotImplementedError
+
+    async def write(self, path: str, value: Any) -> None:
+        """Write an actuator, and hold it while this client lives; RefusedByFace."""
+        raise NotImplementedError
+
+    async def call(self, path: str, arguments: Mapping[str, Any]) -> Any:
+        """Call an action, and wait for its result; RefusedByFace."""
+        raise NotImplementedError
+
+    async def mode(self, mode: str) -> None:
+        """Change the mode; RefusedByFace."""
+        raise NotImplementedError
+
+    @abstractmethod
+    async def close(self) -> None:
+        """End as a client does that says so."""
+
+    async def kill(self) -> None:
+        """End without a word. Default: `close`."""
+        await self.close()

@@ -1,0 +1,209 @@
+"""The machine that faces are tried on, in this process: one of everything that a face can show."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import KW_ONLY
+from enum import Enum
+from math import ceil
+from pathlib import Path
+from typing import Annotated, Any
+
+from umo.control import wait
+from umo.cycle.connect import connect
+from umo.errors import FramesError
+from umo.objects import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    Number,
+    Range,
+    action,
+)
+from umo.operation.alarms import Alarm, High
+from umo.operation.commands.client_commands import Mode
+from umo.operation.commands.client_control import ClientControl
+from umo.process.frames import Reader, published
+from umo.process.frames.client_memory import ClientMemory
+from umo.process.frames.command_queue import Receiver
+from umo.states import OnOff, PassFail
+from umo.testing.periods import periods
+from umo.testing.scripted import Scripted
+from umo.testing.virtual import VirtualTimer
+
+STEP = 0.005
+"""Time in s from one period to the next, of 1 ms in the machine's own time."""
+LIMIT = 20.0
+"""Time in s within which what is waited for must come (`until`)."""
+OWN_DEVICES = {"cell.level": "gauge", "cell.position": "ruler"}
+"""Objects with a device of their own."""
+
+
+class Phase(Enum):
+    """A value with more than two states."""
+
+    IDLE = 0
+    FILLING = 1
+    COOKING = 2
+
+
+ALARMS = {"full": Alarm(High("level", 80.0), "too full"), "over 90 % (#1)": Alarm(High("level", 90.0), "spills")}
+"""An alarm may have any text as its name."""
+
+
+class TriedCell(Compound, equipment=True, alarms=ALARMS):
+    """Equipment with a level of 0 to 100 mm, a limit switch, a valve of -10 to 10 V, a lamp."""
+
+    level: DigitalSensor
+    position: DigitalSensor
+    """Incremental: not referenced at first. It is marked BAD when its device gives nothing."""
+    limit: BinarySensor[PassFail]
+    valve: DigitalActuator
+    lamp: BinaryActuator[OnOff]
+    _: KW_ONLY
+    gain: Annotated[float, Number("mm", 0.0, 10.0, tunable=True)] = 1.0
+    phase: Annotated[Phase, Number(shown=True)] = Phase.IDLE
+
+    @action(harmless=True, weight=Range("kg", 0.0, 5.0))
+    def add(self, weight: float) -> float:
+        """Add an amount in kg; returns twice the amount."""
+        return 2 * weight
+
+    @action(harmless=True)
+    async def cook(self) -> None:
+        """Cook until it is cancelled."""
+        await wait(1e9)
+
+    @action(velocity=Range("V", -10.0, 10.0), release="halt")
+    def jog(self, velocity: float) -> None:
+        """Drive the valve while it is held."""
+        self.valve.write(velocity)
+
+    def halt(self) -> None:
+        self.valve.write(0.0)
+
+
+class Plant(Compound):
+    timer: DigitalSensor
+    cell: TriedCell
+
+
+def plant() -> Plant:
+    span: dict[str, Any] = {"minimum": 0.0, "maximum": 100.0, "resolution": 0.5}
+    return Plant(
+        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=1e6, resolution=1.0, synchronous=False),
+        cell=TriedCell(
+            level=DigitalSensor("mm", on_error="hold", max_age="1 h", **span),
+            position=DigitalSensor("mm", incremental=True, on_error="mark", **span),
+            limit=BinarySensor(PassFail, one=PassFail.FAIL),
+            valve=DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.5),
+            lamp=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF),
+        ),
+    )
+
+
+class TriedMachine:
+    """The plant while it runs; a step each 5 ms. It can end, and run again."""
+
+    def __init__(self, mode: Mode = Mode.AUTOMATIC) -> None:
+        self.mode = mode
+        self.goes_on = True
+        """True if periods go by; False: it is silent."""
+        self.m = plant()
+        self.devices = {"box": Scripted(), "gauge": Scripted({"cell.level": 20}), "ruler": Scripted()}
+        """The gauge has the level, the ruler the position, the box the rest."""
+        self._run = ExitStack()
+        self._stepping: asyncio.Task[None] | None = None
+        self._path: Path | None = None
+        self.connection: Any = None
+
+    async def __aenter__(self) -> TriedMachine:
+        self.begin()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self.end()
+
+    def begin(self) -> None:
+        """Run, with other frames than before."""
+        wire: dict[str, Any] = {"timer": {"driver": "clock", "period": "1 ms"}}
+        wire |= {f"cell.{name}": {"driver": "box"} for name in ("limit", "valve", "lamp")}
+        wire |= {path: {"driver": name} for path, name in OWN_DEVICES.items()}
+        drivers = {**self.devices, "clock": VirtualTimer()}
+        self.connection = connect(self.m, {"drivers": drivers, "wire": wire})
+        self._run.enter_context(self.connection)
+        ring = self._run.enter_context(published(self.connection, "plant", "simulated"))
+        own = self._run.enter_context(Reader(ring.path))
+        assert own.ends is not None
+        cells = ClientMemory(own.ends.cells, ring.layout)
+        self._run.callback(cells.close)
+        machine = self.connection.machine
+        self.clients = machine.attach(ClientControl(Receiver(cells), cells, self.mode))
+        ring.show(self.clients)
+        self._path = ring.path
+        self._stepping = asyncio.create_task(self._step())
+
+    async def end(self) -> None:
+        """End the run as a machine does: its actuators are reset."""
+        if self._stepping is not None:
+            self._stepping.cancel()
+            await asyncio.gather(self._stepping, return_exceptions=True)
+            self._stepping, self._path = None, None
+            self._run.close()
+
+    async def _step(self) -> None:
+        while True:
+            if self.goes_on:
+                periods(self.m)
+            await asyncio.sleep(STEP)
+
+    def find(self) -> Reader:
+        """The frames of the run; FramesError while there is none."""
+        if self._path is not None:
+            with suppress(FramesError):
+                return Reader(self._path)
+        raise FramesError("plant does not run")
+
+    def set(self, path: str, raw: Any) -> None:
+        """Set what the device of an object returns from now on; an error: it returns nothing. Two raw integers are 1
+        mm."""
+        self.devices[OWN_DEVICES.get(path, "box")].set(path, raw)
+
+    @property
+    def number(self) -> int:
+        """Number of the last period."""
+        return int(self.connection.machine.clock.number)
+
+    @property
+    def events(self) -> list[Any]:
+        return list(self.connection.machine.events)
+
+    @property
+    def holder(self) -> str:
+        """Return who has the lease."""
+        return str(self.clients.lease.holder)
+
+
+async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:
+    """Return the result of the condition once it is true. TimeoutError after checks for `within` s, one each `STEP`. On
+    a busy computer the checks are late, as are the face and its clients: they get more time."""
+    for _ in range(ceil(within / STEP)):
+        if found := condition():
+            return found
+        await asyncio.sleep(STEP)
+    raise TimeoutError(f"the condition has not become true within {within:g} s")
+
+
+async def finishes(task: asyncio.Task[Any], within: float = LIMIT) -> bool:
+    """True if the task ends within this time in s, counted as by `until`; it is cancelled if not."""
+    try:
+        return bool(await until(task.done, within))
+    except TimeoutError:
+        return False
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,112 @@
+"""A process variable: a value in one of EPICS's normative types, and the channels on which clients have it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any
+
+from p4p import Type, Value
+from p4p.nt import NTEnum, NTScalar
+from p4p.nt.common import alarm, timeStamp
+from p4p.server.raw import SharedPV
+
+from umo.clients.faces.face import User
+
+CarryOut = Callable[[User, Any], Awaitable[Any]]
+"""Carries out what a user has put, or called with these arguments."""
+TYPES: Mapping[str, Type] = {
+    "d": NTScalar.buildType("d", display=True, control=True, form=True),
+    "i": NTScalar.buildType("i", display=True, form=True),
+    "s": NTScalar.buildType("s", display=True),
+    "enum": NTEnum.buildType(extra=[("descriptor", "s")]),
+}
+"""By the code of the value: a number, an integer, a text, a name out of a list."""
+INVALID, UNDEFINED = 3, 6
+"""Severity and status of what has no value."""
+
+
+class ProcessVariable:
+    """`write`: for a put, `call`: for an RPC; without them they are refused. `kept_up`: what is put is kept up while
+    the channel of its client is open, so each client has a channel of its own, and is seen to go."""
+
+    def __init__(
+        self,
+        value: Value,
+        write: CarryOut | None = None,
+        call: CarryOut | None = None,
+        *,
+        kept_up: bool = False,
+    ) -> None:
+        self.value = value
+        """The first one; of what is kept up the last one."""
+        self.write, self.call, self.kept_up = write, call, kept_up
+        self.channels: list[SharedPV] = []
+        self._lock = threading.Lock()
+        """Held while the channels, or the value of what is kept up, change: p4p's threads add channels."""
+
+    def show(self, fields: Mapping[str, Any]) -> None:
+        """Tell the clients new values of fields."""
+        with self._lock:
+            channels = tuple(self.channels)
+            for name, each in fields.items() if self.kept_up else ():
+                self.value[name] = each
+        for channel in channels:
+            channel.post(Value(self.value.type(), fields))
+
+    def add_channel(self, handler: Any) -> SharedPV:
+        """A new channel with the last value."""
+        with self._lock:
+            channel = SharedPV(handler=handler, initial=Value(self.value.type(), self.value.todict()))
+            self.channels.append(channel)
+        return channel
+
+    def remove_channel(self, channel: SharedPV) -> None:
+        with self._lock:
+            if channel in self.channels:
+                self.channels.remove(channel)
+
+    def take_channels(self) -> list[SharedPV]:
+        """Return all channels and forget them."""
+        with self._lock:
+            channels, self.channels = self.channels, []
+        return channels
+
+
+def scalar(value: float | int | str, code: str = "d", **about: Any) -> Value:
+    """A normative scalar of now. `about`: fields of `display`."""
+    return Value(TYPES[code], {"value": value, "display": about, "timeStamp": _now()})
+
+
+def choice(index: int, choices: Sequence[str], about: str = "") -> Value:
+    """A normative enumeration."""
+    what = {"index": index, "choices": list(choices)}
+    return Value(TYPES["enum"], {"value": what, "descriptor": about, "timeStamp": _now()})
+
+
+def undefined(value: Value) -> Value:
+    """Return the value without its content."""
+    value["alarm"] = {"severity": INVALID, "status": UNDEFINED, "message": "no value yet"}
+    return value
+
+
+def _now() -> dict[str, int]:
+    return {"secondsPastEpoch": int(time.time())}
+
+
+def pvi(entries: Mapping[str, Mapping[str, str]]) -> Value:
+    """The PVI of one device: each entry with its access (r, rw, x; d: a device) and its variable."""
+    shape = [(name, ("S", None, [(access, "s") for access in entry])) for name, entry in entries.items()]
+    fields = [("value", ("S", None, shape)), ("alarm", alarm), ("timeStamp", timeStamp)]
+    return Value(Type(fields, id="epics:nt/NTPVI:1.0"), {"value": entries})
+
+
+def result(value: Any) -> Value:
+    """The result of a call as a scalar; JSON if it is neither a number nor a text."""
+    code = {bool: "?", int: "l", float: "d"}.get(type(value), "s")
+    if code == "s" and not isinstance(value, str):
+        import json
+
+        value = "" if value is None else json.dumps(value)
+    return Value(NTScalar.buildType(code), {"value": value})

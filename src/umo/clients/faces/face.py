@@ -1,0 +1,113 @@
+"""The contract of a face: four methods that it implements, and the one object that it is given.
+
+    class Lamp(Face):
+        async def begin(self, machine, commands): ...   # the declaration of a run; it has no values yet
+        async def frames(self, changes): ...            # what has changed since the last call
+        async def events(self, events): ...
+        async def end(self, why): ...                   # every value is now stale or bad
+
+The host calls them one after the other, never two at once, from one task of its loop: a face that is slow gets fewer
+calls with more in each, and disturbs nobody. An error of a face is reported, and the face starts again after a pause.
+Between `end` and the next `begin` there is no machine: what a client reads then has no good quality.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.objects import Quality
+from umo.objects.scaling import FloatArray
+from umo.process.frames.machine_items import Declaration
+from umo.process.frames.run_reader import NumberedEvent
+
+
+@dataclass(frozen=True)
+class Changes:
+    """The changes since the last call. The arrays have one row for each item of the declaration; `places` are the
+    indices of the new ones."""
+
+    period: int
+    """Number of the last frame: order is by run and period, never by UTC."""
+    utc: float
+    """Time at which its period began, s since 1970."""
+    utc_error: float | None
+    """Largest error of `utc`, s; None: not known, the clock of the computer is not synchronised."""
+    places: npt.NDArray[np.intp]
+    values: FloatArray
+    """NaN: there is no value."""
+    quality: npt.NDArray[np.uint8]
+    """`Quality`."""
+    times: FloatArray
+    """Time at which the device gave each value, UTC as `utc`; NaN if never."""
+
+    def quality_of(self, place: int) -> Quality:
+        return Quality(int(self.quality[place]))
+
+
+@dataclass(frozen=True)
+class User:
+    """The user of a command, as far as that is proved."""
+
+    name: str
+    proved: bool
+    """True if the name is proved: by a password, a certificate, the account of a process of this computer."""
+    is_owner: bool = False
+    """True if it is proved that this is the user who runs the machine (`umo.system.peer_account`), who may give every
+    command. Everybody else needs a role."""
+    is_alive: Callable[[], bool] | None = None
+    """Returns True while the session of this client lives; None if the protocol does not report that."""
+
+
+class Commands(Protocol):
+    """Gives the commands of a face's users to the machine. Every refusal is an `UmoError` as text."""
+
+    async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
+        """Carry out a verb of `umo.operation.commands.verbs`; its result when it has ended. CommandRefused if
+        the face only reads or the user may not, and whatever error the machine answers with."""
+
+    def may(self, user: User, do: str, path: str = "") -> bool:
+        """True if the face passes such a command of a user on, as things are: it does not only read, and the user has
+        the role."""
+
+
+class Face(ABC):
+    """The translation of one machine into one protocol."""
+
+    proves_users: ClassVar[bool] = False
+    """True if the protocol, or the kernel for it, proves who its users are. Without that they have the role of the face
+    in [unverified] (`umo.operation.commands.roles`)."""
+    takes_commands: ClassVar[bool] = True
+    """True if the protocol has commands at all."""
+
+    address = ""
+    """The address for clients, once it is open."""
+
+    async def open(self) -> None:
+        """Called once, before anything else: open the server, or the connection. UmoError if that cannot be."""
+        return
+
+    async def close(self) -> None:
+        """Called once, after everything else."""
+        return
+
+    @abstractmethod
+    async def begin(self, machine: Declaration, commands: Commands) -> None:
+        """Called when a run begins."""
+
+    @abstractmethod
+    async def frames(self, changes: Changes) -> None:
+        """Called with the changes since the last call; with all values in the first call of a run."""
+
+    async def events(self, events: Sequence[NumberedEvent]) -> None:
+        """New events, oldest first. Default: they are not told."""
+        return
+
+    @abstractmethod
+    async def end(self, why: str) -> None:
+        """The run is over, or cannot be seen: from now on every value is stale or bad."""

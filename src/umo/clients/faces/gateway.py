@@ -1,0 +1,242 @@
+"""The commands of the users of one face to one run, under one lease that the face takes when it needs it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from math import inf
+from typing import Any
+
+from umo.clients.faces.command_users import RefusalLimit, lives, named
+from umo.clients.faces.face import User
+from umo.clients.remote.client_session import LEASE_TIME, LoopSession, PendingCommand
+from umo.cycle.events import Event
+from umo.errors import CommandRefused, FramesError, StateError, UmoError
+from umo.operation.commands.roles import Caller, Roles
+from umo.operation.commands.verbs import CANCEL, GIVE_BACK, LET_GO, TAKE_LEASE, VERBS
+from umo.process.frames import Reader
+
+LINGER = 5.0
+"""Time in s from the last command, when nothing runs and nothing is held, until the lease is given back."""
+MAX_COMMANDS, MAX_OF_USER = 64, 16
+"""Commands of a face, and of one of its users, whose end is still to come, at most; of those that end something twice
+as many."""
+MAX_PATH = 96
+"""Characters of the path of a refused command that are told at most."""
+SENDER = ThreadPoolExecutor(1, "umo face")
+"""A single thread, so that commands are sent in the order of the requests."""
+Looked = Callable[[], Awaitable[float]]
+"""Waits for the next look; returns the time of the last frame of which the face has been told, in s on the cycle's
+clock; infinity when the run is over."""
+
+
+class Gateway:
+    """`is_reader`: the face only reads. `roles`: the roles of users as they are now."""
+
+    def __init__(
+        self,
+        reader: Reader,
+        face: str,
+        looked: Looked,
+        *,
+        is_reader: bool = False,
+        roles: Callable[[], Roles] = Roles.load,
+    ) -> None:
+        self._session = LoopSession(reader.again())
+        self._face, self._looked, self._is_reader, self._roles = face, looked, is_reader, roles
+        self._known: Roles | None = None
+        """The roles of this turn of the loop."""
+        self._taking = asyncio.Lock()
+        self._pending: Counter[str] = Counter()
+        """Number of commands of each user whose end is still to come."""
+        self._refusals = RefusalLimit()
+        self._last = 0.0
+        self._is_closed = False
+        self._keeping = asyncio.create_task(self._keep())
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    async def ask(
+        self, user: User, do: str, path: str = "", *, sent: Callable[[int], object] = lambda number: None, **more: Any
+    ) -> Any:
+        """Carry out a command; its result when it has ended (`umo.clients.faces.face.Commands`). `sent` is told the
+        number that its events have."""
+        who = named(user, self._face)
+        if (refusal := self._refusal(user, do, path)) is not None:
+            self._tell_refusal(who, do, path, refusal)
+            raise CommandRefused(refusal)
+        if _is_level(do):
+            self._session.stop(who)
+            return None
+        self._pending[user.name] += 1
+        try:
+            await self._take_lease(who)
+            if not lives(user):
+                raise CommandRefused("its client has gone")
+            asked = self._session.asking(do, path, who=who, is_alive=partial(lives, user), **more)
+            return await self._carry_out(asked, user, sent)
+        finally:
+            self._pending[user.name] -= 1
+            self._pending += Counter()  # without those who wait for nothing
+            self._last = time.monotonic()
+
+    def may(self, user: User, do: str, path: str = "") -> bool:
+        """True if such a command is passed on (`umo.clients.faces.face.Commands`)."""
+        return self._refusal(user, do, path) is None
+
+    def _refusal(self, user: User, do: str, path: str) -> str | None:
+        """Return why a command is not passed on, or None if it is."""
+        if self._is_closed:
+            return "the run has ended"
+        if self._is_reader:
+            return f"{self._face} only reads here: it was started without --commands"
+        if not user.name.strip():
+            return "a command needs the name of its user"
+        verb = VERBS.get(do)
+        if verb is not None and verb.is_of_lease:
+            return f"{do}: the lease is taken for each command"
+        if not user.is_owner:
+            refusal = self._roles_now().refusal(Caller(self._face, user.name, user.proved), do)
+            if refusal is not None:
+                return refusal
+        if _is_level(do):  # no flood of commands keeps anybody from it
+            return None
+        if user.is_alive is None and self._session.lasts(do, path) is not None:
+            return f"{path} is kept up only while its client lives, and {self._face} does not tell that"
+        room = 2 if verb is not None and verb.ends else 1
+        if self._pending.total() >= room * MAX_COMMANDS or self._pending[user.name] >= room * MAX_OF_USER:
+            return "too many commands at once"
+        return None
+
+    def _roles_now(self) -> Roles:
+        """The roles as the file has them. It is read once in a turn of the loop: a request may ask for the rights to
+        thousands of things."""
+        if self._known is None:
+            self._known = self._roles()
+            asyncio.get_running_loop().call_soon(self._forget_roles)
+        return self._known
+
+    def _forget_roles(self) -> None:
+        self._known = None
+
+    def _tell_refusal(self, who: str, do: str, path: str, why: str) -> None:
+        """Report a refusal as an event of the machine. A face that only reads does not contact the machine."""
+        if not (self._is_reader or self._is_closed) and self._refusals.is_told(who, time.monotonic()):
+            self._send_on(do, path[:MAX_PATH], who, refused=why)
+
+    async def _carry_out(
+        self, asked: PendingCommand, user: User | None = None, sent: Callable[[int], object] = lambda number: None
+    ) -> Any:
+        """Send it; its result. `user`: None: of the face itself."""
+        try:
+            await self._send(asked)
+            sent(asked.number)
+            await self._until_told(asked, user)
+        finally:
+            if asked.end is None:
+                asked.forget()
+        return asked.outcome()
+
+    async def _until_told(self, asked: PendingCommand, user: User | None) -> None:
+        """Wait until a command has ended and the face has been notified of the period of its answer: a client that
+        reads next sees the effect of its command. An action whose client has gone is cancelled."""
+        is_cancelled = False
+
+        async def looked() -> float:
+            seen = await self._looked()
+            if self._is_closed:
+                raise FramesError("the run has ended before it answered")
+            return seen
+
+        async def is_over(_: list[Event], seen: float) -> bool:
+            nonlocal is_cancelled
+            if asked.end is not None and (user is None or asked.end.time <= seen):
+                return True
+            if seen == inf:
+                raise FramesError("the run has ended before it answered")
+            if user is not None and asked.begun and asked.end is None and not is_cancelled and not lives(user):
+                is_cancelled = True
+                await self._send(self._session.asking(CANCEL.name, asked.path, who=asked.who))
+            return False
+
+        await asked.follow(looked, is_over)
+
+    def _send(self, asked: PendingCommand) -> asyncio.Future[None]:
+        """Send in a thread: the queue may be full, or locked by another client."""
+
+        def send() -> None:
+            if self._is_closed and asked.do != GIVE_BACK.name:
+                raise FramesError("the run has ended")
+            try:
+                asked.send()
+            except (TypeError, ValueError):  # of json
+                raise StateError(f"{asked.path or asked.do}: no command accepts a value of this type") from None
+
+        return asyncio.get_running_loop().run_in_executor(SENDER, send)
+
+    def _send_on(self, do: str, path: str, who: str, **more: Any) -> None:
+        """Send without waiting: signs of life must not wait for a full queue."""
+        sending = self._send(self._session.asking(do, path, who=who, **more))
+        sending.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
+
+    # The lease -----------------------------------------------------------------------------------------
+
+    async def _take_lease(self, who: str, *, anew: bool = False, over: bool = False) -> None:
+        """LeaseHeld if another client has it, unless it is taken over. `anew`: also if the face has it already."""
+        async with self._taking:
+            if self._session.has_lease and not anew:
+                return
+            self._session.held.clear()
+            asked = self._session.asking(TAKE_LEASE.name, who=who, seconds=LEASE_TIME, over=over)
+            await self._carry_out(asked)
+
+    async def _keep(self) -> None:
+        """Give signs of life for the lease, and for the holds of clients that live; at the end return the lease."""
+        while True:
+            if self._session.has_lease:
+                await self._look_after()
+            await self._session.pass_pause()
+
+    async def _look_after(self) -> None:
+        session = self._session
+        for path, hold in list(session.held.items()):
+            if not hold.is_alive():
+                self._send_on(LET_GO.name, path, hold.who)
+            elif session.ended(path):
+                del session.held[path]
+        if self._is_used or time.monotonic() - self._last <= LINGER:
+            session.keep()
+            return
+        async with self._taking:
+            if not self._is_used:  # nobody has come meanwhile
+                await self._give_back()
+
+    @property
+    def _is_used(self) -> bool:
+        return bool(self._session.held or self._pending)
+
+    async def _give_back(self) -> None:
+        with suppress(UmoError):
+            await self._send(self._session.asking(GIVE_BACK.name, who=self._face))
+            self._session.lease = 0
+
+    async def close(self) -> None:
+        """End the face: the lease is returned, and the machine releases its holds. Further commands are refused."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self._keeping.cancel()
+        await asyncio.gather(self._keeping, return_exceptions=True)
+        if self._session.has_lease:
+            await self._give_back()
+        self._session.close()
+
+
+def _is_level(do: str) -> bool:
+    """True if it goes by a level in shared memory, which no queue delays."""
+    return do in VERBS and VERBS[do].is_level

@@ -1,0 +1,340 @@
+"""Connections of OPC UA: what asyncua's lack.
+
+A Write or a Call is answered when the machine has answered, node by node, while the connection continues; the words of
+a refusal are in its DiagnosticInfo. A client that does not take what it has asked for is disconnected.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+from asyncua import Server, ua
+from asyncua.common.utils import ServiceError
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import SessionState
+from asyncua.server.uaprocessor import UaProcessor
+from asyncua.ua.ua_binary import struct_to_binary
+
+from umo.clients.faces.opcua import ua_limits as limits
+from umo.clients.faces.opcua.ua_attributes import Attributes, Rights
+from umo.clients.faces.opcua.ua_monitoring import Monitoring
+from umo.clients.faces.opcua.ua_services import SERVICES, counted, decoded, service
+from umo.clients.faces.opcua.ua_session import UaSession, Users
+from umo.clients.faces.opcua.ua_subscriptions import fault
+
+log = logging.getLogger("umo.faces.opcua")
+KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
+"""A computer that does not answer any more is noticed after 4 s, in s and tries."""
+UNSENT_TIMEOUT = 5_000
+"""Time in ms after which a computer that does not take what was sent is gone."""
+ADDITIONAL_INFO = 0x80
+"""Bit of `ReturnDiagnostics`: words of the results of single operations (OPC 10000-4, 7.32)."""
+
+
+WRITE, CALL, PUBLISH = service("Write"), service("Call"), service("Publish")
+CREATE, ACTIVATE, CLOSE = (service(f"{each}Session") for each in ("Create", "Activate", "Close"))
+OPEN = (service("GetEndpoints"), service("FindServers"), service("CloseSecureChannel"))
+"""Services that need neither a session nor a secured channel."""
+WITHOUT_SESSION = (*OPEN, CREATE, ACTIVATE, CLOSE)
+"""Services that asyncua answers. All others are answered here, or are not there."""
+
+
+class Answer:
+    """The result of one operation. `result`: a StatusCode, or a CallMethodResult."""
+
+    def __init__(self, result: Any, words: str = "") -> None:
+        self.result = result
+        self.words = words
+
+
+Carry = Callable[[UaSession, Any], Awaitable[Answer]]
+"""Carries out one WriteValue or CallMethodRequest of a session."""
+
+
+class Services(InternalServer):
+    """`write` and `call` carry out what clients ask for. The services that they use are those of this package;
+    asyncua's own session, which fills the address space, uses asyncua's."""
+
+    def __init__(
+        self, write: Carry, call: Carry, rights: Rights, is_trusted: Callable[[bytes], bool], only_secured: bool
+    ) -> None:
+        super().__init__(user_manager=Users())
+        self.write, self.call = write, call
+        self.attributes = Attributes(self.aspace, rights)
+        self.monitoring = Monitoring(self.attributes)
+        self.subscription_service = self.isession.subscription_service = self.monitoring
+        self.is_trusted, self.only_secured = is_trusted, only_secured
+        self.answering: set[asyncio.Task[None]] = set()
+        self.logging_in = asyncio.Lock()
+        limits.limit(self)
+
+    def create_session(self, name: Any, user: Any = None, external: bool = False) -> UaSession:
+        return UaSession(self, self.aspace, self.subscription_service, name, external=external)
+
+    async def get_endpoints(self, params: Any = None, sockname: Any = None) -> list[Any]:
+        """Return the endpoints with one of the requested transport profiles; all endpoints if none is requested."""
+        profiles = params.ProfileUris if params is not None else None
+        found = await super().get_endpoints(params, sockname)
+        return [each for each in found if not profiles or each.TransportProfileUri in profiles]
+
+    async def abandon(self) -> None:
+        """Give up all operations in progress: the machine will not answer them."""
+        tasks = list(self.answering)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+class Processor(UaProcessor):
+    """The messages of one connection."""
+
+    iserver: Services
+    _session_watchdog_task: asyncio.Task[None] | None
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._answers = 0
+
+    async def process(self, header: Any, body: Any) -> bool:
+        if header.MessageType == ua.MessageType.SecureMessage and not self._connection.is_open():
+            return False
+        if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
+            self._transport.abort()
+            return False
+        return bool(await super().process(header, body))
+
+    def open_secure_channel(self, algohdr: Any, seqhdr: Any, body: Any) -> None:
+        certificate = algohdr.SenderCertificate
+        if certificate and not self.iserver.is_trusted(certificate):
+            raise ua.uaerrors.BadUserAccessDenied
+        super().open_secure_channel(algohdr, seqhdr, body)
+
+    async def _process_message(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
+        if self.iserver.only_secured and typeid not in OPEN and not self._is_secured:
+            raise ServiceError(ua.StatusCodes.BadSecurityPolicyRejected)
+        if typeid not in WITHOUT_SESSION:
+            return self._serve(typeid, header, sequence, body)
+        if typeid == ACTIVATE:
+            return await self._activate(typeid, header, sequence, body)
+        if typeid == CREATE and self.session is not None:  # asyncua would keep it for ever
+            await self.session.close_session(True)
+        if typeid == CLOSE:
+            self._own(header)
+        return await super()._process_message(typeid, header, sequence, body)
+
+    def _own(self, header: Any) -> Any:
+        """The session of this connection. ServiceError if a request is of another one."""
+        session: Any = self.session
+        if session is None and self.iserver.lookup_external_session(header.AuthenticationToken) is not None:
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
+        if session is None or header.AuthenticationToken != session.auth_token:
+            raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        if session.state is SessionState.Closed:
+            raise ServiceError(ua.StatusCodes.BadSessionClosed)
+        return session
+
+    async def _activate(self, *message: Any) -> Any:
+        """Log in, one at a time: a flood of wrong passwords leaves time for the machine's values."""
+        async with self.iserver.logging_in:
+            try:
+                return await self._log_in(*message)
+            except (ServiceError, ua.uaerrors.UaStatusCodeError):
+                await asyncio.sleep(limits.LOGIN_PAUSE)
+                raise
+
+    async def _log_in(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
+        """A session that is activated may be taken up on a new connection. The old one has it no more."""
+        if self.session is not None and self.session.state is SessionState.Closed:
+            self._leave()
+        is_new = self.session is None
+        session: Any = self.iserver.lookup_external_session(header.AuthenticationToken) if is_new else self._own(header)
+        if session is None:
+            raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        if is_new and not session.is_activated():
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
+        before = session.name, session.socket
+        session.name, session.socket = self.name, self._transport.get_extra_info("socket")
+        try:
+            answered = await super()._process_message(typeid, header, sequence, body)
+        except BaseException:
+            session.name, session.socket = before
+            if is_new:
+                self._leave()
+            raise
+        if session.processor is not self:
+            session.publisher.requests.clear()
+            if session.processor is not None:
+                session.processor._leave()
+            session.processor = self
+        return answered
+
+    def _leave(self) -> None:
+        """This connection has a session no more: what happens to the one does not concern the other."""
+        self.session = None
+        if self._session_watchdog_task is not None:
+            self._session_watchdog_task.cancel()
+            self._session_watchdog_task = None
+
+    def _serve(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
+        """Answer a service of a session, or begin to."""
+        session = self._own(header)
+        if not session.is_activated():
+            raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
+        self.session_last_activity = time.monotonic()
+        session.touch()
+        if typeid in (WRITE, CALL):
+            self._begin(typeid, header, sequence, body)
+        elif typeid == PUBLISH:
+            acknowledged = decoded(ua.PublishParameters, body).SubscriptionAcknowledgements
+            session.publisher.publish(header, sequence, acknowledged)
+        elif typeid in SERVICES:
+            structure, answer = SERVICES[typeid]
+            self.send_response(header.RequestHandle, sequence, answer(session, decoded(structure, body)))
+        else:
+            raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+        return True
+
+    def send_response(
+        self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage
+    ) -> None:
+        """A fault, if it cannot be sent."""
+        if code := self.sent(handle, sequence, response, kind):
+            self.sent(handle, sequence, fault(code), kind)
+
+    def sent(self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage) -> int:
+        """Send a response. 0: it is sent, or the connection has gone. Else nothing was sent, and the code says why: it
+        cannot be encoded, or its client does not take so much. Who does not take what it has asked for is
+        disconnected."""
+        if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
+            self._transport.abort()
+        if not self.is_open:
+            return 0
+        response.ResponseHeader.RequestHandle = handle
+        try:
+            body = struct_to_binary(response)
+        except Exception as error:
+            log.debug("request %s", handle, exc_info=error)
+            return int(ua.StatusCodes.BadEncodingError)
+        session: Any = self.session
+        if session is not None and 0 < session.most < len(body) and not isinstance(response, ua.ServiceFault):
+            return int(ua.StatusCodes.BadResponseTooLarge)
+        self._transport.write(
+            self._connection.message_to_binary(body, message_type=kind, request_id=sequence.RequestId)
+        )
+        return 0
+
+    @property
+    def is_open(self) -> bool:
+        return not self._transport.is_closing()
+
+    async def close(self) -> None:
+        """The connection has gone: drop its Publish requests."""
+        session: Any = self.session
+        if session is not None and session.processor is self:
+            session.publisher.requests.clear()
+            session.processor = None
+        await super().close()
+
+    @property
+    def _is_secured(self) -> bool:
+        return bool(self._connection.security_policy.Mode == ua.MessageSecurityMode.SignAndEncrypt)
+
+    # Writes and calls --------------------------------------------------------------------------------------
+
+    def _begin(self, typeid: Any, header: Any, sequence: Any, body: Any) -> None:
+        """Answer it in a task of its own. The task continues when the connection has gone: the gateway ends holds
+        without a living client."""
+        session: Any = self.session
+        if self._answers >= limits.MAX_ANSWERS:
+            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+        response: Any
+        if typeid == WRITE:
+            work = self._write(session, counted(decoded(ua.WriteParameters, body).NodesToWrite))
+            response = ua.WriteResponse()
+        else:
+            work = self._call(session, counted(decoded(ua.CallParameters, body).MethodsToCall))
+            response = ua.CallResponse()
+        self._answers += 1
+        task = asyncio.create_task(self._answer(work, response, header, sequence))
+        self.iserver.answering.add(task)
+        task.add_done_callback(self.iserver.answering.discard)
+
+    async def _write(self, session: UaSession, values: Sequence[Any]) -> list[Answer]:
+        async with session.ordered:
+            return [await self.iserver.write(session, each) for each in values]
+
+    async def _call(self, session: UaSession, methods: Sequence[Any]) -> list[Answer]:
+        return [await self.iserver.call(session, each) for each in methods]
+
+    async def _answer(self, work: Awaitable[list[Answer]], response: Any, header: Any, sequence: Any) -> None:
+        try:
+            answers = await work
+            response.Results = [each.result for each in answers]
+            if header.ReturnDiagnostics & ADDITIONAL_INFO:
+                response.DiagnosticInfos = [ua.DiagnosticInfo(AdditionalInfo=each.words or None) for each in answers]
+        except (Exception, asyncio.CancelledError) as error:
+            cancelled = isinstance(error, asyncio.CancelledError)
+            response = fault(ua.StatusCodes.BadNoCommunication if cancelled else ua.StatusCodes.BadInternalError)
+        finally:
+            self._answers -= 1
+        self.send_response(header.RequestHandle, sequence, response)
+
+
+class Protocol(OPCUAProtocol):
+    """The protocol of one connection."""
+
+    processor: Any
+    _buffer: bytes
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        if self.processor is None:  # there are too many
+            return
+        self.processor = Processor(self.iserver, transport, self.limits)
+        self.processor.set_policies(self.policies)
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in (*KEEP_ALIVE, (socket.TCP_USER_TIMEOUT, UNSENT_TIMEOUT)):
+            connection.setsockopt(socket.IPPROTO_TCP, option, value)
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if len(self._buffer) > limits.CHUNK and self.transport is not None:  # a chunk that never ends
+            self._buffer = b""
+            self.transport.close()
+
+
+class Listener(BinaryServer):
+    """Listens on a socket that is open already."""
+
+    def __init__(self, server: Services, listening: socket.socket) -> None:
+        host, port = listening.getsockname()[:2]
+        super().__init__(server, host, port, limits.transport())
+        self._listening = listening
+
+    def _make_protocol(self) -> Protocol:
+        return Protocol(self.iserver, self._policies, self.clients, self.closing_tasks, self.limits)
+
+    async def start(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(self._make_protocol, sock=self._listening)
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
+
+
+class UaServer(Server):
+    """asyncua's server with these connections."""
+
+    iserver: Services
+
+    async def listen(self, listening: socket.socket) -> None:
+        await self._setup_server_nodes()
+        await self.iserver.start()
+        self.bserver = Listener(self.iserver, listening)
+        self.bserver.set_policies(self._policies)
+        await self.bserver.start()

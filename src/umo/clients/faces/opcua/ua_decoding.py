@@ -1,0 +1,97 @@
+"""Lengths in a message are limited by the number of its bytes (OPC 10000-6, 5.2).
+
+asyncua 2.1 takes the length of an array, of a text and of a dimension as it is told: an array of nulls, which take no
+byte, of two thousand million elements; a text of -4 bytes, which reads itself again; dimensions of a million for an
+array of none. A hundred bytes before any session would take minutes and gigabytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from math import prod
+from typing import Any
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.ua import ua_binary as binary
+
+from umo.clients.faces.opcua.ua_limits import MAX_DIMENSIONS, MAX_ELEMENTS
+
+Decode = Callable[[Any], Any]
+WRONG = ua.StatusCodes.BadDecodingError
+_primitives, _shaped = binary._create_uatype_array_deserializer, binary._reshape
+
+
+def bound() -> None:
+    """Have asyncua decode by what is below."""
+    binary._Bytes.unpack = staticmethod(_bytes)
+    binary._create_uatype_array_deserializer = _array
+    binary._create_list_deserializer = _list
+    binary._reshape = _reshaped
+    for each in ("type", "uatype", "dataclass"):  # what was made before has asyncua's own inside
+        getattr(binary, f"_create_{each}_deserializer").cache_clear()
+
+
+def _bytes(data: Any) -> bytes | None:
+    length = binary.Primitives.Int32.unpack(data)
+    if length < -1:
+        raise ServiceError(WRONG)
+    return None if length == -1 else data.read(length)
+
+
+@cache
+def _array(kind: Any) -> Decode:
+    if hasattr(binary.Primitives1, kind.name):
+        return _primitives(kind)  # all of it is read in one piece
+    element = binary._create_uatype_deserializer(kind)
+    return lambda data: _elements(element, data)
+
+
+@cache
+def _list(kind: Any) -> Decode:
+    def decode(data: Any) -> list[Any]:  # a structure may have lists of itself: it is looked up when one comes
+        return _elements(binary._create_type_deserializer(kind, type(None)), data) or []
+
+    return decode
+
+
+class Count:
+    """Elements of the array that is being decoded, with those of the arrays in it."""
+
+    depth = elements = 0
+
+
+_count = Count()
+
+
+def _elements(element: Decode, data: Any) -> list[Any] | None:
+    """The elements of an array; each takes a byte at least."""
+    length = binary.Primitives.Int32.unpack(data)
+    if length == -1:
+        return None
+    if not 0 <= length <= len(data):
+        raise ServiceError(WRONG)
+    _count.elements = length + (_count.elements if _count.depth else 0)
+    if _count.elements > MAX_ELEMENTS:
+        raise ServiceError(ua.StatusCodes.BadEncodingLimitsExceeded)
+    _count.depth += 1
+    try:
+        return [_element(element, data) for _ in range(length)]
+    finally:
+        _count.depth -= 1
+
+
+def _element(decode: Decode, data: Any) -> Any:
+    before = len(data)
+    found = decode(data)
+    if len(data) >= before:
+        raise ServiceError(WRONG)
+    return found
+
+
+def _reshaped(flat: list[Any], dimensions: list[int] | None) -> list[Any]:
+    """The dimensions of an array are those of the elements that have come."""
+    if not dimensions or len(dimensions) > MAX_DIMENSIONS or min(dimensions) < 0 or prod(dimensions) != len(flat):
+        raise ServiceError(WRONG)
+    return _shaped(flat, dimensions) if flat else flat

@@ -1,0 +1,251 @@
+"""The nodes of a machine: its parts, objects, states, numbers and actions (OPC 10000-8; OPC 40001-1 Machinery)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from asyncua import ua
+from asyncua.server.address_space import AttributeValue
+
+from umo.clients.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
+from umo.clients.faces.opcua.ua_values import is_switch, type_of, unit_of
+from umo.objects.presentation.identity import Identities, escaped, is_text
+from umo.operation.commands.verb import ArgumentKind, Names, Verb
+from umo.operation.commands.verbs import ACKNOWLEDGE_ALARM, CALL, naming, offered
+from umo.process.frames.machine_items import Declaration, ItemKind, MachineItem
+
+RUN, ALARMS, REFUSAL = "Run", "Alarms", "LastRefusal"
+EQUIPMENT, AXIS, UNIT = "EquipmentState", "AxisState", "PackML"
+"""Names of nodes of umo's own, beside those of the machine."""
+IDENTITIES = Identities(".", ":", is_text, frozenset({"machine", "refusal"}))
+"""Identifiers of nodes. What belongs to a node has its identifier, a slash and a name."""
+PARTS = Identities(".", ":", is_text, frozenset({RUN, ALARMS}))
+"""Identifiers of parts; two folders of umo's own have such ones."""
+ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
+"""Data types of the arguments of actions by their kinds; the others are texts."""
+RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
+PATH = "Path"
+"""The argument of a verb that tells its path."""
+VERB_TYPES: Mapping[ArgumentKind, int] = {
+    ArgumentKind.NUMBER: O.Double,
+    ArgumentKind.TIME: O.Double,
+    ArgumentKind.FLAG: O.Boolean,
+    ArgumentKind.VALUE: O.BaseDataType,
+}
+"""Data types of the arguments of verbs by their kinds; the others are texts, those of an action JSON."""
+OF_PARTS = frozenset({EQUIPMENT, AXIS, UNIT})
+"""Names of umo's own nodes in each part."""
+EVENT = (argument("EventId", O.ByteString, "of the event that is acknowledged; nothing: of the last one"),)
+COMMENT = (argument("Comment", O.LocalizedText, "is not kept"),)
+
+
+@dataclass(frozen=True)
+class Called:
+    """The effect of a method. `kinds`: the types of its arguments by name."""
+
+    verb: Verb
+    path: str | None
+    """The path; None if the argument `Path` has it."""
+    kinds: Mapping[str, str]
+    keeps_up: bool = False
+    arguments: Sequence[Mapping[str, Any]] = ()
+    """The declarations of the arguments in the action or the verb."""
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """Arguments that have a default."""
+        return frozenset(each["name"] for each in self.arguments if not each["required"])
+
+
+def acknowledging(alarm: str) -> Called:
+    """Return the effect of Acknowledge. Its arguments may be null; they are not arguments of the command."""
+    optional = tuple({"name": each.Name, "required": False} for each in (*EVENT, *COMMENT))
+    return Called(ACKNOWLEDGE_ALARM, alarm, {}, arguments=optional)
+
+
+def calling(verb: Verb, path: str | None) -> Called:
+    """The function of the method of a verb; `path`: None if it is the argument `Path`."""
+    own = [each.plain() | {"name": each.name.capitalize()} for each in verb.arguments]
+    about = own if path is not None else [{"name": PATH, "kind": "text", "required": True}, *own]
+    return Called(verb, path, {each["name"]: each["kind"] for each in about}, verb.is_kept_up, tuple(about))
+
+
+def of_the_machine() -> frozenset[str]:
+    """Names of umo's own nodes in the machine."""
+    return OF_PARTS | {RUN, ALARMS, REFUSAL, *(verb.title for verb in offered())}
+
+
+def browse_name(path: str) -> str:
+    """The name of what has this path, within its part: never that of a node of umo's own."""
+    part, _, name = path.rpartition(".")
+    return escaped(name, is_text, OF_PARTS if part else of_the_machine())
+
+
+class MachineNodes:
+    """`machines`: the node Objects/Machines of OPC 40001-1."""
+
+    def __init__(self, tree: NodeTree, machine: Declaration, machines: ua.NodeId) -> None:
+        self._tree, self._machine = tree, machine
+        self._tuned = {item.path for item in machine.of_kind(ItemKind.TUNABLE)}
+        self.texts: dict[int, AttributeValue] = {}
+        """ValueAsText of those items that have it."""
+        self.writable: dict[ua.NodeId, MachineItem] = {}
+        self.methods: dict[ua.NodeId, Called] = {}
+        self.alarms: dict[str, ua.NodeId] = {}
+        """The object of each alarm."""
+        self.acknowledging: dict[ua.NodeId, str] = {}
+        """The alarm that each method Acknowledge is for."""
+        self.by_path: dict[str, ua.NodeId] = {}
+        """Objects, parts, signals by their paths."""
+        self.root = tree.object(machines, "machine", machine.station, reference=O.Organizes, description=machine.wiring)
+        self._parts: dict[str, ua.NodeId] = {"": self.root}
+        self._folders: dict[str, ua.NodeId] = {}
+        self.refusal = tree.variable(
+            self.root, "refusal", REFUSAL, O.BaseDataVariableType, O.String,
+            description="The last command that was refused: whose, and why.",
+        )  # fmt: skip
+        nodes = {item.number: self._add(item) for item in sorted(machine.items, key=_depth)}
+        self.values: list[AttributeValue] = [tree.value_of(nodes[item.number]) for item in machine.items]
+        """The place of each item's value, by its number."""
+        for action in machine.actions:
+            self._add_action(action)
+        for verb in offered():
+            path = "" if verb.names is Names.NOTHING else None
+            self._add_verb(self.root, f"command:{verb.name}", verb.title, calling(verb, path))
+
+    def part(self, path: str) -> ua.NodeId:
+        """The object of a compound; "": the machine. What is below an object (its velocity) is below its variable."""
+        if path not in self._parts:
+            above = self.part(path.rpartition(".")[0])
+            self._parts[path] = self._tree.object(above, PARTS.of(path, "part"), browse_name(path))
+            self.by_path.setdefault(path, self._parts[path])
+        return self._parts[path]
+
+    def _folder(self, name: str) -> ua.NodeId:
+        """A folder of umo's own in the machine."""
+        if name not in self._folders:
+            self._folders[name] = self._tree.object(self.root, f"part:{name}", name)
+        return self._folders[name]
+
+    def alarm_of(self, node: ua.NodeId) -> str | None:
+        """Return the alarm of this object, or None."""
+        return next((path for path, each in self.alarms.items() if each == node), None)
+
+    # Items -------------------------------------------------------------------------------------------------
+
+    def _add(self, item: MachineItem) -> ua.NodeId:
+        parent, name = self._place(item)
+        node = (self._state if item.states else self._number)(parent, name, item)
+        if item.name == item.path:
+            self.by_path[item.path] = self._parts[item.path] = node
+        if item.writable:
+            self.writable[node] = item
+        return node
+
+    def _place(self, item: MachineItem) -> tuple[ua.NodeId, str]:
+        """Parent and name of its variable."""
+        if item.kind is ItemKind.ALARM:
+            return self._alarm(item), "State"
+        if item.kind in (ItemKind.EQUIPMENT, ItemKind.AXIS):
+            return self.part(item.path), EQUIPMENT if item.kind is ItemKind.EQUIPMENT else AXIS
+        if item.kind is ItemKind.RUN:
+            return self._folder(RUN), item.path
+        name = browse_name(item.path)
+        is_twin = item.kind is ItemKind.SIGNAL and item.path in self._tuned
+        return self.part(item.path.rpartition(".")[0]), f"{name}/shown" if is_twin else name
+
+    def _number(self, parent: ua.NodeId, name: str, item: MachineItem) -> ua.NodeId:
+        bounds = [-inf if item.minimum is None else item.minimum, inf if item.maximum is None else item.maximum]
+        has_range = bounds != [-inf, inf]
+        kinds = {
+            (True, True): O.AnalogUnitRangeType,
+            (True, False): O.AnalogUnitType,
+            (False, True): O.AnalogItemType,
+            (False, False): O.BaseDataVariableType,
+        }
+        kind, text = kinds[bool(item.unit), has_range], item.identity(IDENTITIES)
+        node = self._tree.variable(parent, text, name, kind, O.Double, item.writable, description=item.path)
+        for wanted, title, value, data_type in (
+            (has_range, "EURange", ua.Range(*bounds), O.Range),
+            (bool(item.unit), "EngineeringUnits", unit_of(item), O.EUInformation),
+        ):
+            if wanted:
+                variant = ua.Variant(value, ua.VariantType.ExtensionObject)
+                self._tree.property(node, f"{text}/{title}", title, variant, data_type)
+        return node
+
+    def _state(self, parent: ua.NodeId, name: str, item: MachineItem) -> ua.NodeId:
+        """Two states, 0 and 1, are a Boolean; others are a number with a name."""
+        switch, text = is_switch(item), item.identity(IDENTITIES)
+        kind = O.TwoStateDiscreteType if switch else O.MultiStateValueDiscreteType
+        node = self._tree.variable(parent, text, name, kind, type_of(item).value, item.writable, description=item.path)
+        if switch:
+            for number, title in enumerate(("FalseState", "TrueState")):
+                state = ua.Variant(ua.LocalizedText(item.states[number]), ua.VariantType.LocalizedText)
+                self._tree.property(node, f"{text}/{title}", title, state, O.LocalizedText)
+            return node
+        self._tree.property(node, f"{text}/EnumValues", "EnumValues", enum_values(item.states), O.EnumValueType)
+        nothing = ua.Variant(ua.LocalizedText(""), ua.VariantType.LocalizedText)
+        shown = self._tree.property(node, f"{text}/ValueAsText", "ValueAsText", nothing, O.LocalizedText)
+        self.texts[item.number] = self._tree.value_of(shown)
+        return node
+
+    def _alarm(self, item: MachineItem) -> ua.NodeId:
+        """The object of an alarm in the folder Alarms, named by its path."""
+        about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
+        own = IDENTITIES.of(item.path, "condition")
+        node = self._tree.object(self._folder(ALARMS), own, IDENTITIES.part(item.path), description=about)
+        self.alarms[item.path] = node
+        given = (*EVENT, *COMMENT)
+        method = self._tree.method(
+            node, f"{own}/Acknowledge", "Acknowledge", given, own=0, description="Acknowledge it."
+        )
+        self.acknowledging[method] = item.path
+        for verb in naming(Names.ALARM):
+            if verb is not ACKNOWLEDGE_ALARM:  # which the standard has a method for
+                name = verb.title.removesuffix("Alarm")
+                self._add_verb(node, f"{own}/{name}", name, calling(verb, item.path))
+        return node
+
+    # Methods -----------------------------------------------------------------------------------------------
+
+    def _add_verb(self, parent: ua.NodeId, text: str, name: str, called: Called) -> None:
+        verb = called.verb
+        path = (argument(PATH, O.String, verb.names.value),) if called.path is None else ()
+        own = (
+            argument(each.name.capitalize(), VERB_TYPES.get(each.kind, O.String), f"{each.help} {each.range}")
+            for each in verb.arguments
+        )
+        node = self._tree.method(parent, text, name, (*path, *own), (RESULT,), description=verb.help)
+        self.methods[node] = called
+
+    def _add_action(self, action: Mapping[str, Any]) -> None:
+        path, arguments = str(action["path"]), action["arguments"]
+        given = [argument(each["name"], ARGUMENT_TYPES.get(each["kind"], O.String), _about(each)) for each in arguments]
+        text = str(action.get("help") or "")
+        part, name = self.part(path.rpartition(".")[0]), browse_name(path)
+        node = self._tree.method(part, IDENTITIES.of(path, "action"), name, given, (RESULT,), description=text)
+        kinds = {each["name"]: each["kind"] for each in arguments}
+        self.methods[node] = Called(CALL, path, kinds, bool(action.get("dead_man")), tuple(arguments))
+
+
+def _depth(item: MachineItem) -> int:
+    """An object stands before what is below it."""
+    return item.path.count(".")
+
+
+def _about(each: Mapping[str, Any]) -> str:
+    """An argument as text: its range, choices, default."""
+    parts = []
+    if each["kind"] in ("number", "integer"):
+        low, high = (each.get(key) for key in ("minimum", "maximum"))
+        bounds = [f"{word} {bound:g}" for word, bound in (("from", low), ("to", high)) if bound is not None]
+        parts.append(" ".join([*bounds, str(each.get("unit") or "")]).strip())
+    if each.get("choices"):
+        parts.append(f"one of {', '.join(each['choices'])}")
+    if not each["required"]:
+        parts.append(f"optional, default {each.get('default')}")
+    return "; ".join(filter(None, parts))

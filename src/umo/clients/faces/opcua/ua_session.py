@@ -1,0 +1,131 @@
+"""Sessions of OPC UA: who the client is, whether it lives, and what one client cannot do to another."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto import permission_rules
+from asyncua.crypto.permission_rules import UserRole
+from asyncua.server.internal_session import InternalSession, SessionState
+
+from umo.clients.faces import face_users as users
+from umo.clients.faces.endpoint import is_local
+from umo.clients.faces.face import User
+from umo.clients.faces.opcua.ua_limits import MAX_MESSAGE
+from umo.clients.faces.opcua.ua_monitoring import Monitoring
+from umo.clients.faces.opcua.ua_subscriptions import Publisher, PublishRequest
+from umo.clients.faces.opcua.ua_view import Browsing
+from umo.system.peer_account import is_own
+
+SILENCE = 5.0
+"""Time in s without a request after which what a client holds is released. A closed connection is noticed at once."""
+
+
+@dataclass
+class Client(permission_rules.User):
+    """A user as asyncua has them, and as umo has them; None: anonymous."""
+
+    user: User | None = None
+    holder: User | None = None
+    """The same, who lives only while requests come: for what must be kept up."""
+
+
+class UaSession(InternalSession):
+    """The session of a client. `name` is the address that it comes from."""
+
+    user: Any
+
+    def __init__(self, *given: Any, external: bool = False, **more: Any) -> None:
+        super().__init__(*given, external=external, **more)
+        self.processor: Any = None
+        """Its connection."""
+        self.socket: Any = None
+        """The socket of the connection on which it was activated last, or is being."""
+        self.publisher = Publisher(self._send, self.iserver.monitoring.clock)
+        self.view = Browsing(self.aspace)
+        self.most = 0
+        """Bytes of a response that its client takes at most; 0: any."""
+        self.ordered = asyncio.Lock()
+        """Writes are carried out in the order in which they came."""
+        if external:  # asyncua counts its tokens up: another client could guess them
+            self.iserver.unregister_external_session(self)
+            self.auth_token = ua.NodeId(secrets.token_bytes(32), 0, ua.NodeIdType.ByteString)
+            self.iserver.register_external_session(self)
+
+    async def create_session(self, params: ua.CreateSessionParameters, sockname: Any = None) -> ua.CreateSessionResult:
+        self.most = params.MaxResponseMessageSize or 0
+        result = await super().create_session(params, sockname)
+        result.MaxRequestMessageSize = MAX_MESSAGE
+        return result
+
+    def activate_session(
+        self, params: ua.ActivateSessionParameters, peer_certificate: bytes | None
+    ) -> ua.ActivateSessionResult:
+        """Find out who it is. Another user cannot take the session over."""
+        before, token, host = self.user, params.UserIdentityToken, str(self.name[0])
+        if not isinstance(token, ua.UserNameIdentityToken | ua.X509IdentityToken) and not is_local(host):
+            raise ServiceError(ua.StatusCodes.BadIdentityTokenRejected)
+        proof = peer_certificate if isinstance(token, ua.X509IdentityToken) else None
+        result = super().activate_session(params, proof)
+        after: Any = self.user
+        if isinstance(before, Client) and _name(before) != _name(after):
+            self.user = before
+            raise ServiceError(ua.StatusCodes.BadIdentityChangeNotSupported)
+        if after.user is not None:
+            name = after.user.name
+            is_owner = is_own(self.socket)
+            user = User(name, True, is_owner, lambda: self._is_of(name))
+            holder = User(name, True, is_owner, lambda: self._is_of(name) and self._is_heard())
+            self.user = Client(UserRole.User, name, user, holder)
+        return result
+
+    def _is_of(self, name: str) -> bool:
+        """True if it is still a session of this user, and connected."""
+        connected = self.processor is not None and self.processor.is_open
+        return connected and self.state is SessionState.Activated and _name(self.user) == name
+
+    def _is_heard(self) -> bool:
+        return time.monotonic() - self._last_activity < SILENCE
+
+    # Subscriptions ----------------------------------------------------------------------------------------
+
+    @property
+    def monitoring(self) -> Monitoring:
+        return self.iserver.monitoring
+
+    def _send(self, request: PublishRequest, response: Any) -> int:
+        """Answer a Publish request on the connection that this session has now; see `Processor.sent`."""
+        if self.processor is None:
+            return 0
+        return int(self.processor.sent(request.header.RequestHandle, request.sequence, response))
+
+    async def close_session(self, delete_subs: bool = True) -> None:
+        """Its subscriptions end with it: they are not transferred."""
+        self.publisher.close()
+        await super().close_session(False)
+
+
+def _name(client: Any) -> str | None:
+    return client.user.name if isinstance(client, Client) and client.user is not None else None
+
+
+class Users:
+    """Knows users by password or certificate (`umo.clients.faces.face_users`); without either they are anonymous."""
+
+    def get_user(
+        self, server: Any, username: str | None = None, password: str | None = None, certificate: Any = None
+    ) -> Client | None:
+        """Return the client, or None if the name, the password or the certificate is wrong."""
+        if username is not None:
+            name = username if users.by_password(username, password or "") else None
+        elif certificate is not None:
+            name = users.by_certificate(certificate)
+        else:
+            return Client(UserRole.User, "anonymous")
+        return None if name is None else Client(UserRole.User, name, User(name, True))

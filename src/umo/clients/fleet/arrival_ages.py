@@ -1,0 +1,28 @@
+"""Computes the age of a station's data on arrival."""
+
+from __future__ import annotations
+
+import time
+
+WINDOW = 30_000_000_000
+"""Time in ns over which the quickest arrival is looked for, twice: a computer that slept has other clocks then."""
+
+
+class ArrivalAges:
+    """Ages by the monotonic clocks of both computers, against the quickest arrival so far: their difference is not
+    known, and that of UTC may be wrong."""
+
+    def __init__(self) -> None:
+        self._quickest: int | None = None
+        self._before: int | None = None
+        self._since = 0
+
+    def age(self, made: int, now: int | None = None) -> float:
+        """Age in s of what was made at `made`, ns of the station's clock. `now`: ns of this one's; default: now."""
+        now = time.monotonic_ns() if now is None else now
+        way = now - made
+        if self._quickest is None or now - self._since > WINDOW:
+            self._before, self._quickest, self._since = self._quickest, way, now
+        self._quickest = min(self._quickest, way)
+        floor = self._quickest if self._before is None else min(self._quickest, self._before)
+        return (way - floor) * 1e-9

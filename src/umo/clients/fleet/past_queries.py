@@ -1,0 +1,54 @@
+"""Questions to gateways for what was published before and did not come (`umo.clients.fleet.run_feed`)."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+
+import zenoh
+
+from umo.clients.fleet import fleet_keys as keys
+from umo.clients.fleet.fleet_keys import StationKey
+from umo.clients.fleet.run_feed import Missing
+
+MAX_CONCURRENT_QUERIES = 8
+"""Questions of one process that wait for their answers, at most: answers to more would be dropped on the way."""
+WAIT = 2.0
+"""Time in s that an answer is waited for."""
+
+
+class PastQueries:
+    """`put` is given each answer with the station and its run, by a thread of Zenoh."""
+
+    def __init__(self, session: zenoh.Session, put: Callable[[StationKey, bytes, bytes], None]) -> None:
+        self._session, self._put = session, put
+        self._lock = threading.Lock()
+        self._waiting = 0
+
+    @property
+    def are_too_many(self) -> bool:
+        return self._waiting >= MAX_CONCURRENT_QUERIES
+
+    def ask(self, key: StationKey, missing: Missing) -> None:
+        """Send a request to the gateway of a station. Without a network there is no answer."""
+
+        def replied(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._put(key, missing.run, bytes(reply.ok.payload))
+
+        def done() -> None:
+            with self._lock:
+                self._waiting -= 1
+
+        parameters = {"run": missing.run.hex(), "delta": str(missing.delta), "event": str(missing.event)}
+        with self._lock:
+            self._waiting += 1
+        with suppress(zenoh.ZError):
+            self._session.get(
+                zenoh.Selector(key.key(keys.PAST), parameters),
+                zenoh.handlers.Callback(replied, done),
+                timeout=WAIT,
+                congestion_control=zenoh.CongestionControl.DROP,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )

@@ -1,0 +1,192 @@
+"""Deltas and events of one run in the order of their numbers, each once; what is missing is asked for.
+
+Zenoh drops what it cannot send, and what was on its way when a router or a gateway was killed. The gateway keeps what
+it has published (`umo.clients.fleet.kept_deltas`), and answers who asks for it from a number on. Nothing here waits or
+sends: the caller sends what `request` wants (`umo.clients.fleet.past_queries`), and gives the answers to `take_past`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import inf
+from typing import Any, NamedTuple
+
+from umo.clients.fleet.message_parts import unpacked
+from umo.clients.fleet.run_words import peek
+
+RETRY_DELAY = 1.0
+"""Time in s after which a question without an answer is asked again."""
+TRIES = 20
+"""Questions without an answer after which what is missing counts as lost."""
+SILENCE, LONGEST_SILENCE = 2.0, 8.0
+"""Times in s after which it is asked whether a run of which nothing comes has continued: first, and at most."""
+AHEAD = 1000
+"""The origin of a delta is unknown if its number is further ahead than this of what its gateway has."""
+MAX_HELD = 8 << 20
+"""Bytes of deltas that wait for those before them, at most; what comes beyond is asked for later."""
+
+
+class Missing(NamedTuple):
+    """The numbers of the first missing delta and of the first missing event."""
+
+    run: bytes
+    delta: int
+    event: int
+
+
+class RunFeed:
+    """`delta`, `event`: numbers of the first ones that are wanted. `now`: always s of the monotonic clock."""
+
+    def __init__(self, run: bytes, delta: int, event: int, now: float) -> None:
+        self.run, self.delta, self.event = run, delta, event
+        self._last_delta, self._last_event = delta - 1, event - 1
+        """Greatest numbers that are known to exist."""
+        self._held: dict[int, bytes] = {}
+        self._held_bytes = 0
+        self._deltas: list[bytes] = []
+        self._events: list[list[Any]] = []
+        self._asked = -inf
+        self._tries = 0
+        """Questions that nobody has answered."""
+        self._heard, self._silence = now, SILENCE
+        self.is_over = False
+        """The last delta of the run has come."""
+
+    # What comes ----------------------------------------------------------------------------------------------
+
+    def take_delta(self, data: bytes, now: float) -> bool:
+        """A delta as it was published. False: it came before. FramesError if it is none."""
+        head = peek(data)
+        if head.number < self.delta:
+            return False
+        self._heard, self._silence = now, SILENCE
+        self._last_delta = max(self._last_delta, head.number)
+        self._last_event = max(self._last_event, head.events - 1)
+        self._hold(head.number, data)
+        self._go_on()
+        return True
+
+    def leave_out(self, delta: int) -> None:
+        """Deltas before this number that have not come do not come any more."""
+        if delta > self.delta:
+            self._skip_to(delta)
+            self._go_on()
+
+    def leave_out_events(self, event: int) -> None:
+        """Events before this number that have not come do not come any more."""
+        self.event = max(self.event, event)
+
+    def take_events(self, told: Mapping[str, Any]) -> None:
+        """A message with events as it was published. Those behind a gap are asked for."""
+        events = told["events"]
+        self._last_event = max(self._last_event, int(events[-1][0]))
+        if int(events[0][0]) <= self.event:
+            self._add_events(events)
+
+    def take_past(self, data: bytes) -> None:
+        """The answer to a request: what the gateway has from there on. FramesError if it is none."""
+        about, *deltas = unpacked(data)
+        facts = json.loads(about)
+        before = self.delta, self.event
+        self._tries = 0
+        self._add_events(facts["events"])
+        self.event = max(self.event, int(facts["event"]))
+        self._last_event = self.event - 1
+        for each in deltas:
+            if (number := peek(each).number) >= self.delta:
+                self._skip_to(number)  # nobody has what is between
+                self._hold(number, each)
+                self._go_on()
+        head = int(facts["head"])
+        for number in [each for each in self._held if each > head + AHEAD]:
+            self._held_bytes -= len(self._held.pop(number))
+        self._last_delta = max(head, self.delta - 1, *self._held)
+        if before != (self.delta, self.event):
+            self._asked = -inf  # there may be more
+
+    def _add_events(self, events: list[list[Any]]) -> None:
+        for event in events:
+            if (number := int(event[0])) >= self.event:
+                self._events.append(event)
+                self.event = number + 1
+
+    def _hold(self, number: int, data: bytes) -> None:
+        """Keep a delta until its turn."""
+        if number > self.delta and self._held_bytes + len(data) > MAX_HELD:
+            return
+        self._held_bytes += len(data) - len(self._held.get(number, b""))
+        self._held[number] = data
+
+    def _go_on(self) -> None:
+        """Pass those on whose turn it is."""
+        while (data := self._held.pop(self.delta, None)) is not None:
+            self._held_bytes -= len(data)
+            self._deltas.append(data)
+            self.delta += 1
+
+    def _skip_to(self, number: int) -> None:
+        """Give up everything before this number, and pass on the deltas held."""
+        for each in sorted(each for each in self._held if each < number):
+            data = self._held.pop(each)
+            self._held_bytes -= len(data)
+            self._deltas.append(data)
+        self.delta = number
+
+    def restart(self, number: int) -> None:
+        """Go on with this number, whatever came."""
+        self._held.clear()
+        self._held_bytes = 0
+        self._deltas.clear()
+        self.delta, self._last_delta = number, number - 1
+
+    # What is taken from it -------------------------------------------------------------------------------------
+
+    def events(self) -> list[list[Any]]:
+        """Return the events that are next: number, then the fields of `umo.cycle.events.Event`."""
+        events, self._events = self._events, []
+        return events
+
+    def deltas(self) -> list[bytes]:
+        """Return the deltas that are next. A missing number was lost. The last delta of a run waits for its events."""
+        deltas, self._deltas = self._deltas, []
+        if deltas and (last := peek(deltas[-1])).is_last:
+            self._last_event = max(self._last_event, last.events - 1)  # an answer knows less: it is older, or was full
+            if self.event <= self._last_event:
+                self._deltas = [deltas.pop()]
+            else:
+                self.is_over = True
+        return deltas
+
+    # What is asked for -----------------------------------------------------------------------------------------
+
+    @property
+    def _is_missing(self) -> bool:
+        return self.delta <= self._last_delta or self.event <= self._last_event
+
+    def request(self, now: float) -> Missing | None:
+        """Return what to request now, or None."""
+        if self.is_over or now - self._asked < RETRY_DELAY:
+            return None
+        if not self._is_missing:
+            if now - self._heard < self._silence:
+                return None
+            self._heard, self._silence = now, min(2 * self._silence, LONGEST_SILENCE)
+            self._tries = 0
+        elif self._tries == TRIES:
+            self.give_up()
+            return None
+        self._asked = now
+        self._tries += 1
+        return Missing(self.run, self.delta, self.event)
+
+    @property
+    def holds_nothing(self) -> bool:
+        return not (self._held or self._deltas or self._events)
+
+    def give_up(self) -> None:
+        """Continue with the existing data, because there is no answer."""
+        self._tries = 0
+        self.event = self._last_event + 1
+        self._skip_to(min(self._held, default=self._last_delta + 1))
+        self._go_on()

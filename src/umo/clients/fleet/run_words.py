@@ -1,0 +1,181 @@
+"""A run as a vector of words of 8 bytes, and what has changed of it: the messages of a fleet.
+
+The vector holds a frame as it stands in the ring (`umo.process.frames.layout`, without `sequence`, checksums and
+journal), then the rest: state, mode, missed periods, lease with its holder, the tunable numbers. A delta names the
+words of the frame that differ from those of the delta before; the rest is whole in it, or is missing because it has not
+changed.
+
+Frames are thinned by their numbers in the ring: with a stride of k the deltas 0, 1, 2 ... are of the frames k - 1,
+2k - 1, 3k - 1 ... Delta n belongs to the same frame, whichever process publishes the run and however often it restarts,
+so losses can be counted.
+
+A message, little-endian: `HEADER`; the indices of the words (`<u2`, or `<u4` where there are more than 65,535), then
+the words; then the rest.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.errors import FramesError
+from umo.process.frames.layout import NAME, Layout, Live
+
+Words = npt.NDArray[np.uint64]
+HEADER = struct.Struct("<8sQIIIB3x")
+"""Run, number of the delta, events that were published before, number of words, bytes of the rest, flags."""
+FULL, LAST = 1, 2
+"""Flags: every word of the frame is there; the run has ended, no delta follows."""
+METADATA = struct.Struct(f"<qqqq{NAME}s")
+"""State, mode, missed, number of the lease, its holder; the tunable numbers (`<f8`) follow."""
+LEFT_OUT = ("sequence", "checksum", "entries_checksum", "journal", "entries", "entries_lost", "sampled", "updated")
+"""Fields of a frame that are of the ring, or of the journal, which a fleet does not carry."""
+FULL_EVERY = 100
+"""One delta of this number has all words, so that a reader of the last ones can begin there."""
+RUN_BYTES = 8
+
+
+@dataclass(frozen=True)
+class RunMetadata:
+    """The data of a run that belong to no frame."""
+
+    state: int
+    mode: int
+    missed: int
+    lease: int
+    holder: bytes
+    tunables: bytes
+
+    def packed(self) -> bytes:
+        return METADATA.pack(self.state, self.mode, self.missed, self.lease, self.holder) + self.tunables
+
+    @classmethod
+    def parse(cls, data: bytes) -> RunMetadata:
+        try:
+            state, mode, missed, lease, holder = METADATA.unpack_from(data)
+        except struct.error as error:
+            raise FramesError(f"a delta does not fit its declaration: {error}") from None
+        return cls(state, mode, missed, lease, holder.rstrip(b"\0"), data[METADATA.size :])
+
+    @classmethod
+    def of(cls, live: Any, lease: tuple[int, str], tunables: bytes) -> RunMetadata:
+        """`live`: the live numbers of a ring; `lease`: its number and its holder."""
+        number, holder = lease
+        return cls(
+            int(live[Live.STATE]), int(live[Live.MODE]), int(live[Live.MISSED]), number, holder.encode(), tunables
+        )
+
+
+@dataclass(frozen=True)
+class Delta:
+    """One message."""
+
+    run: bytes
+    number: int
+    flags: int
+    places: npt.NDArray[Any]
+    words: Words
+    rest: bytes
+    """Packed; empty: as before."""
+    events: int = 0
+    """Number of the next event of the run."""
+
+    @property
+    def is_full(self) -> bool:
+        return bool(self.flags & FULL)
+
+    @property
+    def is_last(self) -> bool:
+        return bool(self.flags & LAST)
+
+    def packed(self) -> bytes:
+        head = HEADER.pack(self.run, self.number, self.events, len(self.words), len(self.rest), self.flags)
+        places = b"" if self.is_full else self.places.tobytes()
+        return b"".join((head, places, self.words.tobytes(), self.rest))
+
+
+class WordFrame:
+    """Frames of one run as words, and back. `layout`: of its ring."""
+
+    def __init__(self, layout: Layout) -> None:
+        dtype = layout.dtype
+        self.dtype = dtype
+        self.count = dtype.itemsize // 8
+        self._index = np.dtype("<u2" if self.count <= 1 << 16 else "<u4")
+        assert dtype.fields is not None
+        self._left_out = [dtype.fields[name][1] // 8 for name in LEFT_OUT]
+
+    def words(self, frame: Any) -> Words:
+        """The words of a frame of a ring; it is not changed."""
+        return self.words_of(frame.tobytes())
+
+    def words_of(self, frame: bytes) -> Words:
+        """The words of a frame as it stands in the ring."""
+        words = np.frombuffer(frame, np.uint64).copy()
+        words[self._left_out] = 0
+        return words
+
+    def changed(self, words: Words, before: Words | None) -> tuple[npt.NDArray[Any], Words]:
+        """Places and words that differ; all without `before`."""
+        if before is None:
+            return np.zeros(0, self._index), words
+        (places,) = (words != before).nonzero()
+        return places.astype(self._index), words[places]
+
+    def parse(self, data: bytes) -> Delta:
+        """FramesError for a message that does not fit this run."""
+        try:
+            run, number, events, count, rest, flags = HEADER.unpack_from(data)
+            full, at = bool(flags & FULL), HEADER.size
+            indices = 0 if full else count
+            expected = at + indices * self._index.itemsize + 8 * count + rest
+            if len(data) != expected or (full and count != self.count):
+                raise ValueError(f"{len(data)} bytes with {count} words")
+            places = np.frombuffer(data, self._index, indices, at)
+            if indices and int(places.max()) >= self.count:
+                raise ValueError(f"word {int(places.max())} of {self.count}")
+            at += places.nbytes
+            words: Words = np.frombuffer(data, np.uint64, count, at)
+        except (struct.error, ValueError) as error:
+            raise FramesError(f"a delta does not fit its declaration: {error}") from None
+        return Delta(run, number, flags, places, words, data[at + words.nbytes :], events)
+
+    def apply(self, delta: Delta, words: Words) -> None:
+        """Change words as a delta says."""
+        if delta.is_full:
+            words[:] = delta.words
+        else:
+            words[delta.places] = delta.words
+
+    def frame(self, words: Words) -> Any:
+        """A frame of the ring from words: a structured scalar of the layout."""
+        return np.frombuffer(words.tobytes(), self.dtype)[0]
+
+
+class Head(NamedTuple):
+    """The beginning of a message."""
+
+    run: bytes
+    number: int
+    events: int
+    flags: int
+
+    @property
+    def is_full(self) -> bool:
+        return bool(self.flags & FULL)
+
+    @property
+    def is_last(self) -> bool:
+        return bool(self.flags & LAST)
+
+
+def peek(data: bytes) -> Head:
+    """FramesError for a message that is not a delta."""
+    if len(data) < HEADER.size:
+        raise FramesError(f"{len(data)} bytes are not a delta")
+    run, number, events, _, _, flags = HEADER.unpack_from(data)
+    return Head(run, number, events, flags)

@@ -1,0 +1,42 @@
+"""Positions in a stream from which a recorder that starts again must read, so that nothing of a run is missing."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from umo.clients.fleet.run_words import FULL_EVERY, Head
+
+
+class StreamPositions:
+    """The positions of one run: the data not written yet, and the last full delta, on which the next ones build."""
+
+    def __init__(self) -> None:
+        self._full: deque[tuple[int, int]] = deque()
+        """Number and place of the deltas with all words, oldest first."""
+        self._begin: int | None = None
+        """Place of the first message, until there is a delta with all words that was written."""
+        self._unwritten: int | None = None
+
+    def take(self, sequence: int, head: Head | None) -> None:
+        """A message came. `head`: if it is a delta."""
+        if self._begin is None:
+            self._begin = sequence
+        if self._unwritten is None:
+            self._unwritten = sequence
+        if head is not None and head.number % FULL_EVERY == 0 and (not self._full or head.number > self._full[-1][0]):
+            self._full.append((head.number, sequence))
+
+    def wrote(self, last: int, *, everything: bool) -> None:
+        """The deltas up to this number are in files; `everything`: all that came is."""
+        while len(self._full) > 1 and self._full[1][0] <= last + 1:
+            self._full.popleft()
+        if everything:
+            self._unwritten = None
+
+    def needed(self, last: int, *, has_ended: bool) -> int | None:
+        """The first place that is needed; None: none of what came."""
+        if has_ended and self._unwritten is None:
+            return None
+        base = self._full[0][1] if self._full and self._full[0][0] <= last + 1 else self._begin
+        places = [each for each in (base, self._unwritten) if each is not None]
+        return min(places, default=None)

@@ -1,0 +1,102 @@
+"""What a run leaves for the page: its newest black box as text, and how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from umo.cycle.events import CommandState, Event
+from umo.errors import FramesError
+from umo.process.frames import Reader, blackbox
+from umo.process.frames.causes import explain_all, sentences
+from umo.system.device_record import Ended, standing
+
+UNKNOWN_END = "it ended without a word: all of its processes were killed"
+MAX_OCCASIONS = 3
+"""The last missed periods of a black box that are told."""
+RUN_FACTS = ("pid", "started", "started_monotonic")
+"""Facts that a run and its black boxes have in common, and no other run has."""
+
+
+class BoxInWords(NamedTuple):
+    name: str = ""
+    """Name of the file; empty: there is none."""
+    text: str = ""
+    reason: str = ""
+    """The reason why it was written."""
+
+
+def newest_box(about: Mapping[str, Any], known: BoxInWords) -> BoxInWords:
+    """The newest black box of a run; `known` if none is newer. It opens files and takes some 10 ms: for a thread."""
+    try:
+        found = blackbox.boxes(blackbox.folder())
+    except (FramesError, OSError):
+        return known
+    run = _identity(about)
+    for path in reversed(found):
+        if path.name == known.name:
+            break
+        if _run_of(path) == run:
+            return _read(path)
+    return known
+
+
+def _identity(about: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(about.get(name) for name in RUN_FACTS)
+
+
+@lru_cache(4 * blackbox.MAX_BOXES)
+def _run_of(path: Path) -> tuple[Any, ...] | None:
+    """Identity of the run whose black box it is; None if it cannot be read. The file of a name never changes."""
+    try:
+        with Reader(path) as reader:
+            return _identity(reader.about)
+    except Exception:  # of a damaged file: whatever json, struct, numpy, mmap raise
+        return None
+
+
+def _read(path: Path) -> BoxInWords:
+    """Return when and why it was written, and the causes of the last missed periods in it."""
+    try:
+        with Reader(path) as reader:
+            frames, about = reader.read(), reader.about
+            verdicts = explain_all(frames, reader.layout)
+            reason = str(about.get("reason", ""))
+            lines = [f"{blackbox.kept_at(about)}: {reason}"]
+            lines += sentences(frames, reader.layout, verdicts, MAX_OCCASIONS)
+            return BoxInWords(path.name, "\n".join(lines), reason)
+    except Exception as error:  # of a damaged file: whatever json, struct, numpy, mmap raise
+        return BoxInWords(path.name, f"{path.name} cannot be read ({type(error).__name__})")
+
+
+class Ending(NamedTuple):
+    failed: bool
+    text: str
+
+
+def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> Ending | None:
+    """End of the run that `about` describes; None: nothing tells it. `last` is its event of the end. It reads
+    records: call it in a thread; again after a while, as the guardian may still be resetting."""
+    stands = _record(about)
+    if stands is not None and stands.state == "stopped":
+        left = f"not reached: {', '.join(stands.unreached)}" if stands.unreached else "every actuator was reset"
+        return Ending(True, f"{stands.what}; {left}")
+    if last is not None:
+        return Ending(last.state is CommandState.FAILED, last.text)
+    if box.reason not in ("", blackbox.MISSED_PERIOD, blackbox.ON_DEMAND):
+        return Ending(True, box.reason)
+    return None
+
+
+def _record(about: Mapping[str, Any]) -> Ended | None:
+    """Return the record of this run on its devices, not of a later one; None if it ended safely."""
+    station, started = about.get("station"), float(about.get("started", 0.0))
+    with suppress(OSError):
+        for device in about.get("devices", ()):
+            for ended in standing(str(device)):
+                if ended.mine and ended.station == station and ended.began <= started <= ended.when:
+                    return ended
+    return None

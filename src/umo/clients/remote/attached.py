@@ -1,0 +1,200 @@
+"""A running station, seen from another program: values, actions, tunable numbers."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.clients.remote.commander import Commander
+from umo.clients.remote.live_view import LiveView
+from umo.clients.remote.remote_objects import NoMember, RemotePart, Tree
+from umo.cycle.events import Event
+from umo.cycle.stage import Progress
+from umo.operation.commands.verb_table import VerbTable
+from umo.operation.commands.verbs import (
+    ACKNOWLEDGE,
+    ACKNOWLEDGE_ALARM,
+    CLEAR,
+    MODE,
+    REMOVE_FROM_SERVICE,
+    RESET_ALARM,
+    RETURN_TO_SERVICE,
+    SHELVE,
+    UNSHELVE,
+    VERBS,
+    verb_of,
+)
+from umo.process.frames import Reader
+from umo.process.frames.alarm_list import AlarmRow
+from umo.process.frames.run_reader import progress_of
+from umo.process.frames.search import find_running
+from umo.recording.scope.history import samples
+from umo.recording.scope.svg import Scope
+
+
+def attach(station: str | int | None = None) -> RemoteStation:
+    """A station that runs in real time on this computer, by name or pid; default: the only one.
+
+        station = umo.attach("ztheta")
+        station.z.encoder.read()
+        with station.lease("commissioning"):
+            station.mode = "manual"
+            station.z.move_to(100_000)
+            station.z.servo.gain = 0.004
+
+    FramesError if none or several run; it names those that do. Reading disturbs nothing. Commands need the lease, and
+    pass the same guards as the program's.
+    """
+    return RemoteStation(find_running(None if station is None else str(station)))
+
+
+class RemoteStation(Commander, RemotePart):
+    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration;
+    one with the name of a member of this class is reached by its path: `station["stop"]`."""
+
+    def __init__(self, reader: Reader) -> None:
+        vars(self).update(vars(Commander(reader)))  # past `__setattr__`, which tunes a number
+        RemotePart.__init__(self, self, Tree(reader), "")
+
+    @property
+    def mode(self) -> str:
+        """ "automatic" or "manual"; "" if the station takes no commands. It is set under the lease."""
+        return "" if (mode := self.reader.now().mode) is None else str(mode)
+
+    @mode.setter
+    def mode(self, mode: str) -> None:
+        self.carry_out(MODE, "", {"mode": str(mode)})
+
+    @property
+    def progress(self) -> Progress:
+        """The progress of its work that the machine told last."""
+        return progress_of(self.reader.latest())
+
+    @property
+    def events(self) -> list[Event]:
+        """The last events, oldest first: commands with their answers, actions of guards."""
+        return [each.event for each in self.reader.events()]
+
+    @property
+    def tuned(self) -> dict[str, float]:
+        """The tunable numbers that differ from their values at the start of the run, by path, in their units. The next
+        run has those that are kept (`reader.kept`); the others need a line under `[parameters]` of the wiring."""
+        return self.reader.tuned()
+
+    def frames(self, seconds: float) -> dict[str, npt.NDArray[np.float64]]:
+        """The last frames that are kept, as arrays: "time" in s, objects and signals by path, NaN where BAD."""
+        reader = self.reader
+        period = reader.about["period"] or 0.01
+        rows = reader.last(max(1, round(seconds / period)))
+        columns = zip([*reader.paths, *reader.signals], samples(rows).T, strict=True)
+        return {"time": np.array(rows["time"])} | {path: column.copy() for path, column in columns}
+
+    # In a notebook -------------------------------------------------------------------------------------
+
+    def live(self, *paths: str) -> LiveView:
+        """Show a table of the values here in the notebook, and keep it up to date. `paths`: of objects, compounds,
+        signals, or patterns such as "zones.*.heater"; default: all.
+
+        It ends with the station, with its `stop()`, or with this program. PathError for a path that names nothing;
+        FramesError outside of a notebook, or if the station has ended.
+        """
+        return LiveView(self.reader, lambda own: partial(own.html, paths))
+
+    def scope(self, *paths: str, seconds: float = 10.0) -> LiveView:
+        """Show objects and signals against time here in the notebook, as they change. `seconds` is the span, up to 300.
+
+        Numbers of one unit share a lane; binary objects are bars. No peak is lost: least and greatest value are drawn
+        for each pixel. Ends and errors as of `live`; RangeError for another span; up to 16 traces.
+        """
+        return LiveView(self.reader, lambda own: Scope(own, paths, seconds).draw)
+
+    def acknowledge(self, path: str = "") -> bool:
+        """Acknowledge latched interlocks, of an object or compound, or ("") of the machine: what they inhibit is free
+        again. False if none was latched. CommandRefused while the condition of one still holds. Under the lease, in
+        any mode."""
+        return self.carry_out(ACKNOWLEDGE, path) is None
+
+    @property
+    def faults(self) -> dict[str, str]:
+        """The equipment in fault, by path: the reason."""
+        return self.reader.faults(self.reader.latest())
+
+    def clear(self, path: str = "") -> str:
+        """End the fault of the equipment that contains an object or compound, or ("") of all equipment. Returns what it
+        did: "cleared: reactors.1", or "nothing was in fault"; then the interlocks that still inhibit its actuators.
+        EquipmentFault while one of its sensors cannot be read, TaskFailed if an object cannot be initialised: it stays
+        in fault. Under the lease, in any mode."""
+        return str(self.carry_out(CLEAR, path))
+
+    @property
+    def alarms(self) -> list[AlarmRow]:
+        """Return the alarms that are not normal: unacknowledged ones first, then by priority."""
+        return self.reader.alarms(self.reader.latest())
+
+    @property
+    def raised_alarms(self) -> list[AlarmRow]:
+        """The same, then those that are normal and were raised in this run: how often, when first and when last."""
+        return self.reader.alarms(self.reader.latest(), raised=True)
+
+    def acknowledge_alarm(self, path: str = "") -> str:
+        """Acknowledge an alarm, those of an object or compound, of a pattern, or ("") all. Returns what it did:
+        "acknowledged: tank.overfill". CommandRefused for one alarm that is not to be acknowledged, PathError if there
+        is none. Under the lease, in any mode, as the following."""
+        return str(self.carry_out(ACKNOWLEDGE_ALARM, path))
+
+    def reset_alarm(self, path: str = "") -> str:
+        """Reset latched alarms that are acknowledged and no longer active."""
+        return str(self.carry_out(RESET_ALARM, path))
+
+    def shelve(self, path: str, time: str | float) -> str:
+        """Put alarms away for a time, in s or such as "10 min", at most 7 days. RangeError for another."""
+        return str(self.carry_out(SHELVE, path, {"time": time}))
+
+    def unshelve(self, path: str) -> str:
+        """End a shelf before its time."""
+        return str(self.carry_out(UNSHELVE, path))
+
+    def remove_from_service(self, path: str) -> str:
+        """Put alarms away for maintenance, until they are returned to service."""
+        return str(self.carry_out(REMOVE_FROM_SERVICE, path))
+
+    def return_to_service(self, path: str) -> str:
+        """Return alarms to service that were removed."""
+        return str(self.carry_out(RETURN_TO_SERVICE, path))
+
+    @property
+    def verbs(self) -> VerbTable:
+        """Return all verbs of the station, with their effect and the required role. A notebook shows it as a table."""
+        return VerbTable(VERBS)
+
+    def __getattr__(self, name: str) -> Any:
+        """A member of the machine; else a verb that has no method here, as a function of its path and arguments."""
+        try:
+            return super().__getattr__(name)
+        except NoMember:
+            if (verb := verb_of(name)) is None:
+                raise
+            return partial(self.do, verb.name)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *(verb.word for verb in VERBS.values())]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in vars(self) or isinstance(getattr(RemoteStation, name, None), property):
+            object.__setattr__(self, name, value)
+        else:
+            super().__setattr__(name, value)
+
+    def __enter__(self) -> RemoteStation:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        about, reader = self.reader.about, self.reader
+        now = "detached" if reader.closed else f"{reader.state}, {self.mode or 'no commands'}"
+        return f"<{about['station']}, pid {about['pid']}, {now}>"

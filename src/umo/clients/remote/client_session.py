@@ -1,0 +1,317 @@
+"""One client of a running machine: its requests, its lease, and what it holds under the lease.
+
+Nothing here waits for the machine or starts a thread. The owner of a session reads the answers (`PendingCommand`), and
+calls `keep` as long as it lives: a thread (`umo.clients.remote.commander`), the loop of a page, of a face or of a
+fleet's gateway."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import signal
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from umo.clients.remote.suggestions import with_nearest
+from umo.cycle.events import CommandState, Event
+from umo.cycle.stage import Stage
+from umo.errors import CommandRefused, FramesError, RangeError, StateError, TaskFailed, UmoError
+from umo.operation.commands.client_commands import DEAD_MAN_TIME
+from umo.operation.commands.verbs import GIVE_BACK, LET_GO, TAKE_LEASE, VERBS
+from umo.process.frames import Reader, RunReader
+from umo.process.frames.client_memory import LEASE, ClientMemory
+from umo.process.frames.command_queue import Sender
+
+LEASE_TIME = 2.0
+"""s for which a lease lasts without a sign of life."""
+ANSWER_TIMEOUT = 5.0
+"""s within which the machine takes a command; five periods if they are longer."""
+SIGNS_OF_LIFE = 5
+"""Number of signs of life that a client gives in the dead-man time of what it holds."""
+CHANGE_NOTHING = RangeError, StateError
+"""Refusals because of what was asked: what was held before is held still."""
+
+
+@dataclass
+class Hold:
+    """One hold of a client: a written actuator or a jog."""
+
+    who: str
+    lasts: float
+    """s without a sign of life after which the machine ends it."""
+    next: int
+    """Number of the next event that may tell its end."""
+    is_alive: Callable[[], bool]
+    command: int = 0
+    """Number of the command that began it; 0: it is not sent yet."""
+    why: str = ""
+    """The reason why it has ended, as the machine reports it; "" while it lasts."""
+
+
+class ClientSession:
+    """A client of the run that `reader` reads, which it closes in the end. `wake` is called when something is held, as
+    `pause` may be shorter then; `clock` is CLOCK_MONOTONIC, ns. One thread asks; another one may call `keep`."""
+
+    def __init__(
+        self, reader: Reader, wake: Callable[[], object] = lambda: None, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.reader = reader
+        self.lease = 0
+        """The number of the lease that it has taken; 0: none."""
+        self.held: dict[str, Hold] = {}
+        """The holds, by path."""
+        self._seconds, self._wake, self.clock = LEASE_TIME, wake, clock
+        self._key = secrets.token_hex(8)
+        self._cells: ClientMemory | None = None
+        """The machine's cells, from the first command on."""
+        self._sender: Sender | None = None
+        self._dead_man = {str(each["path"]) for each in reader.layout.actions if each.get("dead_man")}
+        self._expires = {each.path: each.expires for each in reader.layout.described.objects if each.is_actuator}
+
+    @property
+    def running(self) -> bool:
+        return self.reader.state is not Stage.ENDED
+
+    @property
+    def has_lease(self) -> bool:
+        """True if its lease lasts: it has not ended, by itself or with the run, and no other client has taken it."""
+        if not self.running:
+            return False
+        now = self.reader.now()
+        return now.lease == self.lease and bool(now.holder)
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    def asking(
+        self, do: str, path: str = "", *, who: str, is_alive: Callable[[], bool] = lambda: True, **fields: Any
+    ) -> PendingCommand:
+        """Return a command to send. Its holds exist from now on, as long as `is_alive` returns True; the holds that it
+        ends do not."""
+        if do in VERBS and VERBS[do].ends:
+            self.held.pop(path, None)
+        start, before, lasts = self.reader.now().next_event, self.held.get(path), self.lasts(do, path)
+        hold = None if lasts is None else Hold(who, lasts, start, is_alive)
+        if self.has_lease:
+            self.sign(LEASE)
+            if hold is not None:
+                self.sign(path)
+                self.held[path] = hold
+                self._wake()
+        self._seconds = fields.get("seconds", self._seconds)
+        key = secrets.token_hex(8) if fields.get("over") is True else self._key  # a take-over ends what it did, too
+        command = {"do": do, "path": path, "key": key, "who": who, **fields}
+        return PendingCommand(self, command, hold, before)
+
+    def stop(self, who: str) -> None:
+        """Ask the run to end safely, by a level that no queue delays; without the lease."""
+        self._open_cells().ask_to_stop(signal.SIGTERM, who)
+
+    def lasts(self, do: str, path: str) -> float | None:
+        """Return the time in s for which the effect of a command lasts without a sign of life; None if it needs
+        none."""
+        verb = VERBS.get(do)
+        if verb is None or not (verb.is_kept_up or (verb.of_action and path in self._dead_man)):
+            return None
+        return min(DEAD_MAN_TIME, self._expires.get(path) or DEAD_MAN_TIME)
+
+    def _send(self, command: dict[str, Any]) -> int:
+        """Its number. CommandRefused if the queue is full, FramesError if the run has ended."""
+        cells = self._open_cells()
+        if self._sender is None:
+            self._sender = Sender(self.reader, cells)
+        return self._sender.send(command)
+
+    def _open_cells(self) -> ClientMemory:
+        """FramesError if the station has ended or takes no commands."""
+        reader = self.reader
+        if not self.running:
+            raise FramesError(f"{reader.about['station']} has ended")
+        if self._cells is None:
+            if reader.now().mode is None or reader.ends is None:
+                raise FramesError(f"{reader.about['station']}: it takes no commands")
+            self._cells = ClientMemory(reader.ends.cells, reader.layout)
+        return self._cells
+
+    # Life ----------------------------------------------------------------------------------------------
+
+    def keep(self) -> None:
+        """Give signs of life for the lease, and for the holds of living clients. To be called once in `pause`."""
+        if self.has_lease:
+            held = list(self.held.items())
+            self.sign(LEASE, *(path for path, hold in held if not self.ended(path) and hold.is_alive()))
+
+    @property
+    def pause(self) -> float:
+        """Time in s from one call of `keep` to the next, at most."""
+        return min([DEAD_MAN_TIME, self._seconds, *(hold.lasts for hold in list(self.held.values()))]) / SIGNS_OF_LIFE
+
+    def sign(self, *paths: str) -> None:
+        """Give a sign of life for the holds at these paths ("": the lease). A run that has just ended needs none."""
+        with suppress(FramesError):
+            cells, now = self._open_cells(), self.clock()
+            for path in paths:
+                cells.sign(path, self.lease, now)
+
+    def ended(self, path: str) -> str:
+        """Return why the hold on this path has ended by itself, as the machine reports it; "" if it lasts or does not
+        exist."""
+        hold = self.held.get(path)
+        if hold is None:
+            return ""
+        events = self.reader.events(hold.next)
+        ends = (each.event for each in events)
+        told = (each.text for each in ends if has_ended(each, path, self.reader, hold.command))
+        hold.why = hold.why or next(told, "")
+        if events:
+            hold.next = events[-1].number + 1
+        return hold.why
+
+    def close(self) -> None:
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+        if self._cells is not None:
+            self._cells.close()
+            self._cells = None
+        self.reader.close()
+
+
+class LoopSession(ClientSession):
+    """A session in an event loop."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._woken = asyncio.Event()
+        super().__init__(reader, self._woken.set)
+
+    async def pass_pause(self) -> None:
+        """Wait until the next sign of life is due, or something is held."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self.pause):
+                await self._woken.wait()
+        self._woken.clear()
+
+
+class PendingCommand:
+    """A command of a session: it is sent, and has answers, the last of which is its end."""
+
+    def __init__(self, session: ClientSession, command: dict[str, Any], hold: Hold | None, before: Hold | None) -> None:
+        self.number = 0
+        """The number that its events have; 0: it is not sent yet."""
+        self.begun = False
+        """An action has begun; its end is still to come."""
+        self.end: Event | None = None
+        self.do, self.path, self.who = command["do"], command["path"], command["who"]
+        self._session, self._command, self._hold, self._before = session, command, hold, before
+        self._next = session.reader.now().next_event
+        self._limit = max(ANSWER_TIMEOUT, 5 * session.reader.about["period"])
+        self._sent = 0
+        """Time at which it was sent, ns."""
+
+    def send(self) -> None:
+        """CommandRefused if the queue stays full for a second, or it is not a command; FramesError if the run has
+        ended."""
+        try:
+            self.number = self._session._send(self._command)
+        except BaseException:
+            self.forget(before=True)
+            raise
+        self._sent = self._session.clock()
+        if self._hold is not None:
+            self._hold.command = self.number
+
+    def look(self) -> list[Event]:
+        """New answers. CommandRefused if none has come in time, FramesError if none can come any more."""
+        reader = self._session.reader
+        ended = reader.state is Stage.ENDED  # before the events: the last of them may be the answer
+        events = reader.events(self._next)
+        if events:
+            self._next = events[-1].number + 1
+        found = [with_nearest(each.event, reader.layout) for each in events if each.event.command == self.number]
+        self.begun = self.begun or bool(found)
+        end = next((each for each in found if each.state is not CommandState.BEGUN), None)
+        if end is not None and self.end is None:
+            self.end = end
+            self._has_ended(end)
+        if self.end is None and not found and ended:
+            raise FramesError(f"{reader.about['station']} has ended before it answered")
+        if not self.begun and self._session.clock() - self._sent > self._limit * 1e9:
+            raise CommandRefused(f"the machine has not answered within {self._limit:g} s")
+        return found
+
+    async def follow(
+        self, looked: Callable[[], Awaitable[float]], is_over: Callable[[list[Event], float], Awaitable[bool]]
+    ) -> None:
+        """Hand its new answers to `is_over` at each look at the frames, until that says so. `looked` waits for the next
+        one; what it returned goes with the answers, minus infinity with the first."""
+        seen = -inf
+        while not await is_over(self.look(), seen):
+            seen = await looked()
+
+    def outcome(self) -> Any:
+        """Return its result. The machine's error is raised if it was refused or has failed."""
+        assert self.end is not None
+        if self.end.state is not CommandState.DONE:
+            raise error_of(self.end)
+        return json.loads(self.end.text) if self.end.text else None
+
+    def _has_ended(self, end: Event) -> None:
+        session = self._session
+        if end.state is not CommandState.DONE:
+            self.forget(before=isinstance(error_of(end), CHANGE_NOTHING))
+        elif self.do == TAKE_LEASE.name:
+            session.lease, session._key = int(end.text), self._command["key"]
+            session.sign(LEASE)
+        elif self.do == GIVE_BACK.name:
+            session.lease = 0
+
+    def forget(self, before: bool = False) -> None:
+        """Forget a new hold; `before`: the earlier hold on its path."""
+        held, path = self._session.held, self.path
+        if self._hold is None or held.get(path) is not self._hold:
+            return
+        if before and self._before is not None:
+            held[path] = self._before
+        else:
+            del held[path]
+
+
+def has_ended(event: Event, path: str, reader: RunReader, command: int = 0) -> bool:
+    """True if an event tells that what was held at this path by a command has ended: with its command, by itself, or as
+    one of several actuators for one reason. Of those the text names the first: what is still taken by a client has not
+    ended. Of an action each end is told by itself."""
+    if event.state is not CommandState.CANCELLED:
+        return False
+    if event.command:
+        return event.command == command
+    if event.asked != LET_GO.name:
+        return event.path == path
+    return path in reader.paths and is_beside(path, event.path) and not reader.is_taken(path)
+
+
+def is_beside(path: str, around: str) -> bool:
+    """True if a path is below another; "": every one is."""
+    return not around or path.startswith(f"{around}.")
+
+
+def error_of(event: Event) -> Exception:
+    """The machine's error, of its own type where that is umo's."""
+    if event.state is CommandState.CANCELLED:
+        return TaskFailed(f"{event.path or event.asked} was cancelled: {event.text}")
+    name, _, text = event.text.partition(": ")
+    kind = {each.__name__: each for each in _kinds(UmoError)}.get(name)
+    if kind is None:
+        return TaskFailed(event.text)
+    error = kind.__new__(kind)  # without its constructor, which makes the message of other things
+    error.args = (text,)
+    return error
+
+
+def _kinds(base: type[UmoError]) -> Iterator[type[UmoError]]:
+    for kind in base.__subclasses__():
+        yield kind
+        yield from _kinds(kind)

@@ -1,0 +1,217 @@
+"""The objects, compounds, actions and tunable numbers of a running station as Python attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from inspect import Parameter, Signature
+from math import isnan
+from typing import Any
+
+from umo.clients.remote.commander import Commander
+from umo.errors import BadInput, PathError, RangeError
+from umo.objects import Quality
+from umo.objects.claims import Claim
+from umo.objects.presentation.described import Described
+from umo.objects.presentation.html_table import never_raises
+from umo.objects.presentation.value_text import quality_text
+from umo.objects.units import convert
+from umo.operation.commands.verbs import CALL, LET_GO, TUNE, WRITE
+from umo.process.frames import RunReader
+from umo.text import did_you_mean
+
+
+class Tree:
+    """The things that a station's description names, by path."""
+
+    def __init__(self, reader: RunReader) -> None:
+        layout = reader.layout
+        self.objects = {each.path: each for each in layout.described.objects}
+        self.actions = {entry["path"]: entry for entry in layout.actions}
+        self.tunables = {each.path: each for each in layout.described.tunables}
+        self.signals = {each.path: number for number, each in enumerate(layout.described.signals)}
+        self.parts: set[str] = set()
+        for path in (*self.objects, *self.actions, *self.tunables, *self.signals):
+            names = path.split(".")
+            self.parts |= {".".join(names[:count]) for count in range(1, len(names))}
+
+    def below(self, path: str) -> list[str]:
+        """The names of what is directly below a part."""
+        start = f"{path}." if path else ""
+        tables = (self.objects, self.actions, self.tunables, self.signals, self.parts)
+        found = (each for table in tables for each in table if each.startswith(start))
+        names = {each.removeprefix(start).partition(".")[0] for each in found}
+        return sorted(names)
+
+    def keys(self, path: str) -> list[str | int]:
+        """Keys for the brackets of a part: its names and numbers, and the paths of the objects below."""
+        start = f"{path}." if path else ""
+        paths = [each.removeprefix(start) for each in self.objects if each.startswith(start)]
+        return [int(key) if key.isdigit() else key for key in dict.fromkeys([*self.below(path), *paths])]
+
+
+class RemotePart:
+    """A compound of a running station, or something that it has, such as a law."""
+
+    def __init__(self, station: Commander, tree: Tree, path: str) -> None:
+        self.__dict__.update(_station=station, _tree=tree, _path=path)
+
+    _station: Commander
+    _tree: Tree
+    _path: str
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self[name]
+
+    def __getitem__(self, name: str | int) -> Any:
+        """Get a member by name, by the key of a list or dict, or by path: `zones[3]`, `station["zones.3.heater"]`."""
+        tree, path = self._tree, f"{self._path}.{name}".lstrip(".")
+        if path in tree.objects:
+            return RemoteObject(self._station, tree.objects[path])
+        if path in tree.actions:
+            return _caller(self._station, tree.actions[path])
+        if path in tree.tunables:
+            return self._station.reader.tunables()[path]
+        if path in tree.parts:
+            return RemotePart(self._station, tree, path)
+        if path in tree.signals:
+            frame = self._station.reader.latest()
+            number = float("nan") if frame is None else float(frame["signals"][tree.signals[path]])
+            return self._station.reader.layout.described.signals[tree.signals[path]].value(number)
+        raise NoMember(
+            f"{self._path or 'the station'} has no {name!r}{did_you_mean(str(name), tree.below(self._path))}"
+        )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self[name] = value
+
+    def __setitem__(self, name: str | int, value: Any) -> None:
+        """Tune a number: as an attribute, or by path, such as `station["zones.3.gain"] = 2.0`."""
+        path = f"{self._path}.{name}".lstrip(".")
+        if path not in self._tree.tunables:
+            what = "is an object: use its write()" if path in self._tree.objects else "is not a tunable number"
+            raise NoMember(f"{path} {what}{did_you_mean(path, self._tree.tunables)}")
+        self._station.carry_out(TUNE, path, {"value": value})
+
+    def _ipython_key_completions_(self) -> list[str | int]:
+        return self._tree.keys(self._path)
+
+    @never_raises
+    def _repr_html_(self) -> str:
+        return self._station.reader.html([self._path] if self._path else [])
+
+    def __dir__(self) -> list[str]:
+        return [*object.__dir__(self), *(name for name in self._tree.below(self._path) if name.isidentifier())]
+
+    def __repr__(self) -> str:
+        return f"<{self._path}: {', '.join(self._tree.below(self._path))}>"
+
+
+class NoMember(PathError, AttributeError):
+    """A station, or a part of it, has no member of this name."""
+
+
+class RemoteObject:
+    """One object of a running station. Values are those of the last finished period."""
+
+    def __init__(self, station: Commander, about: Described) -> None:
+        self._station = station
+        self._about = about
+        self.path = about.path
+        self._number = station.reader.index(self.path)
+
+    def _frame(self) -> Any:
+        frame = self._station.reader.latest()
+        if frame is None:
+            raise PathError(f"{self.path} was not read yet: no period has ended")
+        return frame
+
+    def read(self, unit: str | None = None) -> float | str:
+        """A number in `unit` (default: its own), or a state's name. Not read yet: NaN, of a state BadInput."""
+        value = float(self._frame()["values"][self._number])
+        if self._about.is_number:
+            return value if unit is None else convert(value, self.units, unit)
+        if isnan(value):
+            raise BadInput(self.path, Quality.BAD, why="it was never read")
+        return self._about.state(value)
+
+    @property
+    def raw(self) -> int:
+        return int(self._frame()["raws"][self._number])
+
+    @property
+    def quality(self) -> Quality:
+        return Quality(int(self._frame()["quality"][self._number]))
+
+    @property
+    def actuator(self) -> bool:
+        """True if it can be written."""
+        return self._about.is_actuator
+
+    @property
+    def units(self) -> str:
+        """ "" for an object that has states."""
+        return self._about.unit
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The names of its states; of a number none."""
+        return tuple(self._about.states.values())
+
+    @property
+    def inhibited(self) -> str | None:
+        """Reason why only the default is sent to this actuator, or the client that has taken it; None: it is free."""
+        return self._station.reader.inhibited(self._frame(), self._number)
+
+    @property
+    def claim(self) -> Claim:
+        """Return who drives this actuator, and what comes next."""
+        return self._station.reader.claim(self._frame(), self._number)
+
+    def write(self, value: Any) -> None:
+        """Take the actuator and write it: a number in its unit, or a state's name. Under the lease, in manual
+        mode. It lasts until `release`, or until the lease ends."""
+        text = getattr(value, "name", value)  # a state of the declaration
+        self._station.carry_out(WRITE, self.path, {"value": text})
+
+    def release(self) -> None:
+        """Let go of the actuator: its default is sent, and the program may write it again."""
+        self._station.carry_out(LET_GO, self.path)
+
+    @never_raises
+    def _repr_html_(self) -> str:
+        return self._station.reader.html([self.path])
+
+    def __repr__(self) -> str:
+        frame = self._frame()
+        value, quality = frame["values"][self._number], frame["quality"][self._number]
+        return f"<{self._about.kind} {self.path} = {self._about.text(value)} {quality_text(quality)}>"
+
+
+def _caller(station: Commander, action: dict[str, Any]) -> Callable[..., Any]:
+    """Calls an action and waits for its end; of a dead-man action with `release`: `station.z.jog.release()`."""
+    arguments = action["arguments"]
+    path = action["path"]
+    signature = Signature([_parameter(each) for each in arguments])
+
+    def call(*values: Any, **named: Any) -> Any:
+        try:
+            given = signature.bind(*values, **named).arguments
+        except TypeError as error:
+            raise RangeError(f"{path}: {error}") from None
+        given = {name: getattr(value, "name", value) for name, value in given.items()}
+        return station.carry_out(CALL, path, given)
+
+    call.__name__ = call.__qualname__ = path.rpartition(".")[2]
+    call.__doc__ = action["help"]
+    call.__signature__ = signature  # type: ignore[attr-defined]
+    if action["dead_man"]:
+        call.release = partial(station.carry_out, LET_GO, path)  # type: ignore[attr-defined]
+    return call
+
+
+def _parameter(argument: dict[str, Any]) -> Parameter:
+    default = Parameter.empty if argument["required"] else argument.get("default")
+    return Parameter(argument["name"], Parameter.POSITIONAL_OR_KEYWORD, default=default)

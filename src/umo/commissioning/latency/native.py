@@ -1,0 +1,64 @@
+"""The loop in C, compiled on the spot."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.generate.c_compiler import COMPILE_TIMEOUT, compiler
+
+SOURCE = Path(__file__).parent / "loop.c"
+SLICE_MARGIN = 30.0
+"""Time in s that a slice may take in addition to ten times that of its periods."""
+
+
+@contextmanager
+def compiled() -> Iterator[Path | None]:
+    """The program for as long as the block lasts; None without a compiler, or where it fails."""
+    found = compiler()
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "loop"
+        if found is None:
+            yield None
+            return
+        words = [found, "-O2", "-o", str(program), str(SOURCE)]
+        failed = True
+        with suppress(OSError, subprocess.TimeoutExpired):
+            failed = subprocess.run(words, capture_output=True, check=False, timeout=COMPILE_TIMEOUT).returncode != 0
+        yield None if failed else program
+
+
+class Slice(NamedTuple):
+    """The times of some periods of a loop, in ns."""
+
+    times: npt.NDArray[np.int64]
+    """Shape (periods, 2): late in waking up, working; -1 for ticks that passed meanwhile."""
+    processor: int
+    """Processor time."""
+    elapsed: int
+
+    @classmethod
+    def of(cls, data: bytes) -> Slice:
+        """A slice as the loops send it: processor time and time are the last row."""
+        rows = np.frombuffer(data, np.int64).reshape(-1, 2)
+        return cls(rows[:-1], int(rows[-1, 0]), int(rows[-1, 1]))
+
+
+def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, busy_wait: float = 0.0) -> Slice:
+    """Run the program once, with this number of periods. It stops to sleep `busy_wait` s before each tick."""
+    words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(busy_wait * 1e9)]
+    limit = time_limit(period, periods)
+    done = subprocess.run([str(program), *map(str, words)], capture_output=True, check=True, timeout=limit)
+    return Slice.of(done.stdout)
+
+
+def time_limit(period: float, periods: int) -> float:
+    """Timeout in s for a slice of this number of periods: other processes may take the processor, or stop the loop."""
+    return SLICE_MARGIN + 10 * period * periods

@@ -1,0 +1,172 @@
+"""Rules that give the gains of a `PID` for a model: three sets, from cautious to quick.
+
+| set | rule | margins at least |
+| --- | --- | --- |
+| cautious | AMIGO; with a derivative SIMC with 3 dead times | 3, 55 degrees |
+| balanced | SIMC with a closed-loop time of one dead time | 2, 45 degrees |
+| quick | SIMC with half a dead time | 1.6, 30 degrees |
+
+SIMC: Skogestad, Simple analytic rules for model reduction and PID controller tuning, J. Process Control 13, 2003.
+AMIGO: Astrom and Hagglund, Advanced PID Control, 2006, section 7.4. A set that misses its margins, with
+the worst of the models that fit as well, is made slower until it has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+
+from umo.commissioning.tuning.margins import Gains, LoopMargins, SampledModels
+from umo.commissioning.tuning.models import ProcessModel
+from umo.errors import RangeError
+
+CAUTIOUS, BALANCED, QUICK = "cautious", "balanced", "quick"
+SPEEDS: Mapping[str, float] = {CAUTIOUS: 3.0, BALANCED: 1.0, QUICK: 0.5}
+"""The closed-loop times of SIMC, in dead times."""
+LEAST: Mapping[str, tuple[float, float]] = {CAUTIOUS: (3.0, 55.0), BALANCED: (2.0, 45.0), QUICK: (1.6, 30.0)}
+"""The gain margin and the phase margin, degrees, that a set has at least."""
+SHORTEST_DEAD_TIME = 0.01
+"""A dead time counts as so large a share of the longest lag at least: what is not in the model is as large."""
+CLEAR_SECOND_LAG = 0.2
+"""Share of the longest lag from which on the second one is answered with a derivative."""
+FILTER_SHARE = 0.1
+"""The filter's time constant is this share of the derivative time."""
+SLOWER = 0.95
+"""Factor by which the gain of a set is reduced, again and again, until it has its margins."""
+TRIES, STRIDE = 120, 8
+MOST_DOUBT = 40
+"""Times that a set is made slower for what fits as well, beyond those for the model, at most: to an eighth."""
+
+
+@dataclass(frozen=True)
+class GainSet:
+    """One set of gains."""
+
+    name: str
+    rule: str
+    gains: Gains
+    margins: LoopMargins
+
+
+def gain_sets(
+    model: ProcessModel, dt: float, as_good: Sequence[ProcessModel] = (), derivative: bool = True
+) -> list[GainSet]:
+    """The three sets for a loop that is closed each `dt` s, the cautious one first; with the margins of the worst of
+    the models that are `as_good`. `derivative`: whether they may have one. RangeError if a set does not reach its
+    margins, or if the models differ so much that it would be much slower than the model needs."""
+    alone, worst = SampledModels([model], dt), SampledModels([model, *as_good], dt)
+    sets = []
+    for name, factor in SPEEDS.items():
+        rule, gains = _gains(model, dt, name, factor, derivative)
+        found = _first_with_margins(name, gains, worst)
+        if len(as_good) and found - _first_with_margins(name, gains, alone) > MOST_DOUBT:
+            raise RangeError(_too_different([model, *as_good]))
+        gains = _slower(gains, found, worst)
+        sets.append(GainSet(name, rule + (", slower for its margins" if found else ""), gains, worst.margins(gains)))
+    return sets
+
+
+def _slower(gains: Gains, times: int, models: SampledModels) -> Gains:
+    """Return gains that are smaller by a factor, with an integral time that is longer by it; by its square around an
+    integrator, as its gain may be smaller too."""
+    factor = SLOWER**times
+    longer = factor**2 if models.integrate else factor
+    return replace(gains, gain=gains.gain * factor, integral_time=gains.integral_time / longer)
+
+
+def _first_with_margins(name: str, gains: Gains, models: SampledModels) -> int:
+    """Return how often the set must be made slower until it has the margins of its name."""
+
+    def enough(tried: int) -> bool:
+        return models.margins(_slower(gains, tried, models)).at_least(*LEAST[name])
+
+    for last in range(0, TRIES + 1, STRIDE):
+        if enough(last):
+            return next(tried for tried in range(max(last - STRIDE + 1, 0), last + 1) if tried == last or enough(tried))
+    if models.may_be_unstable:
+        raise RangeError(
+            "it is unclear whether the process is unstable by itself: a larger amplitude, a longer experiment or "
+            "less disturbance may help"
+        )
+    raise RangeError(f"no {name} gains with a gain margin of {LEAST[name][0]:g} were found for this process")
+
+
+def _too_different(models: Sequence[ProcessModel]) -> str:
+    kinds, times = dict.fromkeys(each.kind for each in models), [each.dead_time for each in models]
+    return (
+        f"models that need quite other gains fit the response as well ({', '.join(kinds)}; dead times of "
+        f"{min(times):.2g} to {max(times):.2g} s): a larger amplitude, a longer experiment or less disturbance may help"
+    )
+
+
+def _gains(model: ProcessModel, dt: float, name: str, factor: float, derivative: bool) -> tuple[str, Gains]:
+    dead_time = _shortest(model, dt)
+    second = _second_lag(model) if derivative else 0.0
+    if second > dead_time and not model.structure.repeats:
+        return _simc_with_derivative(model, second, dead_time, factor, dt)
+    slope, lag, dead_time = _reduced(model, dead_time)
+    if name == CAUTIOUS:
+        return "AMIGO", _amigo(slope, lag, dead_time)
+    return f"SIMC, {factor:g} L", _simc(slope, lag, dead_time, factor * dead_time)
+
+
+def _shortest(model: ProcessModel, dt: float) -> float:
+    """The dead time for the rules, with half a period for the sampling; an inverse response counts as one."""
+    dead_time = model.dead_time + dt / 2 + max(-model.zero, 0.0)
+    return max(dead_time, SHORTEST_DEAD_TIME * max(model.lags, default=0.0))
+
+
+def _second_lag(model: ProcessModel) -> float:
+    """The lag that a derivative answers; 0: there is none."""
+    if model.integrates and model.lags and not model.structure.oscillates:
+        return model.lags[0]
+    if len(model.lags) == 2 and model.lags[1] > CLEAR_SECOND_LAG * model.lags[0]:
+        return model.lags[1]
+    return 0.0
+
+
+def _reduced(model: ProcessModel, dead_time: float) -> tuple[float, float, float]:
+    """Slope, lag and dead time of a first order that stands for it: half of the second lag is a dead time (Skogestad's
+    half rule). A zero shortens the last lag; a zero longer than the lag makes the response correspondingly quicker."""
+    if model.structure.oscillates:
+        lag = 2.0 * model.damping * model.lags[0]
+        if model.integrates:
+            return model.gain, inf, dead_time + lag
+        return model.gain / lag, lag, dead_time + model.lags[0] / 2
+    *first, last = model.lags or (0.0,)
+    quicker = max(model.zero / last, 1.0) if last else 1.0
+    last = max(last - max(model.zero, 0.0), 0.0)
+    if model.integrates:
+        return model.gain * quicker, inf, dead_time + last
+    if not first:
+        return model.slope, last, dead_time
+    third = last if model.structure.repeats else 0.0
+    lag = first[0] / quicker + last / 2
+    return model.gain / lag, lag, dead_time + last / 2 + third
+
+
+def _simc(slope: float, lag: float, dead_time: float, closed: float) -> Gains:
+    return Gains(1.0 / (slope * (closed + dead_time)), min(lag, 4.0 * (closed + dead_time)))
+
+
+def _simc_with_derivative(
+    model: ProcessModel, second: float, dead_time: float, factor: float, dt: float
+) -> tuple[str, Gains]:
+    """The series form of the rule, as the parallel form of `PID`."""
+    lag = inf if model.integrates else model.lags[0]
+    series = _simc(model.slope, lag, dead_time, factor * dead_time)
+    ratio = 1.0 + second / series.integral_time
+    derivative = second / ratio
+    filter_time = max(FILTER_SHARE * derivative, dt if derivative > 2.0 * dt else 0.0)
+    gains = Gains(series.gain * ratio, series.integral_time * ratio, derivative, filter_time)
+    return f"SIMC with derivative, {factor:g} L", gains
+
+
+def _amigo(slope: float, lag: float, dead_time: float) -> Gains:
+    if lag == inf:
+        return Gains(0.35 / (slope * dead_time), 13.4 * dead_time)
+    gain, sum_ = slope * lag, lag + dead_time
+    k = 0.15 / gain + (0.35 - lag * dead_time / sum_**2) / (slope * dead_time)
+    ti = 0.35 * dead_time + 13.0 * dead_time * lag**2 / (lag**2 + 12.0 * dead_time * lag + 7.0 * dead_time**2)
+    return Gains(k, ti)

@@ -1,0 +1,104 @@
+"""Experiments on stations that run: the experiment under the lease, and its samples from the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from umo.commissioning.tuning.law_facts import LawFacts
+from umo.commissioning.tuning.measured_response import MeasuredResponse
+from umo.commissioning.tuning.running_station import RunningStation
+from umo.errors import RangeError, UmoError
+from umo.objects.presentation.value_text import measure
+from umo.operation.commands.verbs import CALL, LET_GO
+from umo.recording.scope.history import ThinnedHistory
+
+MOST_ROWS = 200_000
+"""Samples that are kept: of more, every second one is dropped."""
+MOVES = 2
+"""Moves there and back."""
+BEFORE = 20
+"""Steps of the law that are kept before the excitation."""
+
+
+class CollectedSamples:
+    """Output and measurement of a law in each frame of a running station, from now on."""
+
+    def __init__(self, station: RunningStation, facts: LawFacts) -> None:
+        self._reader = station.reader.again()
+        self._reader.read()  # what was before is none of it
+        paths = [each.path for each in self._reader.layout.described.traced]
+        self._places = [paths.index(each) for each in facts.columns]
+        self._history = ThinnedHistory(len(self._places), MOST_ROWS)
+
+    def look(self) -> None:
+        """Take the frames since the last look."""
+        self._history.add_frames(self._reader.read(), self._places)
+
+    def response(self, start: float = -np.inf, stop: float = np.inf) -> MeasuredResponse:
+        """Between these times, s. RangeError if there are too few samples."""
+        return MeasuredResponse.of_history(self._history, range(len(self._places)), start, stop)
+
+    def close(self) -> None:
+        self._reader.close()
+
+
+def facts_of(station: RunningStation, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
+    """Return the facts of the law at this path. It needs the lease. PathError if there is no law."""
+    told = station.carry_out(CALL, f"{place}.law")
+    layout = station.reader.layout
+    return LawFacts.of(told, sensor, actuator).described(layout.described.traced)
+
+
+def experiment(
+    station: RunningStation,
+    place: str,
+    facts: LawFacts,
+    arguments: Mapping[str, Any],
+    show: Callable[[], object] = lambda: None,
+) -> tuple[MeasuredResponse, dict[str, Any]]:
+    """Make the experiment under the lease, and wait for its end: its response, and what it returned. The errors are
+    those of the experiment (`umo.control.experiment`)."""
+    path, samples = f"{place}.experiment", CollectedSamples(station, facts)
+    try:
+
+        def look() -> None:
+            samples.look()
+            show()
+
+        ended = station.carry_out(CALL, path, arguments, look)
+        with suppress(UmoError):  # it has ended by itself
+            station.carry_out(LET_GO, path)
+        samples.look()
+        return samples.response(ended["from"] - BEFORE * facts.dt, ended["to"]), ended
+    finally:
+        samples.close()
+
+
+def moves(
+    station: RunningStation, facts: LawFacts, distance: float, show: Callable[[], object] = lambda: None
+) -> MeasuredResponse:
+    """Move an axis by this distance and back, twice, under the lease. RangeError if it does not fit in the range of the
+    axis; the other errors are those of `move_to`."""
+    axis, samples = facts.law.rpartition(".")[0], CollectedSamples(station, facts)
+    start = float(station[facts.sensor].read())
+    low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds
+    inside = [each for each in (start + distance, start - distance) if low <= each <= high]
+    if not inside:
+        at, by = measure(start, facts.units[0]), measure(distance, facts.units[0])
+        raise RangeError(f"{axis} stands at {at}: a move by {by} leaves its range")
+
+    def look() -> None:
+        samples.look()
+        show()
+
+    try:
+        for position in (inside[0], start) * MOVES:
+            station.carry_out(CALL, f"{axis}.move_to", {"position": position}, look)
+        samples.look()
+        return samples.response()
+    finally:
+        samples.close()

@@ -1,0 +1,132 @@
+"""Margins of a loop of a `PID` of umo and a process, or any of several processes, from frequency responses with their
+sampling; stability by Nyquist's criterion (Astrom and Murray, Feedback Systems, 2021, sections 10.2 and 10.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isinf, pi
+
+import numpy as np
+
+from umo.commissioning.tuning.models import Complex, ProcessModel
+from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
+
+POINTS_PER_DECADE = 400
+"""Frequencies at which a loop is looked at."""
+DECADES = 9
+"""Decades below the highest of them."""
+
+
+MOST_UNTURNED = 0.3
+"""Half turns by which the sum of a loop's turns differs from the criterion at most: it is not looked at below the
+lowest frequency."""
+Indices = np.ndarray[tuple[int], np.dtype[np.int64]]
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The settings of a `PID`, under its names and in its units."""
+
+    gain: float
+    integral_time: float = inf
+    derivative_time: float = 0.0
+    filter_time: float = 0.0
+
+    def frequency_response(self, frequencies: FloatArray, dt: float) -> Complex:
+        """Return the response of the output to the error, as `PID.step` computes it in each period."""
+        back = np.exp(-1j * frequencies * dt)
+        found = np.ones(len(frequencies), np.complex128)
+        if not isinf(self.integral_time):
+            found += dt / self.integral_time / (1.0 - back)
+        if self.derivative_time:
+            share = dt / (self.filter_time + dt)
+            found += self.derivative_time * share * (1.0 - back) / dt / (1.0 - (1.0 - share) * back)
+        return self.gain * found
+
+
+@dataclass(frozen=True)
+class LoopMargins:
+    """The distance of a loop from instability. It is unstable with a gain margin of 1 or a phase margin of 0, or
+    less."""
+
+    gain: float
+    """Factor by which the gain may grow, or must not fall if that is the smaller one; infinite: any."""
+    phase: float
+    """Degrees by which the phase may fall; infinite: the gain of the loop is below 1 everywhere."""
+    crossover: float = 0.0
+    """The highest frequency at which the gain of the loop is 1, rad/s; 0: there is none."""
+
+    @property
+    def stable(self) -> bool:
+        return self.gain > 1.0 and self.phase > 0.0
+
+    def at_least(self, gain: float, phase: float) -> bool:
+        return self.gain >= gain and self.phase >= phase
+
+
+UNSTABLE_LOOP = LoopMargins(0.0, 0.0)
+
+
+def margins(model: ProcessModel, gains: Gains, dt: float) -> LoopMargins:
+    """The margins of the loop that is closed each `dt` s. RangeError if the signs of the gains differ: the loop drives
+    the measurement away."""
+    return SampledModels([model], dt).margins(gains)
+
+
+class SampledModels:
+    """Models of one process, each of which may be the true one: the margins of a loop are those of the worst."""
+
+    def __init__(self, models: Sequence[ProcessModel], dt: float) -> None:
+        self.gain, self.dt = models[0].gain, dt
+        highest = pi / dt * (1.0 - 1e-6)
+        self._frequencies = np.geomspace(highest * 10.0**-DECADES, highest, DECADES * POINTS_PER_DECADE)
+        self._responses = np.array([each.frequency_response(self._frequencies, dt) for each in models])
+        self.integrate = any(each.integrates for each in models)
+        self.may_be_unstable = any(each.structure.unstable for each in models)
+        self._integrators = np.array([float(each.integrates) for each in models])
+        self._unstable = np.array([float(each.structure.unstable) for each in models])
+
+    def margins(self, gains: Gains) -> LoopMargins:
+        """The least margins, and the highest crossover. RangeError if the signs of the gains differ."""
+        if gains.gain * self.gain <= 0.0:
+            raise RangeError(f"a gain of {gains.gain:g} drives a process of gain {self.gain:g} away from its setpoint")
+        loops = self._responses * gains.frequency_response(self._frequencies, self.dt)
+        if not self._are_stable(loops, gains):
+            return UNSTABLE_LOOP
+        size = np.log(np.abs(loops))
+        rows, at, share = _crossings(loops.imag, loops.real < 0.0)
+        gain_margin = float(np.exp(np.abs(_between(size, rows, at, share)).min(initial=inf)))
+        rows, at, share = _crossings(size)
+        if not len(at):
+            return LoopMargins(gain_margin, inf)
+        opposite = np.angle(-loops)  # the distance from -180 degrees
+        phase_margin = float(np.degrees(np.abs(_between(opposite, rows, at, share)).min()))
+        crossover = self._frequencies[at] * (self._frequencies[1] / self._frequencies[0]) ** share
+        return LoopMargins(gain_margin, phase_margin, float(crossover.max()))
+
+    def _are_stable(self, loops: Complex, gains: Gains) -> bool:
+        """True if each loop goes around -1 as often as it has unstable poles (Nyquist). From the lowest frequency to
+        the highest 1 + loop turns by pi for each of them, and by pi / 2 for each integrator."""
+        turned = np.unwrap(np.angle(1.0 + loops), axis=1)
+        turns = (turned[:, -1] - turned[:, 0]) / pi
+        integrators = self._integrators + (not isinf(gains.integral_time))
+        return bool((np.abs(turns - self._unstable - integrators / 2.0) < MOST_UNTURNED).all())
+
+
+def _crossings(
+    values: FloatArray, where: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None = None
+) -> tuple[Indices, Indices, FloatArray]:
+    """Return for each change of sign along the rows: the row, the place before it, and the share of the way to the
+    next."""
+    changes = np.signbit(values[:, 1:]) != np.signbit(values[:, :-1])
+    if where is not None:
+        changes &= where[:, 1:] & where[:, :-1]
+    rows, at = np.nonzero(changes)
+    before, after = values[rows, at], values[rows, at + 1]
+    return rows, at, before / (before - after)
+
+
+def _between(values: FloatArray, rows: Indices, at: Indices, share: FloatArray) -> FloatArray:
+    return values[rows, at] + share * (values[rows, at + 1] - values[rows, at])

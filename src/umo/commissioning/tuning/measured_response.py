@@ -1,0 +1,110 @@
+"""Measured responses: the output of a law and its measurement against time, evenly spaced."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
+from umo.recording.scope.history import ValueHistory
+
+MIN_RESPONSE_SAMPLES = 20
+"""Samples of a response at least."""
+MAX_RESPONSE_SAMPLES = 2000
+"""Samples that are kept at most: of more, each stands for several."""
+LEAST_MOVES = 3
+"""Resolutions by which the output must have moved."""
+MIN_SIGNAL_TO_NOISE = 1.5
+"""Spread of the measurement at least, in standard deviations of its noise."""
+
+
+@dataclass(frozen=True)
+class MeasuredResponse:
+    """Samples of one response."""
+
+    dt: float
+    """s from one sample to the next."""
+    outputs: FloatArray
+    """For each sample the output that was held after it."""
+    measurements: FloatArray
+    inner: MeasuredResponse | None = None
+    """For a cascade the measurement of the inner law, whose setpoint the outputs are."""
+
+    @classmethod
+    def of_rows(cls, rows: FloatArray) -> MeasuredResponse:
+        """Return a response as `of`; columns: time, output, measurement, and for a cascade the inner measurement."""
+        found = cls.of(rows[:, 0], rows[:, 1], rows[:, 2])
+        return found if rows.shape[1] < 4 else replace(found, inner=cls.of(rows[:, 0], rows[:, 1], rows[:, 3]))
+
+    @classmethod
+    def of_history(
+        cls, history: ValueHistory, columns: Sequence[int], start: float = -np.inf, stop: float = np.inf
+    ) -> MeasuredResponse:
+        """Return a response as `of_rows`, from these columns of a run between these times, s."""
+        times, values = history.between(start, stop, columns)
+        return cls.of_rows(np.column_stack([times, *values]))
+
+    @classmethod
+    def of(cls, times: FloatArray, outputs: FloatArray, measurements: FloatArray) -> MeasuredResponse:
+        """From rows in the order of time, s, which may be missing here and there. RangeError if they are too few, or if
+        times do not rise."""
+        known = np.isfinite(times) & np.isfinite(outputs) & np.isfinite(measurements)
+        times, outputs, measurements = times[known], outputs[known], measurements[known]
+        if len(times) < MIN_RESPONSE_SAMPLES:
+            raise RangeError(
+                f"{len(times)} samples have a time, an output and a measurement; {MIN_RESPONSE_SAMPLES} are needed"
+            )
+        steps = np.diff(times)
+        if not (steps > 0.0).all():
+            raise RangeError("the times of the samples do not rise")
+        dt = float(np.median(steps))
+        if steps.max() > 1.5 * dt:
+            even = np.arange(times[0], times[-1] + 0.5 * dt, dt)
+            places = np.clip(np.searchsorted(times, even + 1e-6 * dt, side="right") - 1, 0, None)
+            outputs, measurements = outputs[places], np.interp(even, times, measurements)
+        return cls(dt, outputs, measurements)
+
+    @property
+    def times(self) -> FloatArray:
+        """s since the first sample."""
+        found: FloatArray = np.arange(len(self.outputs), dtype=np.float64) * self.dt
+        return found
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return len(self.outputs) * self.dt
+
+    def thinned(self, most: int = MAX_RESPONSE_SAMPLES) -> MeasuredResponse:
+        """Return a response with at most this number of samples: each is the measurement at its time, and the mean of
+        the outputs until the next."""
+        every = -(-len(self.outputs) // most)
+        if every == 1:
+            return self
+        count = len(self.outputs) // every
+        outputs = self.outputs[: count * every].reshape(count, every).mean(axis=1)
+        return MeasuredResponse(self.dt * every, outputs, self.measurements[: count * every : every])
+
+    def check_moved(self, resolution: float = 0.0, output: str = "the output", measurement: str = "") -> None:
+        """RangeError unless the output moved by some resolutions, and the measurement by more than its noise."""
+        moved = float(np.ptp(self.outputs))
+        if moved <= max(LEAST_MOVES * resolution, 1e-12 * float(np.abs(self.outputs).max())):
+            raise RangeError(
+                f"{output} did not move (by {moved:g} in {self.duration:g} s): nothing can be learnt from it; "
+                "make an experiment with --step or --relay"
+            )
+        spread, noise = float(np.std(self.measurements)), self.noise
+        if not spread or spread < MIN_SIGNAL_TO_NOISE * noise:
+            raise RangeError(
+                f"{measurement or 'the measurement'} shows no response: it spreads by {spread:.3g}, its noise by "
+                f"{noise:.3g}; use a larger amplitude"
+            )
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the noise of the measurement, from its second differences."""
+        second = np.diff(self.measurements, 2)
+        return float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0))

@@ -1,0 +1,60 @@
+"""Predicted steps: a loop of umo's own `PID` and a model, after a step of the setpoint."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from math import inf
+
+import numpy as np
+
+from umo.commissioning.tuning.margins import Gains
+from umo.commissioning.tuning.models import ProcessModel
+from umo.control import PID
+from umo.objects.scaling import FloatArray
+
+MOST_STEPS = 2000
+"""Periods that are computed at most; longer ones are taken for a longer time."""
+SETTLED = 0.05
+"""Share of a step within which it has settled."""
+
+
+@dataclass(frozen=True)
+class PredictedStep:
+    """The answer to a step of the setpoint from 0 to `size`."""
+
+    times: FloatArray
+    measurements: FloatArray
+    outputs: FloatArray
+    size: float
+
+    @property
+    def overshoot(self) -> float:
+        """Per cent of the step."""
+        return max(100.0 * (float((self.measurements / self.size).max()) - 1.0), 0.0)
+
+    @property
+    def settling_time(self) -> float:
+        """s until it stays within 5 %; infinite: it does not within the time that was computed."""
+        away = np.flatnonzero(np.abs(self.measurements / self.size - 1.0) > SETTLED)
+        if len(away) and away[-1] == len(self.times) - 1:
+            return inf
+        return float(self.times[away[-1] + 1]) if len(away) else 0.0
+
+
+def predicted_step(
+    model: ProcessModel, gains: Gains, dt: float, duration: float, size: float = 1.0, limit: float = inf
+) -> PredictedStep:
+    """Over `duration` s. `limit`: the largest change of the output, which is limited as by the actuator."""
+    dt = max(dt, duration / MOST_STEPS)
+    count = max(int(duration / dt), 2)
+    law = PID(**asdict(gains))
+    impulse = np.zeros(count + 1)
+    impulse[1] = 1.0
+    weights = model.response(impulse, dt)[1:]
+    measurements, outputs = np.zeros(count), np.zeros(count)
+    law.step(0.0, 0.0, dt)  # at rest
+    for now in range(count):
+        measurements[now] = weights[now:0:-1] @ outputs[:now] if now else 0.0
+        outputs[now] = law.step(size, float(measurements[now]), dt, low=-limit, high=limit)
+    times: FloatArray = np.arange(count, dtype=np.float64) * dt
+    return PredictedStep(times, measurements, outputs, size)

@@ -1,0 +1,64 @@
+"""Responses that were recorded before: the trace of a run (CSV), or a recording (MCAP)."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from umo.commissioning.tuning.measured_response import MeasuredResponse
+from umo.errors import OptionError, PathError
+from umo.objects.scaling import FloatArray
+from umo.system.packages import how_to_install
+from umo.text import did_you_mean
+
+TIME = "time_s"
+"""Column of the time in a trace."""
+
+
+def recorded_response(
+    file: Path, columns: Sequence[str], start: float | None = None, stop: float | None = None
+) -> MeasuredResponse:
+    """The response between these times, s, from these columns (`LawFacts.columns`). OptionError if the file cannot be
+    read; PathError for an object that it does not have; RangeError if there are too few samples."""
+    if not file.is_file():
+        raise OptionError(f"--file {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
+    low, high = -np.inf if start is None else start, np.inf if stop is None else stop
+    if file.suffix == ".mcap":
+        return _of_recording(file, columns, low, high)
+    rows = _of_trace(file, columns)
+    return MeasuredResponse.of_rows(rows[(rows[:, 0] >= low) & (rows[:, 0] <= high)])
+
+
+def _of_trace(file: Path, paths: Sequence[str]) -> FloatArray:
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            heads = next(csv.reader(lines), [])
+            columns = {head.partition("[")[0]: place for place, head in enumerate(heads)}
+            if TIME not in columns:
+                raise OptionError(f"--file {file}: it is not a trace of a run: it has no column {TIME}")
+            places = [columns[TIME], *(_place(columns, each, file) for each in paths)]
+            rows = [[row[place] for place in places] for row in csv.reader(lines) if len(row) == len(heads)]
+            return np.array(rows, np.float64).reshape(-1, len(places))
+    except (OSError, UnicodeError, ValueError, csv.Error) as error:
+        raise OptionError(f"--file {file}: it cannot be read: {error}") from None
+
+
+def _place(columns: dict[str, int], path: str, file: Path) -> int:
+    if path not in columns:
+        raise PathError(f"{file} has no {path}{did_you_mean(path, columns)}")
+    return columns[path]
+
+
+def _of_recording(file: Path, paths: Sequence[str], start: float, stop: float) -> MeasuredResponse:
+    try:
+        from umo.recording.recorded_history import RecordedHistory
+        from umo.recording.recording import Recording
+    except ImportError:
+        raise OptionError(f"a recording needs mcap: {how_to_install('record')}") from None
+    with Recording(file) as recording:
+        known = {each.path: place for place, each in enumerate(recording.layout.described.traced)}
+        places = [_place(known, each, file) for each in paths]
+        return MeasuredResponse.of_history(RecordedHistory(recording), places, start, stop)

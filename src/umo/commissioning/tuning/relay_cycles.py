@@ -1,0 +1,78 @@
+"""The cycles of a relay experiment: ultimate gain and period (Astrom and Hagglund, Automatic tuning of simple
+regulators, Automatica 20, 1984)."""
+
+from __future__ import annotations
+
+from cmath import phase as phase_of
+from dataclasses import dataclass
+from math import degrees, pi
+
+import numpy as np
+
+from umo.commissioning.tuning.measured_response import MeasuredResponse
+from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
+
+FEWEST_CYCLES = 2
+"""Whole cycles that are needed."""
+MIN_HALF_CYCLE = 0.35
+"""Share of a cycle that each half has at least: with less, the process was not at rest when it began."""
+
+
+@dataclass(frozen=True)
+class RelayCycles:
+    """The facts about a process from the cycles of a relay."""
+
+    ultimate_period: float
+    """s."""
+    ultimate_gain: float
+    """Units of the output for one unit of the measurement, without its sign."""
+    phase: float
+    """Phase of the process at this period, degrees: -180 plus the effect of the hysteresis."""
+    cycles: int
+    uneven: bool
+    """True if its halves differ much: the output was not in the middle."""
+
+
+def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:
+    """From the fundamental waves of output and measurement over whole cycles of the whole amplitude, without the first.
+    `rising`: whether a larger output makes the measurement rise. RangeError if there are too few cycles."""
+    high = _high(response.outputs)[: _full(response.outputs)]
+    rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
+    rises = rises[1:] if len(rises) > FEWEST_CYCLES + 1 else rises
+    cycles = len(rises) - 1
+    if cycles < FEWEST_CYCLES:
+        raise RangeError(
+            f"the relay made {max(cycles, 0)} whole cycles, {FEWEST_CYCLES} are needed: the process did not swing; "
+            "a larger amplitude, less hysteresis or more time may help"
+        )
+    span = slice(rises[0], rises[-1])
+    count = rises[-1] - rises[0]
+    wave = np.exp(-2j * pi * cycles * np.arange(count) / count)
+    output, measurement = wave @ response.outputs[span], wave @ response.measurements[span]
+    share = float(high[span].mean())
+    ratio = complex(measurement / output) * (1.0 if rising else -1.0)
+    phase = degrees(phase_of(ratio))
+    return RelayCycles(
+        ultimate_period=float(count * response.dt / cycles),
+        ultimate_gain=1.0 / max(abs(ratio), 1e-300),
+        phase=phase if phase < 0.0 else phase - 360.0,
+        cycles=int(cycles),
+        uneven=min(share, 1.0 - share) < MIN_HALF_CYCLE,
+    )
+
+
+def _high(outputs: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return whether the relay is up. In between it keeps its last state; before the experiment it is down."""
+    low, top = float(outputs.min()), float(outputs.max())
+    known = np.abs(outputs - (low + top) / 2) > (top - low) / 8
+    last = np.maximum.accumulate(np.where(known, np.arange(len(outputs)), 0))
+    found: np.ndarray[tuple[int], np.dtype[np.bool_]] = known[last] & (outputs[last] > (low + top) / 2)
+    return found
+
+
+def _full(outputs: FloatArray) -> int:
+    """The number of samples until the relay goes up by a smaller amplitude (`umo.control.excitation.SMALLER`)."""
+    low, top = float(outputs.min()), float(outputs.max())
+    smaller = np.abs(outputs - (low + 0.75 * (top - low))) < (top - low) / 16
+    return int(np.argmax(smaller)) + 1 if smaller.any() else len(outputs)

@@ -1,0 +1,31 @@
+"""What tuning asks of a station that runs. `umo.attach` returns one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from umo.operation.commands.verb import Verb
+from umo.process.frames import Reader
+
+
+class RunningStation(Protocol):
+    """A station whose frames are read, and that is commanded under the lease of the caller."""
+
+    reader: Reader
+
+    def __getitem__(self, name: str) -> Any:
+        """The object at this path; PathError if there is none."""
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Set the tunable number at this path, in its unit. RangeError if it is outside of its range."""
+
+    def carry_out(
+        self,
+        verb: Verb,
+        path: str = "",
+        arguments: Mapping[str, Any] | None = None,
+        while_running: Callable[[], object] = lambda: None,
+    ) -> Any:
+        """Give a command and return its result; `while_running` is called until it ends. The machine's errors are
+        raised."""

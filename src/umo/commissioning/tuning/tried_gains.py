@@ -1,0 +1,34 @@
+"""Gains that are tried: on a station that runs by its tunable numbers, for a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+
+from umo.commissioning.tuning.running_station import RunningStation
+from umo.errors import OptionError, UmoError
+
+
+def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> None:
+    """OptionError unless these settings of a law are tunable."""
+    known = station.reader.tunables()
+    missing = [each for name in names if (each := f"{law}.{name}") not in known]
+    if missing:
+        raise OptionError(f"{' and '.join(missing)}: not tunable, so it cannot be tried on a station that runs")
+
+
+@contextmanager
+def trying(station: RunningStation, law: str, settings: Mapping[str, float]) -> Iterator[None]:
+    """A law has these settings, by name; afterwards it has the old ones, however it ends, while the lease is held.
+    OptionError if one is not tunable, RangeError if it is outside of its range."""
+    check_tunable(station, law, settings)
+    known = station.reader.tunables()
+    paths = {f"{law}.{name}": value for name, value in settings.items()}
+    try:
+        for path, value in paths.items():
+            station[path] = value
+        yield
+    finally:
+        for path in paths:
+            with suppress(UmoError):  # of a lease that is lost: what ended it is raised
+                station[path] = known[path]

@@ -1,0 +1,100 @@
+"""The digits of a number. `presentation.js` of the page has the same rules; a test compares the two.
+
+A value with a resolution gets as many digits after the point as distinguish its raw values, or up to two more if the
+resolution is then exact (0.25), and never an exponent. What has none gets six significant digits.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from math import floor, inf, isfinite, log10
+
+NO_VALUE = "-"
+SIGNIFICANT_DIGITS = 6
+SURE_DIGITS = 15
+"""Digits that every float has: others follow only where it is written to the last bit."""
+MAX_DIGITS = 99
+"""Digits after the point, at most: a browser can show 100, and one more is looked at."""
+FEW_STEPS = 1e4
+"""Steps of a scale from 0 that six significant digits distinguish."""
+MIN_POWER, MAX_POWER = -4, 9
+"""Powers of ten from which on, and up to which, six significant digits are shown without an exponent."""
+MAX_FIXED = 1e21
+"""Size from which on no digits after the point are shown, as in a browser."""
+DRIFT_SHARE = 1e-12
+"""Share of the resolution: a difference that does not add up to a step within 2**32 steps."""
+CLEAR_SHARE = 1e-5
+"""Share of the resolution by which a digit is smaller: no rounding error of a float decides which raw value is next."""
+MORE_DIGITS = 2
+"""Digits beyond those needed, at most, so that a short resolution is not rounded."""
+OFFSET_SHARE = 0.49
+"""Share of a digit by which the value of raw 0 may miss a multiple of it: more may be rounded up or down."""
+
+
+@lru_cache(maxsize=4096)
+def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
+    """Digits after the point that distinguish the values of two adjacent raw integers, up to 99: the text stands for
+    one raw integer. `zero_offset`: the value of raw 0."""
+    step = abs(resolution)
+    digits = min(max(0, floor(-log10(step))), MAX_DIGITS)
+    while digits < MAX_DIGITS and not _tells_apart(10.0**-digits, step, zero_offset):
+        digits += 1
+    return next((each for each in range(digits, digits + MORE_DIGITS + 1) if _is_exact(step, each)), digits)
+
+
+def _tells_apart(digit: float, step: float, zero_offset: float) -> bool:
+    if digit < step * (1 - CLEAR_SHARE):
+        return True
+    places = zero_offset / digit
+    return abs(digit - step) <= step * DRIFT_SHARE and abs(places - round(places)) <= OFFSET_SHARE
+
+
+def _is_exact(step: float, digits: int) -> bool:
+    places = step * 10.0**digits
+    return digits <= MAX_DIGITS and abs(places - round(places)) <= places * DRIFT_SHARE
+
+
+def number_text(value: float, digits: int | None = None) -> str:
+    """Return a number with this number of digits after the point; None: six significant digits. `-` if it is not
+    finite."""
+    if not isfinite(value):
+        return NO_VALUE
+    if digits is not None and abs(value) < MAX_FIXED:
+        return f"{value:z.{digits}f}"
+    mantissa, _, power = f"{value:.{SIGNIFICANT_DIGITS - 1}e}".partition("e")
+    exponent = int(power)
+    if not MIN_POWER <= exponent < MAX_POWER:
+        return f"{_without_zeros(mantissa)}e{exponent}"
+    return _without_zeros(f"{value:z.{max(SIGNIFICANT_DIGITS - 1 - exponent, 0)}f}")
+
+
+def scale_texts(levels: Sequence[float]) -> list[str]:
+    """The numbers beside a scale, evenly spaced: six significant digits, or as many as the step has."""
+    step = float(f"{abs(levels[1] - levels[0]):.6g}") if len(levels) > 1 else inf
+    few = all(abs(level) < FEW_STEPS * step for level in levels)
+    digits = None if few else next(each for each in range(MAX_DIGITS + 1) if round(step, each) == step)
+    return [number_text(level, digits) for level in levels]
+
+
+def setting_text(value: float) -> str:
+    """A number that is set, with all digits that a float surely has; an integer with all that it has."""
+    return f"{value:.{SURE_DIGITS}g}" if isinstance(value, float) else str(value)
+
+
+_WITH_POINT = re.compile(r"(?<![\w.])-?(\d+\.\d+)(?:e[-+]?\d+)?(?![\w.])")
+
+
+def with_short_numbers(text: str) -> str:
+    """A text in which a number has more digits than a float surely has (0.30000000000000004), such as a result as
+    JSON, with the digits that a number by itself is shown with (0.3). For people: programs take the text as it is."""
+    return _WITH_POINT.sub(lambda found: number_text(float(found[0])) if _is_long(found[1]) else found[0], text)
+
+
+def _is_long(digits: str) -> bool:
+    return len(digits.replace(".", "").lstrip("0")) > SURE_DIGITS
+
+
+def _without_zeros(text: str) -> str:
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -1,5 +1,0 @@
-"""Faces: a running machine in the words of another system's protocol.
-
-A face is a process beside the machine: it reads frames, and commands only what a client asks for. Each face translates
-what the host (`umo.faces.host`) gives it: `umo.faces.face` is all that it needs to know.
-"""

@@ -1,8 +1,0 @@
-"""OPC UA: the machine as the address space of a server, for SCADA systems, MES and engineering tools (asyncua).
-
-`umo.faces.opcua.opcua_face` is the face; docs/face-opcua.md describes what clients see.
-"""
-
-from umo.faces.opcua.opcua_face import OpcUa
-
-__all__ = ["OpcUa"]

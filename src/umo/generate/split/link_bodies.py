@@ -1,0 +1,175 @@
+"""The bodies of the link's frames: those that a host sends, and those of the controller's answers.
+
+docs/split-protocol.md describes them; numbers have the least byte first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from struct import Struct
+from typing import NamedTuple
+
+from umo.errors import DriverError
+from umo.generate.split.part_plan import PartPlan, bits_of, share_of
+
+VERSION = 2
+
+
+class FrameKind(IntEnum):
+    """The first byte of a body."""
+
+    HELLO = 1
+    WELCOME = 2
+    START = 3
+    EXCHANGE = 4
+    STOP = 5
+    STATE = 6
+    REFUSED = 7
+
+
+class FrameItem(IntEnum):
+    """The kind of an item of a START or an EXCHANGE."""
+
+    FIELD = 1
+    COMMAND = 2
+    REFERENCE = 3
+    CLEAR = 4
+    ACKNOWLEDGE = 5
+    PLANNED = 6
+    GIVEN = 7
+
+
+class ControllerMode(IntEnum):
+    """The mode of the controller."""
+
+    RESTING = 0
+    RUNNING = 1
+    FAULTED = 2
+    HOST_GONE = 3
+
+
+HELLO, WELCOME = Struct("<BI"), Struct("<BIBIBH")
+HEAD, ITEM, STATE = Struct("<BHH"), Struct("<BH"), Struct("<BHHBhhIHBB")
+
+
+REFUSALS = {1: "it has another host", 2: "this process and the controller's program belong to different users"}
+"""Reasons why a controller closes the line to a host at once."""
+
+
+class HostRefused(DriverError):
+    """The controller has another host, or this one may not be it."""
+
+
+def check_refused(body: bytes, name: str) -> None:
+    """HostRefused if this is the refusal of a controller of this name."""
+    if len(body) == 2 and body[0] == FrameKind.REFUSED:
+        raise HostRefused(f"the controller {name} refuses: {REFUSALS.get(body[1], f'reason {body[1]}')}")
+
+
+class Welcome(NamedTuple):
+    """A controller has answered HELLO."""
+
+    kind: int
+    nonce: int
+    version: int
+    hash: int
+    real_size: int
+    session: int
+
+
+class ControllerState(NamedTuple):
+    """The state of a controller, as it reports it."""
+
+    session: int
+    heard: int
+    """The number of the last frame of the host that it has carried out."""
+    mode: ControllerMode
+    fault: int
+    fault_object: int
+    number: int
+    """Its periods since the start, modulo 2**32."""
+    asks: int
+    """The number of what the host is asked to plan; 0: nothing."""
+    call: int
+    """The index into `Translation.host_calls`."""
+    numbers: Sequence[float]
+    raws_in: Sequence[int]
+    failed: Sequence[bool]
+    pending: Sequence[float]
+    raws_out: Sequence[int]
+    inhibited: Sequence[bool]
+    equipment: Sequence[int]
+    """The fault of each part that fails alone; 0: none."""
+    fields: bytes
+    """The fields that the controller changes, one after the other."""
+
+
+def hello(nonce: int) -> bytes:
+    return HELLO.pack(FrameKind.HELLO, nonce)
+
+
+def welcome_of(body: bytes) -> Welcome | None:
+    """Return a WELCOME, or None for any other frame."""
+    if len(body) != WELCOME.size or body[0] != FrameKind.WELCOME:
+        return None
+    return Welcome(*WELCOME.unpack(body))
+
+
+def item(kind: FrameItem, number: int, data: bytes = b"") -> bytes:
+    return ITEM.pack(kind, number) + data
+
+
+def request(
+    kind: FrameKind, session: int, number: int, inhibited: Iterable[bool], items: Iterable[bytes] = ()
+) -> bytes:
+    """A START, an EXCHANGE or a STOP. STOP has neither bits nor items."""
+    if kind is FrameKind.STOP:
+        return HEAD.pack(kind, session, number & 0xFFFF)
+    bits = list(inhibited)
+    packed = sum(1 << place for place, yes in enumerate(bits) if yes).to_bytes(share_of(len(bits)), "little")
+    return b"".join((HEAD.pack(kind, session, number & 0xFFFF), packed, *items))
+
+
+class StateReader:
+    """Reads the STATE frames of one part."""
+
+    def __init__(self, plan: PartPlan) -> None:
+        self._inputs, self._outputs = plan.model.inputs, len(plan.model.outputs)
+        real = "d" if plan.real_size == 8 else "f"
+        bits_in, bits_out = bits_of(self._inputs), bits_of(self._outputs)
+        equipment = len(plan.model.equipment)
+        parts = f"2{real}{self._inputs}i{bits_in}s{self._outputs}{real}{self._outputs}i{bits_out}s{equipment}h"
+        self._objects = Struct(f"<{parts}")
+        self._size = STATE.size + self._objects.size + sum(each.size for each in plan.fields if each.changes)
+
+    def read(self, body: bytes) -> ControllerState | None:
+        """Return the state, or None if this is not a STATE of this part."""
+        if len(body) != self._size or body[0] != FrameKind.STATE or body[5] not in ControllerMode.__members__.values():
+            return None
+        _, session, heard, mode, fault, fault_object, number, asks, call, count = STATE.unpack_from(body)
+        numbers, found = (each := self._objects.unpack_from(body, STATE.size))[:2], each[2:]
+        inputs, outputs = self._inputs, self._outputs
+        at = inputs + 1 + outputs
+        return ControllerState(
+            session,
+            heard,
+            ControllerMode(mode),
+            fault,
+            fault_object,
+            number,
+            asks,
+            call,
+            numbers[:count],
+            found[:inputs],
+            _bits(found[inputs], inputs),
+            found[inputs + 1 : at],
+            found[at : at + outputs],
+            _bits(found[at + outputs], outputs),
+            found[at + outputs + 1 :],
+            body[STATE.size + self._objects.size :],
+        )
+
+
+def _bits(data: bytes, count: int) -> list[bool]:
+    whole = int.from_bytes(data, "little")
+    return [bool(whole >> place & 1) for place in range(count)]

@@ -1,0 +1,86 @@
+"""Frames of the link between host and controller: a body, its CRC-32, made free of zeros (COBS), between two zeros.
+
+The same is in C in `umo_frames.c`; docs/split-protocol.md describes it.
+"""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+CRC_BYTES = 4
+"""Bytes of the CRC-32 of a body, which follow it, the least first."""
+_LONGEST_RUN = 254
+"""Bytes other than zero that one code of COBS stands for, at most."""
+
+
+def framed(body: bytes) -> bytes:
+    """The bytes on the line. The zero before a frame ends whatever noise stands before it."""
+    return b"\0" + without_zeros(body + crc32(body).to_bytes(CRC_BYTES, "little")) + b"\0"
+
+
+def without_zeros(data: bytes) -> bytes:
+    """Consistent overhead byte stuffing (Cheshire and Baker, 1999): each zero becomes the distance to the next one."""
+    out, runs = bytearray(), data.split(b"\0")
+    for number, run in enumerate(runs):
+        while len(run) > _LONGEST_RUN or (len(run) == _LONGEST_RUN and number < len(runs) - 1):
+            out += b"\xff" + run[:_LONGEST_RUN]
+            run = run[_LONGEST_RUN:]
+        out += bytes((len(run) + 1,)) + run
+    return bytes(out)
+
+
+def with_zeros(data: bytes) -> bytes | None:
+    """Return the decoded bytes; None if the distances do not fit."""
+    out, at = bytearray(), 0
+    while at < len(data):
+        end = at + data[at]
+        if data[at] == 0 or end > len(data):
+            return None
+        out += data[at + 1 : end]
+        if data[at] <= _LONGEST_RUN and end < len(data):
+            out.append(0)
+        at = end
+    return bytes(out)
+
+
+class FrameReader:
+    """Reads bytes from the line and returns the bodies of complete, undamaged frames."""
+
+    def __init__(self, longest: int) -> None:
+        self._longest = longest + longest // _LONGEST_RUN + 1 + CRC_BYTES
+        self._data = bytearray()
+        self._skips = False
+        """True if a frame that is too long has begun: it is left out up to its end."""
+        self.damaged = 0
+        """Frames that were not whole, or whose CRC-32 was wrong."""
+
+    def take(self, data: bytes) -> list[bytes]:
+        """The bodies of the frames that end in these bytes."""
+        *ends, rest = data.split(b"\0")
+        found = []
+        for each in ends:
+            self._add(each)
+            if (body := self._end()) is not None:
+                found.append(body)
+        self._add(rest)
+        return found
+
+    def _add(self, piece: bytes) -> None:
+        self._skips = self._skips or len(self._data) + len(piece) > self._longest
+        if not self._skips:
+            self._data += piece
+
+    def _end(self) -> bytes | None:
+        """Return the body of the frame that ends here, or None."""
+        data, skipped = bytes(self._data), self._skips
+        self._data.clear()
+        self._skips = False
+        if not data and not skipped:
+            return None  # two zeros in a row
+        found = None if skipped else with_zeros(data)
+        if found is not None and len(found) > CRC_BYTES:
+            body = found[:-CRC_BYTES]
+            if crc32(body).to_bytes(CRC_BYTES, "little") == found[-CRC_BYTES:]:
+                return body
+        self.damaged += 1
+        return None

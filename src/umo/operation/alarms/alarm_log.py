@@ -1,0 +1,132 @@
+"""Finds when the alarms of one run were active, from the states in its frames."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from umo.duration import duration
+from umo.objects.presentation.run_facts import clock_text
+from umo.operation.alarms.alarm_states import AlarmState
+from umo.operation.alarms.declaration import Priority
+from umo.operation.alarms.engine import RESULTS
+
+KEPT_SPANS = 10_000
+"""Number of the last times for which it is kept when an alarm was active; all are counted."""
+_IS_ACTIVE = np.isin(np.arange(256), [int(state) for state in RESULTS])
+
+
+class ShownStates(Protocol):
+    """The alarm states in a frame."""
+
+    time: float
+    alarms: Any
+
+
+@dataclass
+class ActiveSpan:
+    """A period in which an alarm was active. It ends when the alarm is shelved or put out of service."""
+
+    path: str
+    raised: float
+    """Time at which it became active, in s on the cycle's clock."""
+    cleared: float | None = None
+    """Time at which it was no longer active; None while it is."""
+
+    def __str__(self) -> str:
+        if self.cleared is None:
+            return f"since {clock_text(self.raised)}"
+        return f"from {clock_text(self.raised)} to {clock_text(self.cleared)}"
+
+
+@dataclass
+class AlarmOfRun:
+    """The history of an alarm in one run."""
+
+    path: str
+    text: str
+    priority: Priority
+    raised: int = 0
+    """Number of times that it became active."""
+    cleared_s: float = 0.0
+    """s for which it was active, of the times that have ended."""
+    first: float = 0.0
+    last: ActiveSpan | None = None
+    state: AlarmState = AlarmState.NORMAL
+
+    def active_s(self, now: float) -> float:
+        """s for which it was active in all, up to a time in s on the cycle's clock."""
+        open_since = None if self.last is None or self.last.cleared is not None else self.last.raised
+        return self.cleared_s + (0.0 if open_since is None else max(now - open_since, 0.0))
+
+    def in_words(self, now: float) -> str:
+        """`the tank is too full (high): 3 times, 12.5 s in all, last from 50 s to 55 s`."""
+        times = f"{self.raised} times, {duration(self.active_s(now))} in all, last " if self.raised > 1 else ""
+        return f"{self.text} ({self.priority}): {times}{self.last}"
+
+
+class AlarmLog:
+    """An observer that counts how often each alarm of a machine becomes active and for how long, and keeps when."""
+
+    def __init__(self, described: Sequence[Mapping[str, Any]]) -> None:
+        """`described`: as `DeclaredAlarm.describe` does, in the order of frames."""
+        self.alarms = [
+            AlarmOfRun(str(each["path"]), str(each["text"]), Priority[str(each["priority"]).upper()])
+            for each in described
+        ]
+        self.spans: deque[ActiveSpan] = deque(maxlen=KEPT_SPANS)
+        self.number = 0
+        """Number of times that an alarm became active."""
+        self.now = 0.0
+        """Time of the last period, in s on the cycle's clock."""
+        self._states = bytes(len(self.alarms))
+
+    def __call__(self, frame: ShownStates) -> None:
+        self._note(frame.time, frame.alarms.tobytes())
+
+    def add_frames(self, frames: Any) -> None:
+        """Add the next frames, such as those of a recording, in the order of their times."""
+        states = frames["alarms"]
+        changed = np.append(True, (states[1:] != states[:-1]).any(axis=1))
+        for place in np.flatnonzero(changed).tolist():
+            self._note(float(frames["time"][place]), states[place].tobytes())
+        self.now = float(frames["time"][-1])
+
+    def _note(self, time: float, states: bytes) -> None:
+        self.now = time
+        if states != self._states:
+            before, after = (np.frombuffer(each, np.uint8) for each in (self._states, states))
+            self._states = states
+            for row in np.flatnonzero(_IS_ACTIVE[after] & ~_IS_ACTIVE[before]).tolist():
+                self._raise(self.alarms[row])
+            for row in np.flatnonzero(_IS_ACTIVE[before] & ~_IS_ACTIVE[after]).tolist():
+                self._clear(self.alarms[row])
+            for row in np.flatnonzero(after != before).tolist():
+                self.alarms[row].state = AlarmState(int(after[row]))
+
+    @property
+    def raised(self) -> list[AlarmOfRun]:
+        """The alarms that were active, those of a higher priority first, then in their order in time."""
+        found = (each for each in self.alarms if each.raised)
+        return sorted(found, key=lambda each: (-each.priority, each.first))
+
+    @property
+    def active(self) -> list[str]:
+        """The paths of those that are active now."""
+        return [each.path for each in self.raised if each.last is not None and each.last.cleared is None]
+
+    def _raise(self, alarm: AlarmOfRun) -> None:
+        alarm.last = ActiveSpan(alarm.path, self.now)
+        alarm.first = alarm.first if alarm.raised else self.now
+        alarm.raised += 1
+        self.number += 1
+        self.spans.append(alarm.last)
+
+    def _clear(self, alarm: AlarmOfRun) -> None:
+        assert alarm.last is not None
+        alarm.last.cleared = self.now
+        alarm.cleared_s += self.now - alarm.last.raised

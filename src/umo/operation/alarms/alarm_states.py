@@ -1,0 +1,117 @@
+"""The state of an alarm (ISA-18.2, figure 3), as a table.
+
+Beside the states of the standard there are two for a condition that cannot be evaluated. It counts as true, as that of
+an interlock does. Suppressed by design is not a state here: a condition can contain what suppresses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from functools import cache
+
+
+class AlarmState(IntEnum):
+    """The state of an alarm. The numbers are stored in frames."""
+
+    NORMAL = 0
+    UNACKNOWLEDGED = 1
+    """Active, and nobody has acknowledged it."""
+    ACKNOWLEDGED = 2
+    """Active, and acknowledged."""
+    RETURNED = 3
+    """No longer active, not acknowledged (RTN unacknowledged)."""
+    LATCHED_UNACKNOWLEDGED = 4
+    """No longer active; it stays until it is acknowledged and reset."""
+    LATCHED_ACKNOWLEDGED = 5
+    """No longer active, acknowledged; it stays until it is reset."""
+    SHELVED = 6
+    """Put away by an operator, for a time."""
+    OUT_OF_SERVICE = 7
+    """Put away for maintenance, until it is returned."""
+    BAD_UNACKNOWLEDGED = 8
+    """Its condition cannot be evaluated, and nobody has acknowledged this."""
+    BAD_ACKNOWLEDGED = 9
+    """Its condition cannot be evaluated; this is acknowledged."""
+
+    def __str__(self) -> str:
+        return self.name.lower().replace("_", " ")
+
+
+class Operation(IntEnum):
+    """The causes of a change: the first three by the alarm's condition, the others by a client or the time."""
+
+    INACTIVE = 0
+    ACTIVE = 1
+    CANNOT_EVALUATE = 2
+    ACKNOWLEDGE = 3
+    RESET = 4
+    SHELVE = 5
+    UNSHELVE = 6
+    REMOVE = 7
+    """Put it out of service."""
+    RETURN = 8
+    """Return it to service."""
+
+
+_S, _O = AlarmState, Operation
+TO_BE_ACKNOWLEDGED = frozenset((_S.UNACKNOWLEDGED, _S.RETURNED, _S.LATCHED_UNACKNOWLEDGED, _S.BAD_UNACKNOWLEDGED))
+"""The states from which an acknowledgement leads on."""
+PUT_AWAY = frozenset((_S.SHELVED, _S.OUT_OF_SERVICE))
+PUTTING_AWAY = frozenset((_O.SHELVE, _O.UNSHELVE, _O.REMOVE, _O.RETURN))
+"""The operations that lead to these states, or out of them."""
+ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {_S.NORMAL}
+"""The states that an operator is shown."""
+
+_PLAIN: Mapping[tuple[AlarmState, Operation], AlarmState] = {
+    (_S.NORMAL, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.UNACKNOWLEDGED, _O.INACTIVE): _S.RETURNED,
+    (_S.UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.ACKNOWLEDGED,
+    (_S.ACKNOWLEDGED, _O.INACTIVE): _S.NORMAL,
+    (_S.RETURNED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.RETURNED, _O.ACKNOWLEDGE): _S.NORMAL,
+    (_S.LATCHED_UNACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.LATCHED_UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.LATCHED_ACKNOWLEDGED,
+    (_S.LATCHED_ACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.LATCHED_ACKNOWLEDGED, _O.RESET): _S.NORMAL,
+    (_S.BAD_UNACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.BAD_UNACKNOWLEDGED, _O.INACTIVE): _S.RETURNED,
+    (_S.BAD_UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.BAD_ACKNOWLEDGED,
+    (_S.BAD_ACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.BAD_ACKNOWLEDGED, _O.INACTIVE): _S.NORMAL,
+    (_S.SHELVED, _O.UNSHELVE): _S.NORMAL,
+    (_S.OUT_OF_SERVICE, _O.RETURN): _S.NORMAL,
+    **{(state, _O.CANNOT_EVALUATE): _S.BAD_UNACKNOWLEDGED for state in _S if state not in PUT_AWAY},
+    (_S.BAD_ACKNOWLEDGED, _O.CANNOT_EVALUATE): _S.BAD_ACKNOWLEDGED,
+    **{(state, _O.SHELVE): _S.SHELVED for state in _S if state is not _S.OUT_OF_SERVICE},
+    **{(state, _O.REMOVE): _S.OUT_OF_SERVICE for state in _S},
+}
+_LATCHED = {_S.RETURNED: _S.LATCHED_UNACKNOWLEDGED, _S.NORMAL: _S.LATCHED_ACKNOWLEDGED}
+"""The states that a latched alarm is in when it is no longer active, by those of others."""
+_UNASKED = {
+    _S.UNACKNOWLEDGED: _S.ACKNOWLEDGED,
+    _S.RETURNED: _S.NORMAL,
+    _S.LATCHED_UNACKNOWLEDGED: _S.LATCHED_ACKNOWLEDGED,
+    _S.BAD_UNACKNOWLEDGED: _S.BAD_ACKNOWLEDGED,
+}
+"""The states of an alarm that needs no acknowledgement, by those of others."""
+
+
+def operations(state: AlarmState) -> frozenset[Operation]:
+    """The operations of a client that lead an alarm from this state to another one."""
+    found = {operation for (at, operation), to in _PLAIN.items() if at is state and to is not state}
+    return frozenset(each for each in found if each > Operation.CANNOT_EVALUATE)
+
+
+@cache
+def transitions(latch: bool, acknowledge: bool) -> Mapping[tuple[AlarmState, Operation], AlarmState]:
+    """Return the next state by state and operation, for alarms with these options. A missing combination changes
+    nothing."""
+    table = dict(_PLAIN)
+    if latch:
+        table |= {at: _LATCHED.get(to, to) for at, to in table.items() if at[1] is _O.INACTIVE}
+    else:
+        table = {at: to for at, to in table.items() if at[0] not in _LATCHED.values()}
+    if not acknowledge:
+        table = {at: _UNASKED.get(to, to) for at, to in table.items() if at[0] not in _UNASKED}
+    return table

@@ -1,0 +1,7 @@
+"""Capabilities that ship: parts that look at the whole machine (the contract: `umo.cycle.capability`)."""
+
+from umo.operation.capabilities.attached_part import AttachedPart
+from umo.operation.capabilities.hour_meters import HourMeters
+from umo.operation.capabilities.write_trace import WriteTrace
+
+__all__ = ["AttachedPart", "HourMeters", "WriteTrace"]

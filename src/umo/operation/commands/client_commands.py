@@ -1,0 +1,147 @@
+"""Commands from outside as data; their two ways in, a queue and levels; the lease: who commands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from math import isfinite
+from typing import Any, Protocol
+
+from umo.cycle.capability import Capability
+from umo.errors import CommandRefused, LeaseHeld
+
+DEAD_MAN_TIME = 0.5
+"""Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
+sooner."""
+DEAD_MAN_REASON = "dead-man timeout"
+"""The reason in the event of this end."""
+
+
+class Mode(IntEnum):
+    """The mode of a machine. The numbers are stored in shared memory."""
+
+    AUTOMATIC = 0
+    MANUAL = 1
+
+    def __str__(self) -> str:
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class ClientCommand:
+    """A command of one client. `do` is the name of a verb (`umo.operation.commands.verbs`); it determines which of the
+    other fields are used."""
+
+    number: int
+    who: str = ""
+    key: str = ""
+    """The secret by which the lease knows its holder."""
+    do: str = ""
+    path: str = ""
+    value: Any = None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 2.0
+    over: bool = False
+    refused: str = ""
+    """The reason why a gateway of clients has refused the command: an event records this, and the command is not
+    carried out."""
+
+    @classmethod
+    def parse(cls, number: int, data: bytes) -> ClientCommand:
+        """ValueError, TypeError or RecursionError if it is not one."""
+        text = json.loads(data)
+        for name in ("who", "key", "do", "path", "refused", "arguments"):
+            kind = dict if name == "arguments" else str
+            if not isinstance(text.get(name, kind()), kind):
+                raise TypeError(f"{name} is not a {kind.__name__}")
+        seconds = float(text.pop("seconds", 2.0))
+        if not isfinite(seconds):  # a lease of NaN seconds would never end
+            raise ValueError(f"{seconds} is not a time")
+        return cls(number, seconds=seconds, **text)
+
+    def __str__(self) -> str:
+        words = [self.do, self.path, *(f"{name}={value}" for name, value in self.arguments.items())]
+        return " ".join([*filter(None, words), *([] if self.value is None else [str(self.value)])])
+
+
+class Inbox(Protocol):
+    """The commands that come in."""
+
+    taken: int
+    """Number of commands that have come in, and were handed on or dropped."""
+    dropped: int
+    """The number of these that were not commands."""
+
+    def get(self) -> ClientCommand | None:
+        """The next one, None if there is none now. Quick; raises nothing."""
+
+
+class Levels(Protocol):
+    """The levels that clients set. Quick; raises nothing."""
+
+    @property
+    def asked(self) -> Sequence[int]:
+        """Return always the same array of one number: it is not 0 if `stop` must be checked."""
+
+    @property
+    def stop(self) -> tuple[int, str] | None:
+        """The stop signal that was requested, and the client that requested it; None: there is no request."""
+
+    def signed(self, path: str, lease: int) -> float:
+        """Return the time of the last sign of life of the holder of this lease for its hold at this path, in s on the
+        clock of the clients; "" is the lease itself. 0: never. Any number is possible."""
+
+
+SHORTEST_LEASE, LONGEST_LEASE = 0.2, 60.0
+"""Durations of a lease, s."""
+
+
+class Lease:
+    """Times are in s on the clock of its holder's signs of life. It ends when there is none for too long."""
+
+    def __init__(self) -> None:
+        self.holder = ""
+        """The holder's name; empty: nobody has it."""
+        self.number = 0
+        """Number of the lease: they are counted from 1."""
+        self._key = ""
+        self._seconds = 0.0
+        self._signed = 0.0
+
+    def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
+        """True if it was taken over from another client. LeaseHeld while another client has it, unless `over`."""
+        others = bool(self.holder) and key != self._key
+        if others and not over:
+            raise LeaseHeld(f"{self.holder} has the lease")
+        self.number += 1
+        self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST_LEASE), LONGEST_LEASE)
+        self._signed = now
+        return others
+
+    def check(self, key: str) -> None:
+        """CommandRefused for anybody but its holder."""
+        if not self.holder:
+            raise CommandRefused("nobody has the lease; take it first")
+        if key != self._key:
+            raise LeaseHeld(f"{self.holder} has the lease")
+
+    def renew(self, then: float, now: float) -> None:
+        """Its holder was there then. A time that is still to come does not count."""
+        if self._signed < then <= now:
+            self._signed = then
+
+    def expired(self, now: float) -> bool:
+        return bool(self.holder) and now - self._signed > self._seconds
+
+    def end(self) -> None:
+        self.holder = self._key = ""
+
+
+class Commanding(Capability):
+    """The part of a receiver of commands (`umo.operation.commands.client_control`) that frames show."""
+
+    mode: Mode
+    lease: Lease
+    inbox: Inbox

@@ -1,0 +1,219 @@
+"""The form of a verb: what can be asked of a running machine, with its arguments, and who may ask it.
+
+The table of all verbs is `umo.operation.commands.verbs`. Every client, every face, the roles and the page of reference
+take from it what they know of verbs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from math import isfinite
+from typing import Any
+
+from umo.duration import seconds
+from umo.errors import DeclarationError, RangeError
+from umo.operation.alarms.alarm_states import Operation
+from umo.operation.commands.client_commands import ClientCommand
+from umo.operation.commands.commanded import Commanded, VerbAnswer
+from umo.text import cut_repr
+
+
+class Role(IntEnum):
+    """The rights of a user. Each role includes those before it."""
+
+    SEE = 0
+    TUNE = 1
+    OPERATE = 2
+    MAINTAIN = 3
+
+    def __str__(self) -> str:
+        return self.name.lower()
+
+
+class Names(Enum):
+    """The kind of object that the path of a verb names."""
+
+    NOTHING = "nothing"
+    """No path: the verb concerns the run."""
+    PART = 'an object or a compound; "": the machine'
+    EQUIPMENT = 'an object or a compound, for the equipment in it and around it; "": all equipment'
+    ACTUATOR = "an actuator"
+    TUNABLE = "a tunable number"
+    ACTION = "an action"
+    HELD = "a written actuator, or an action that is held"
+    ALARM = 'an alarm, an object or a compound for the alarms in it, or a pattern; "": all alarms'
+
+
+class ArgumentKind(Enum):
+    """The kind of an argument."""
+
+    NUMBER = "number"
+    TIME = "time"
+    """A number of s, or a text with a unit such as "10 min"."""
+    CHOICE = "choice"
+    FLAG = "bool"
+    VALUE = "value"
+    """A number in the unit of what the path names, or the name of one of its states; that checks it."""
+    OF_ACTION = "arguments"
+    """The arguments of the action that the path names, by their names; the action checks them."""
+
+
+TAKES = {
+    ArgumentKind.NUMBER: "a number",
+    ArgumentKind.TIME: "a time",
+    ArgumentKind.FLAG: "true or false",
+    ArgumentKind.VALUE: "a number in its unit, or the name of a state",
+    ArgumentKind.OF_ACTION: "those of the action",
+}
+"""The words for what an argument of each kind takes; one of choices names them."""
+OWN_FIELDS = ("seconds", "over")
+"""The arguments of the lease, which have fields of their own in a command."""
+
+
+@dataclass(frozen=True)
+class VerbArgument:
+    """One argument of a verb. `minimum`, `maximum`: bounds of a number or a time, in `unit`."""
+
+    name: str
+    kind: ArgumentKind
+    help: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    required: bool = True
+
+    def checked(self, value: Any) -> Any:
+        """Return the value as the verb takes it: a time in s. RangeError for a value outside its declaration."""
+        if self.kind is ArgumentKind.CHOICE:
+            if value not in self.choices:
+                raise RangeError(f"there is no {self.name} {value!r}; there are: {', '.join(self.choices)}")
+            return value
+        if self.kind is ArgumentKind.FLAG:
+            if not isinstance(value, bool):
+                raise RangeError(f"{self.name} must be {self.range}, not {cut_repr(value)}")
+            return value
+        return self._number(value) if self.kind in (ArgumentKind.NUMBER, ArgumentKind.TIME) else value
+
+    def _number(self, value: Any) -> float:
+        try:
+            if isinstance(value, bool):
+                raise TypeError
+            number = seconds(value) if self.kind is ArgumentKind.TIME else float(value + 0)
+        except (TypeError, ValueError, OverflowError, DeclarationError):
+            raise RangeError(f"{self.name} must be {self.range}, not {cut_repr(value)}") from None
+        low, high = self.minimum, self.maximum
+        if not isfinite(number) or (low is not None and number < low) or (high is not None and number > high):
+            raise RangeError(f"{self.name} must be {self.range}, not {cut_repr(value)}")
+        return number
+
+    @property
+    def range(self) -> str:
+        """The accepted values as a text: "a time from 1 to 604800 s"."""
+        if self.choices:
+            return " or ".join(self.choices)
+        bounds = [f"{word} {end:g}" for word, end in (("from", self.minimum), ("to", self.maximum)) if end is not None]
+        return " ".join([TAKES[self.kind], *bounds, *([self.unit] if self.unit and bounds else [])])
+
+    def plain(self) -> dict[str, Any]:
+        """Return the argument as plain data, in the form of the arguments of actions."""
+        told: dict[str, Any] = {"name": self.name, "kind": self.kind.value, "help": self.help}
+        told |= {"required": self.required, "range": self.range}
+        more = {"unit": self.unit, "minimum": self.minimum, "maximum": self.maximum, "choices": list(self.choices)}
+        return told | {name: value for name, value in more.items() if value not in ("", None, [])}
+
+
+Work = Callable[[Commanded, ClientCommand, Mapping[str, Any]], VerbAnswer]
+"""Carries out a command with its checked arguments; the answer. Whatever it raises of umo's errors is a refusal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Verb:
+    """One command that a running machine accepts."""
+
+    name: str
+    """The `do` of a command: lower-case words, separated by spaces."""
+    help: str
+    """The effect, in one sentence."""
+    work: Work
+    names: Names = Names.NOTHING
+    arguments: tuple[VerbArgument, ...] = ()
+    role: Role = Role.MAINTAIN
+    """The least role that may give it."""
+    needs_lease: bool = True
+    only_manual: bool = False
+    """True if it is refused in automatic mode."""
+    of_many: bool = False
+    """True if it may concern the whole machine: one of these is carried out in a period."""
+    is_kept_up: bool = False
+    """True if what it does lasts only while its client gives signs of life. An action says so itself."""
+    lasts: bool = False
+    """True if it may end in a later period than it begins in."""
+    ends: bool = False
+    """True if it ends something that its user has begun: of these a gateway passes on more."""
+    is_level: bool = False
+    """True if it goes by a level in shared memory, not by the queue."""
+    is_of_lease: bool = False
+    """True if it takes the lease or gives it back: clients that take the lease for each command do so themselves."""
+    operation: Operation | None = None
+    """The operation of a verb on alarms."""
+
+    @property
+    def word(self) -> str:
+        """Its name as an identifier: "acknowledge_alarm"."""
+        return self.name.replace(" ", "_")
+
+    @property
+    def title(self) -> str:
+        """Its name in CamelCase: "AcknowledgeAlarm"."""
+        return self.name.title().replace(" ", "")
+
+    @property
+    def of_action(self) -> bool:
+        """True if its arguments are those of the action that its path names."""
+        return any(each.kind is ArgumentKind.OF_ACTION for each in self.arguments)
+
+    @property
+    def is_plain(self) -> bool:
+        """True if it can be given without arguments."""
+        return not any(each.required for each in self.arguments)
+
+    def fields(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a command with these arguments. They are checked where the machine takes the command."""
+        if not arguments and not self.of_action:
+            return {}
+        if [each.name for each in self.arguments] == list(arguments) and not self.of_action and len(arguments) == 1:
+            return {"value": next(iter(arguments.values()))}
+        return {"arguments": dict(arguments)}
+
+    def given(self, command: ClientCommand) -> dict[str, Any]:
+        """The arguments that a command has, checked. RangeError for one that is missing, is none of the verb's, or is
+        outside of its range."""
+        if self.of_action:
+            return dict(command.arguments)
+        found = dict(command.arguments)
+        if command.value is not None:
+            if not self.arguments:
+                raise RangeError(f"{self.name} takes no value")
+            found.setdefault(self.arguments[0].name, command.value)
+        known = {each.name: each for each in self.arguments}
+        for name in found:
+            if name not in known:
+                takes = f"it takes {', '.join(known)}" if known else "it takes none"
+                raise RangeError(f"{self.name} has no argument {name!r}: {takes}")
+        found |= {name: getattr(command, name) for name in known if name in OWN_FIELDS}
+        for name, each in known.items():
+            if name not in found and each.required:
+                raise RangeError(f"{self.name} needs {name}: {each.range}")
+        return {name: known[name].checked(value) for name, value in found.items()}
+
+    def plain(self) -> dict[str, Any]:
+        """Return the verb as plain data, for programs in other languages."""
+        arguments = [each.plain() for each in self.arguments]
+        return {
+            "name": self.name, "help": self.help, "names": self.names.name.lower(), "role": str(self.role),
+            "arguments": arguments, "needs_lease": self.needs_lease, "only_manual": self.only_manual,
+            "of_lease": self.is_of_lease, "holds": self.is_kept_up or self.of_action,
+        }  # fmt: skip

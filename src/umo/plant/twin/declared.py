@@ -1,0 +1,57 @@
+"""The twin of a station that runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from umo.objects import Compound
+from umo.plant.twin.twin import Twin
+from umo.process.frames.layout import Layout
+from umo.process.station import Station, StationError, find
+from umo.system.packages import MARK
+from umo.text import did_you_mean
+from umo.user_code import raise_as
+from umo.wiring.parameters import arguments_for
+
+
+def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
+    """Description of the twin that twin.py of a station declares for its machine; None if there is none.
+
+    The description of its frames names the options of its machine. `place`: the station's folder; for a running station
+    the one that its run names. StationError if twin.py cannot be imported or fails, DeclarationError if it does not fit
+    the machine.
+    """
+    if not declares_twin(place):  # or a machine and an application given as functions
+        return None
+    station = find(place)
+    options = arguments_for(station.make, "machine", layout.about.get("options", {}))
+    declared = declared_by(station, station.machine(**options))
+    return None if declared is None else declared.describe(layout)
+
+
+def place_of(layout: Layout) -> Path:
+    """The folder that a running station names; one that does not exist, if it names none."""
+    return Path(layout.about.get("place") or "-")
+
+
+def declares_twin(place: Path) -> bool:
+    """True if the folder of a station has a twin.py. Its code is not run."""
+    return (place / MARK).is_file() and (place / "twin.py").is_file()
+
+
+def declared_by(station: Station, machine: Compound | None = None) -> Twin | None:
+    """The result of `twin(machine)` in twin.py of a station, for this machine or one without options; None without the
+    file."""
+    module = station.module("twin")
+    if module is None:
+        return None
+    file, make = station.path / "twin.py", getattr(module, "twin", None)
+    if not callable(make):
+        raise StationError(f"{file} has no twin(){did_you_mean('twin', vars(module))}")
+    machine = station.machine() if machine is None else machine
+    with raise_as(StationError, f"twin() of {file} failed"):
+        twin = make(machine)
+    if not isinstance(twin, Twin):
+        raise StationError(f"twin() of {file} returned {twin!r}, not a Twin")
+    return twin

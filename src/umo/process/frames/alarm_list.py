@@ -1,0 +1,103 @@
+"""The alarms of a running station as an operator sees them: from a frame and the events that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import inf
+from typing import Any, NamedTuple
+
+from umo.cycle.events import ALARM, Event
+from umo.operation.alarms import AlarmState, Priority
+from umo.operation.alarms.alarm_states import ANNUNCIATED, TO_BE_ACKNOWLEDGED, operations
+from umo.operation.commands.verb import Names
+from umo.operation.commands.verbs import naming
+
+MAX_TOLD = 3
+"""Number of alarms that are named in a line."""
+
+
+class AlarmRow(NamedTuple):
+    """One alarm that is not normal, or that was raised."""
+
+    path: str
+    state: AlarmState
+    priority: Priority
+    text: str
+    since: float | None
+    """Time in s on the cycle's clock at which it came into this state; None: the event is no longer kept."""
+    who: str
+    """The client that brought it there; "": the machine itself."""
+    note: str
+    """More words, such as why its condition cannot be evaluated."""
+    raised: int = 0
+    """How often it has become active in this run; 0 if not known here."""
+    first: float | None = None
+    last: float | None = None
+    """The first and the last of these times, in s on the cycle's clock."""
+
+    @property
+    def annunciated(self) -> bool:
+        """True if an operator should see it: it is neither shelved nor out of service."""
+        return self.state in ANNUNCIATED
+
+    @property
+    def asks(self) -> bool:
+        """True if it is to be acknowledged."""
+        return self.state in TO_BE_ACKNOWLEDGED
+
+    @property
+    def verbs(self) -> list[str]:
+        """Names of the verbs that do something with it in its state."""
+        able = operations(self.state)
+        return [each.name for each in naming(Names.ALARM) if each.operation is None or each.operation in able]
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.text} ({self.priority}, {self.state})"
+
+
+def alarm_rows(
+    entries: Sequence[Mapping[str, Any]],
+    states: Iterable[int],
+    events: Iterable[Event],
+    occurrences: Iterable[tuple[float, float, float]],
+    raised: bool = False,
+) -> list[AlarmRow]:
+    """The alarms that are not normal, with `raised` also those that were raised in this run. The order: unacknowledged
+    ones first, then by priority, the newest first; normal ones last."""
+    last = {event.path: event for event in events if event.asked == ALARM}
+    numbered = zip(entries, states, occurrences, strict=True)
+    rows = [
+        _row(entry, AlarmState(n), last.get(entry["path"]))._replace(**_occurred(*when))
+        for entry, n, when in numbered
+        if n in _NOT_NORMAL or (raised and when[0] > 0)
+    ]
+    return sorted(rows, key=_order)
+
+
+def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
+    """The first few alarms as text, and the number of the others."""
+    shown = [row for row in rows if row.annunciated]
+    more = len(shown) - MAX_TOLD
+    return [*map(str, shown[:MAX_TOLD]), *([f"and {more} more"] if more > 0 else [])]
+
+
+_NOT_NORMAL = frozenset(AlarmState) - {AlarmState.NORMAL}
+_PRIORITIES = {str(priority): priority for priority in Priority}
+
+
+def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> AlarmRow:
+    text = str(entry.get("text", ""))
+    priority = _PRIORITIES.get(str(entry.get("priority")), Priority.MEDIUM)
+    head = f"{state} ({priority}): {text}"
+    if event is None or not event.text.startswith(f"{state} "):
+        return AlarmRow(entry["path"], state, priority, text, None, "", "")
+    note = event.text.removeprefix(head).removeprefix("; ") if event.text.startswith(head) else ""
+    return AlarmRow(entry["path"], state, priority, text, event.time, event.who, note)
+
+
+def _occurred(raised: float, first: float, last: float) -> dict[str, Any]:
+    return {"raised": int(raised), "first": first, "last": last} if 0 < raised < inf else {}
+
+
+def _order(row: AlarmRow) -> tuple[Any, ...]:
+    return row.state not in _NOT_NORMAL, not row.asks, not row.annunciated, -row.priority, -(row.since or 0.0), row.path

@@ -1,0 +1,96 @@
+"""The cells: the memory beside the frames that clients write and the machine reads. Levels, and the queue of commands.
+
+Its size is sealed; what is in it is not: every process of the user may write anything there. So whatever the machine
+reads is checked, and at worst a command is dropped, or a lease or something held ends.
+
+Layout, little-endian: at `STOP` a request to stop, `STOP_MARK` plus the number of a signal; at `WHO` a text
+(`umo.system.shared_cells.SharedText`) of the signal's number, who asks, UTF-8, up to `NAME` bytes; at `HEAD` the number
+of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each (`umo.process.frames.command_queue`);
+from `SIGNS` on the signs of life, 16 bytes each: when the holder of a lease was last there, in ns of CLOCK_MONOTONIC,
+in the second word; the first is that XOR the number of the lease, so that words of two clients are no sign of either.
+The first sign is that of the lease itself; then comes one for each object, and one for each action, in the order of the
+frames' description.
+"""
+
+from __future__ import annotations
+
+import signal
+
+from umo.errors import FramesError
+from umo.process.frames.layout import NAME, Layout, cut
+from umo.process.frames.memory import mapped
+from umo.system.shared_cells import SharedText
+from umo.text import printable
+
+STOP, WHO, HEAD, QUEUE = 0, 16, 104, 128
+SLOTS, SLOT = 64, 1024
+SIGNS = QUEUE + SLOTS * SLOT
+STOP_MARK = 0x756D_6F53_746F_7000
+"""Number that asks for a stop: it is not there by accident."""
+SIGNALS = {int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
+LEASE = ""
+"""The path of the lease's sign of life."""
+
+
+def size_of(layout: Layout) -> int:
+    """Bytes of the cells of a run."""
+    return SIGNS + 16 * (1 + len(layout.objects) + len(layout.actions))
+
+
+class ClientMemory:
+    """The cells as the machine or a client has them. FramesError if this memory is not what the frames describe."""
+
+    def __init__(self, file: int, layout: Layout) -> None:
+        self._map = mapped(file, write=True)
+        if len(self._map) < size_of(layout):
+            self._map.close()
+            raise FramesError("the cells of this run do not fit its frames")
+        self.memory = memoryview(self._map)
+        self.words = self.memory[: len(self._map) & ~7].cast("Q")
+        self.asked, self.head = (self.words[at >> 3 : (at >> 3) + 1] for at in (STOP, HEAD))
+        """One number each, for the check in each period: not 0 if a stop is requested or the content is invalid; the
+        number of commands written so far."""
+        self._who = SharedText(self._map, WHO, HEAD - WHO)
+        paths = [LEASE, *(str(entry["path"]) for entry in (*layout.objects, *layout.actions))]
+        self._signs = {path: (SIGNS >> 3) + 2 * number for number, path in enumerate(paths)}
+
+    # A stop --------------------------------------------------------------------------------------------
+
+    def ask_to_stop(self, number: int, who: str) -> None:
+        """Ask the run to end as after this signal. The first request stands."""
+        if self.stop is None:
+            self._who.put(number, cut(who, NAME))
+            self.words[STOP >> 3] = STOP_MARK | number
+
+    @property
+    def stop(self) -> tuple[int, str] | None:
+        """The stop signal that was requested, and the client that requested it; None: there is no request. The client
+        is "" where two have asked at the same moment."""
+        word = self.words[STOP >> 3]
+        if not word or word ^ STOP_MARK not in SIGNALS:
+            return None
+        number, found = word ^ STOP_MARK, self._who.get()
+        who = found[1] if found is not None and found[0] == number else b""
+        return number, printable(who.decode(errors="replace"))
+
+    # Signs of life -------------------------------------------------------------------------------------
+
+    def sign(self, path: str, lease: int, now: int) -> None:
+        """The holder of this lease is there now (ns of CLOCK_MONOTONIC), for what is at this path. A path that has no
+        cell is passed over."""
+        at = self._signs.get(path)
+        if at is not None:
+            self.words[at], self.words[at + 1] = lease ^ now, now
+
+    def signed(self, path: str, lease: int) -> float:
+        """The time at which the holder of this lease was last there for this path, s of CLOCK_MONOTONIC; 0: never. A
+        path that has no cell, as that of an experiment, has the one of the lease."""
+        at = self._signs.get(path, self._signs[LEASE])
+        now = self.words[at + 1]
+        return now * 1e-9 if self.words[at] ^ now == lease else 0.0
+
+    def close(self) -> None:
+        for view in (self.asked, self.head, self.words):
+            view.release()
+        self.memory.release()
+        self._map.close()

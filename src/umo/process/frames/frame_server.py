@@ -1,0 +1,285 @@
+"""The server of a run's frames: a Unix socket at which clients get the descriptors of its memory. The folder of these
+sockets: one for each user, in shared memory where there is some.
+
+Only processes of the same user, and root, get them; both ends ask the kernel who the other is (SO_PEERCRED, unix(7)).
+A socket without a listener belongs to a dead process: a process that finds it removes it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import socket
+import stat
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from umo.errors import FramesError
+from umo.process.frames.memory import RunDescriptors
+from umo.system import calls, folders, processes
+from umo.system.folders import is_own
+from umo.system.processes import is_used
+
+GREETING = b"umo frames 6"
+MAX_ADDRESS_BYTES = 107
+"""Bytes of a socket's address (unix(7), sun_path)."""
+MAX_WAITING = 64
+"""Clients that may wait for an answer at once."""
+ANSWER_TIMEOUT = 10.0
+"""Time in s that a client waits for the descriptors of a process that lives: a busy computer may let it wait."""
+STOPPED_TIMEOUT = 1.0
+"""Time in s that a client waits for a process that was stopped by a signal, and for one that has ended."""
+CONNECT_PAUSE = 0.005
+"""Time in s to the next try of a client while too many others wait."""
+ANSWER_LOOK_INTERVAL = 0.1
+"""Time in s between two looks at the process that is asked."""
+GUARDIAN_NAMES = ("umo guardian", "umo standby")
+"""Names of the processes that answer for their child, which has made the socket."""
+ACCEPT_PAUSE = 0.1
+"""s from a client that could not be accepted to the next, in a thread."""
+ROOT = 0
+SUFFIX = ".sock"
+FOLDER_VARIABLE = "UMO_FRAMES"
+"""Environment variable that names another folder, for containers and tests."""
+SHARED_MEMORY = Path("/dev/shm")
+MAX_NAME_LENGTH = 40
+"""Characters of a station's name in the name of a socket, whose address is short."""
+_HIDDEN = re.compile(rf"\.(\d+)-[0-9a-f]+{re.escape(SUFFIX)}")
+_OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
+
+
+def folder() -> Path:
+    """The user's folder, made if need be; FramesError where that cannot be."""
+    try:
+        if given := os.environ.get(FOLDER_VARIABLE):
+            return folders.checked(Path(given))
+        return folders.own(folders.first_writable([SHARED_MEMORY]))
+    except OSError as error:
+        raise FramesError(f"the folder for frames cannot be used: {error}") from None
+
+
+def new_path(station: str) -> Path:
+    """A socket for a new run, in the user's folder. What dead processes left there is removed."""
+    rings()
+    name = re.sub(r"[^\w-]", "_", station, flags=re.ASCII)[:MAX_NAME_LENGTH]
+    return folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{SUFFIX}"
+
+
+def sockets() -> list[Path]:
+    """Return the sockets with a station's name, of living or dead processes. Nothing is removed."""
+    place = folder()
+    try:
+        return [place / name for name in os.listdir(place) if _OPEN.fullmatch(name)]
+    except OSError as error:
+        raise FramesError(f"the folder for frames cannot be used: {error}") from None
+
+
+def rings() -> list[Path]:
+    """The sockets of running stations, oldest first. Those of dead processes are removed, and nothing else."""
+    place = folder()
+    try:
+        names = os.listdir(place)
+    except OSError as error:
+        raise FramesError(f"the folder for frames cannot be used: {error}") from None
+    for name in names:
+        if (hidden := _HIDDEN.fullmatch(name)) and not is_used(int(hidden[1])):  # it died before it got its name
+            _remove(place / name)
+    found = sorted((place / name for name in names if _OPEN.fullmatch(name)), key=_made)
+    return [path for path in found if is_living(path)]
+
+
+def is_living(path: Path) -> bool:
+    """True if this is the socket of a living process. That of a dead one is removed; any other file stays as it is."""
+    served = is_served(path) if is_socket(path) else None
+    if served is False:
+        _remove(path)
+    return bool(served)
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+
+
+def _made(path: Path) -> int:
+    """ns of CLOCK_MONOTONIC, from the name that `new_path` gave."""
+    return int(path.stem.rpartition("-")[2], 16)
+
+
+class FrameServer:
+    """Gives clients that ask at `path` the descriptors `ends`. OSError if there can be no socket.
+
+    A process that is to be forked inherits it: one of the two may `listen`, when the memory is complete, and the other
+    answer.
+    """
+
+    def __init__(self, path: Path, ends: RunDescriptors) -> None:
+        self.path = path
+        self.ends = ends
+        self._thread: threading.Thread | None = None
+        self._closed = threading.Event()
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.setblocking(False)
+
+    def listen(self) -> None:
+        """Let the run be found: the socket gets its name when it listens already. FramesError if it cannot have it."""
+        hidden = self.path.with_name(f".{os.getpid()}-{time.monotonic_ns():x}{self.path.suffix}")
+        try:
+            with _address(hidden) as address:
+                self._socket.bind(address)
+            self._socket.listen(MAX_WAITING)
+            hidden.rename(self.path)
+        except OSError as error:
+            with suppress(OSError):
+                hidden.unlink(missing_ok=True)
+            raise FramesError(f"the socket for frames {self.path} cannot be made: {error.strerror or error}") from None
+
+    def leave(self) -> None:
+        """Leave it to the other process."""
+        self._socket.close()
+
+    def look(self) -> None:
+        """Answer the waiting clients. Never blocks or raises."""
+        with suppress(OSError):  # nobody waits, or no descriptor is free
+            for _ in range(MAX_WAITING):
+                self._answer(self._socket.accept()[0])
+
+    def start(self) -> None:
+        """Answer in a thread, for a process that has no time to look."""
+        self._socket.setblocking(True)
+        self._thread = threading.Thread(target=self._serve, name="umo frames", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._closed.is_set():
+            try:
+                self._answer(self._socket.accept()[0])
+            except OSError:  # it was closed, or no descriptor is free
+                self._closed.wait(ACCEPT_PAUSE)
+
+    def _answer(self, client: socket.socket) -> None:
+        with client, suppress(OSError):
+            if _maker_and_user(client)[1] in (ROOT, os.getuid()):
+                calls.send_message(client, GREETING, self.ends)
+
+    def close(self) -> None:
+        """From now on the run cannot be found; processes that have its memory keep it."""
+        self._closed.set()
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        if self._thread is not None:
+            self._thread.join()
+        self._socket.close()
+
+
+def receive(path: Path) -> RunDescriptors:
+    """The descriptors of the run whose socket this is. FramesError if there are none to be had."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
+        here.settimeout(STOPPED_TIMEOUT)
+        try:
+            with _address(path) as address:
+                _connect(here, address)
+            maker, user = _maker_and_user(here)
+            if user not in (ROOT, os.getuid()) and os.getuid() != ROOT:
+                raise FramesError(f"{path} is another user's (uid {user})")
+            _wait_for_answer(here, path, maker)
+            data, files = calls.receive_message(here, len(GREETING) + 1, len(RunDescriptors._fields))
+        except TimeoutError:
+            raise FramesError(
+                f"{path}: too many others wait for an answer of this run; its guardian may be stopped"
+            ) from None
+        except OSError as error:
+            raise FramesError(f"no frames at {path}: {error.strerror or error}") from None
+    if data != GREETING or len(files) != len(RunDescriptors._fields):
+        for file in files:
+            os.close(file)
+        raise FramesError(f"{path} belongs to another version of umo, or to another user")
+    return RunDescriptors(*files)
+
+
+def _connect(here: socket.socket, address: str) -> None:
+    """Connect within the socket's time. While too many wait already, the kernel refuses at once (unix(7), EAGAIN)."""
+    until = time.monotonic() + STOPPED_TIMEOUT
+    while True:
+        try:
+            return here.connect(address)
+        except BlockingIOError:
+            if time.monotonic() > until:
+                raise TimeoutError from None
+            time.sleep(CONNECT_PAUSE)
+
+
+def _wait_for_answer(here: socket.socket, path: Path, maker: int) -> None:
+    """Wait for the answer of a process that lives; FramesError if it was stopped, has ended, or does not answer in
+    time. `maker`: the process that has made the socket, 0 if it is unknown."""
+    ready = select.poll()
+    ready.register(here, select.POLLIN)
+    begun = heard = time.monotonic()
+    while not ready.poll(ANSWER_LOOK_INTERVAL * 1e3):
+        now = time.monotonic()
+        title, pid = _asked(maker)
+        state = processes.state(pid) if pid else ""
+        if state not in processes.STOPPED + processes.ENDED:
+            heard = now
+        elif now - heard > STOPPED_TIMEOUT:
+            what = "has ended" if state in processes.ENDED else "is stopped"
+            raise FramesError(f"{path}: the {title} of this run {what} and does not answer (pid {pid})")
+        if now - begun > ANSWER_TIMEOUT:
+            of = f" (pid {pid})" if pid else ""
+            raise FramesError(f"{path}: the {title} of this run{of} has not answered for {ANSWER_TIMEOUT:g} s")
+
+
+def _asked(maker: int) -> tuple[str, int]:
+    """The process that answers clients, as a text, and its number: the guardian of the process that has made the
+    socket, or else that process itself. 0: it is unknown."""
+    guardian = processes.parent_of(maker) if maker else 0
+    if guardian and processes.name_of(guardian) in GUARDIAN_NAMES:
+        return "guardian", guardian
+    return "process", maker
+
+
+def is_socket(path: Path) -> bool:
+    """True if this is a socket of this user's, and not a link to one."""
+    return is_own(path, stat.S_ISSOCK)
+
+
+def is_served(path: Path) -> bool | None:
+    """Return whether there is a listener, or None if unknown. A stopped process is not waited for."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here, _address(path) as address:
+            here.setblocking(False)
+            here.connect(address)
+    except BlockingIOError:  # too many wait already
+        return True
+    except ConnectionRefusedError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+@contextmanager
+def _address(path: Path) -> Iterator[str]:
+    """The path, or a shorter one by a descriptor of its folder where it does not fit."""
+    if len(os.fsencode(path)) <= MAX_ADDRESS_BYTES:
+        yield str(path)
+        return
+    place = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield f"/proc/self/fd/{place}/{path.name}"
+    finally:
+        os.close(place)
+
+
+def _maker_and_user(connection: socket.socket) -> tuple[int, int]:
+    """The process at the other end, which may have left the socket to another one since, and its user, as the kernel
+    knows them."""
+    pid, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return int(pid), int(user)

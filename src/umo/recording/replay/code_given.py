@@ -1,0 +1,124 @@
+"""The code of a replay. A recording is data: it names the station that it is of, and what of it may be looked up is a
+station that ships with umo or is installed. Any other code is named by the command line, or by the caller."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from umo.process.job import MAIN_MODULE, Job, functions_of
+from umo.process.source_files import other_files
+from umo.process.station import Station, find, packaged
+from umo.recording.replay.recorded_wiring import files_among, recorded_wiring
+from umo.recording.replay.tape import NotReplayable
+from umo.signature import parameters_of
+from umo.text import in_a_line, printable, some
+from umo.wiring.parameters import flag
+from umo.wiring.run_options import WIRING_OPTIONS, driver_options
+
+FORM = "FILE.py:MACHINE:APPLICATION"
+
+
+@dataclass(frozen=True)
+class CodeGiven:
+    """The code named on the command line."""
+
+    station: str | None = None
+    """A station by folder or name, or functions as `FILE.py:MACHINE:APPLICATION` (or `MODULE:...`; without an
+    application `control` is run). None: the station that ships or is installed under the recorded name."""
+    wiring: str | None = None
+    """A wiring of the station by name, or a file; None: the recorded one, as data."""
+
+    @property
+    def is_program(self) -> bool:
+        """True if it names functions and not a station."""
+        return self.station is not None and ":" in self.station and not Path(self.station).exists()
+
+
+NOTHING_GIVEN = CodeGiven()
+"""The station that ships or is installed under the recorded name, with the recorded wiring."""
+
+
+def job_of(recorded: Mapping[str, Any], given: CodeGiven, *, runs: bool = False) -> Job:
+    """The recorded job with the code that is given. `runs`: with its drivers, in closed loop. NotReplayable where the
+    recording is of other code than a station that ships or is installed and none is given, or where it names code or
+    files of its own."""
+    options = recorded.get("options")
+    job = Job(options=dict(options.get("given", {})) if isinstance(options, Mapping) else {}, path=[])
+    job.options = {name: value for name, value in job.options.items() if name not in WIRING_OPTIONS}
+    job.manual = bool(recorded.get("manual", False))
+    station: Station | None = None
+    if given.is_program:
+        job.machine, job.application, job.script = _functions(str(given.station))
+    else:
+        station = _station_of(recorded) if given.station is None else find(given.station)
+        job.station = str(station.path)
+    job.wiring = recorded_wiring(recorded, station, runs=runs) if given.wiring is None else given.wiring
+    _check_files(job, station)
+    return job
+
+
+def _station_of(recorded: Mapping[str, Any]) -> Station:
+    """The station that ships or is installed under the recorded name, wherever it lay then."""
+    name = recorded.get("station")
+    if recorded.get("machine"):
+        place = Path(str(recorded.get("script") or "FILE.py")).name
+        names = [str(recorded.get(key) or "").rpartition(":")[2] for key in ("machine", "application")]
+        hint = printable(":".join([place, *filter(None, names)]))
+        raise NotReplayable(f"the recording is of a program, and code is taken from the command line only: add {hint}")
+    folder = packaged(name) if isinstance(name, str) else None
+    if folder is None:
+        place = printable(in_a_line(str(recorded.get("place") or "")))[:200]
+        where = f" (it was in {place})" if place else ""
+        raise NotReplayable(
+            f"the recording is of a station {printable(in_a_line(str(name)))[:100]!r} that neither ships with umo nor "
+            f"is installed{where}: code is taken from the command line only, so add the station's folder"
+        )
+    return Station(str(name), folder)
+
+
+def _functions(text: str) -> tuple[str, str | None, str | None]:
+    """Machine and application as `module:function`, and the file that they are in."""
+    where, *names = text.split(":")
+    if not 1 <= len(names) <= 2 or not all(name.isidentifier() for name in names):
+        raise NotReplayable(f"{text!r} is neither a station nor functions such as {FORM}")
+    script = None
+    if where.endswith(".py"):
+        if not Path(where).is_file():
+            raise NotReplayable(f"{where}: no such file")
+        script, where = str(Path(where).resolve()), MAIN_MODULE
+        if (folder := str(Path(script).parent)) not in sys.path:
+            sys.path.append(folder)  # a script imports what lies beside it
+    machine, *application = (f"{where}:{name}" for name in names)
+    return machine, next(iter(application), None), script
+
+
+def _check_files(job: Job, station: Station | None) -> None:
+    """NotReplayable if an option of the recorded run is a file: it was named by the recording."""
+    if not job.options:
+        return
+    found = {name: each for name, (_, each) in driver_options(_wiring(job, station)).items()}
+    make, main = functions_of(job) if station is None else (station.make, station.main)
+    found |= parameters_of(make, 0) | (parameters_of(main, 1) if main else {})
+    for name in files_among(found, job.options):
+        raise NotReplayable(
+            f"the recorded run had a file as its option {flag(name)}, and a recording opens none: replay it by a "
+            "program (umo.recording.replay)"
+        )
+
+
+def _wiring(job: Job, station: Station | None) -> Any:
+    if station is not None and (job.wiring is None or isinstance(job.wiring, str)):
+        return station.wiring(job.wiring)
+    return Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
+
+
+def other_code(recorded: Mapping[str, Any], place: Path) -> str:
+    """A remark if the files of the code are others than in the recorded run; "": they are the same."""
+    others = other_files(recorded, place)
+    if others is None:
+        return "whether the code is that of the recorded run is not known: it has no hashes of its files"
+    return f"the code is another than that of the recorded run ({printable(in_a_line(some(others)))})" if others else ""

@@ -1,0 +1,111 @@
+"""The clients of a recorded run: their commands come in the periods in which they were taken.
+
+Signs of life are levels in shared memory, which no recording has. Their ends are in the events. A lease or a hold that
+has ended without an event ends by itself in the replay; all other ends have one.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from umo.cycle.events import LET_GO, CommandState
+from umo.operation.commands.client_commands import DEAD_MAN_REASON, ClientCommand
+from umo.recording.replay.player import Player
+
+LEASE_ENDED = "was not renewed"
+"""The last words of the event for the end of a lease without a sign of life."""
+ALL = "*"
+"""Stands for a path: everything that is held."""
+LONG = 1e6
+"""Time in s that is longer than any dead-man time and any lease."""
+
+
+class TapeInbox:
+    """The commands of the recording (`umo.operation.commands.client_commands.Inbox`)."""
+
+    def __init__(self, player: Player) -> None:
+        self._player = player
+        self.taken = 0
+        self.dropped = 0
+
+    def get(self) -> ClientCommand | None:
+        period = self._player.period
+        while period is not None and self.taken < period.taken:
+            self.taken += 1
+            data = self._player.commands.pop(self.taken, None)
+            try:
+                if data is not None:
+                    return ClientCommand.parse(self.taken, data)
+            except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+                pass
+            self.dropped += 1
+        return None
+
+
+class TapeLevels:
+    """The levels of the recording (`umo.operation.commands.client_commands.Levels`), and the clock of the signs of
+    life."""
+
+    def __init__(self, player: Player, inbox: TapeInbox, events: Iterable[Any]) -> None:
+        self._player, self._inbox = player, inbox
+        self._ends: dict[float, set[str]] = {}
+        """The holds that have ended without a sign of life: their paths, "" for the lease, by the time of the period in
+        s."""
+        self._refused: set[int] = set()
+        """The commands that were refused as their client gave no sign of life."""
+        self._stops: dict[float, str] = {}
+        """The users who have requested a stop, by the time in s."""
+        self._looked = -1.0
+        self._clock = LONG
+        self.asked: Sequence[int] = _StopRequested(self)
+        for event in events:
+            self._note(event)
+
+    def _note(self, event: Any) -> None:
+        if event.asked == "stop" and event.state is CommandState.DONE:
+            self._stops[event.time] = event.who
+        elif not event.path and not event.command and event.text.endswith(LEASE_ENDED):
+            self._ends.setdefault(event.time, set()).add("")
+        elif DEAD_MAN_REASON in event.text and event.state is CommandState.REFUSED:
+            self._refused.add(event.command)
+        elif event.text.startswith(DEAD_MAN_REASON):
+            all_of_them = event.asked == LET_GO and not event.command
+            self._ends.setdefault(event.time, set()).add(ALL if all_of_them else event.path)
+
+    @property
+    def _time(self) -> float:
+        return -1.0 if self._player.period is None else self._player.period.time
+
+    @property
+    def stop(self) -> tuple[int, str] | None:
+        who = self._stops.get(self._time)
+        return None if who is None else (signal.SIGTERM, who)
+
+    def now(self) -> float:
+        """The clock of the signs of life in s. It makes a leap before a period in which something ends."""
+        time = self._time
+        if time != self._looked:
+            self._looked = time
+            self._clock += LONG if time in self._ends else 0.0
+        return self._clock
+
+    def signed(self, path: str, lease: int) -> float:
+        now = self.now()
+        ends = self._ends.get(self._time, ())
+        ended = path in ends or (ALL in ends and path != "") or self._inbox.taken in self._refused
+        return 0.0 if ended else now
+
+
+class _StopRequested(Sequence[int]):
+    """One number: 1 if a stop is requested in this period."""
+
+    def __init__(self, levels: TapeLevels) -> None:
+        self._levels = levels
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, index: Any) -> Any:
+        return int(self._levels.stop is not None)

@@ -1,0 +1,141 @@
+"""The values of a recording: which objects and signals, from when to when, one block after another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
+from umo.process.frames.layout import Layout
+from umo.process.frames.run_reader import Frames
+from umo.recording.block import Block
+from umo.recording.recording import Recording
+from umo.recording.recording_file import utc_of
+from umo.recording.scope.history import samples
+from umo.wiring.patterns import chosen
+
+OWN_NAMES = ("time", "utc", "number", "missed")
+"""Columns of a period other than values: an object or a signal with such a path is named `time.value` in the table."""
+TellTime = Callable[[float], None]
+"""Function that is called with the time in s on the machine's clock up to which work is done."""
+
+
+class RecordedColumns(NamedTuple):
+    """What frames have in a table, a row for each: copies, so that the frames are not held."""
+
+    time: FloatArray
+    """s on the machine's clock."""
+    utc: Any
+    """ns since 1970, <i8."""
+    number: Any
+    """Ticks since connecting."""
+    missed: Any
+    execution: FloatArray
+    """us."""
+    values: FloatArray
+    """A column for each of the chosen. NaN: the value was BAD, or there is none."""
+    quality: Any
+    """A column for each chosen object."""
+
+
+class RecordedPart(NamedTuple):
+    """Consecutive frames of a block."""
+
+    frames: Frames
+    block: Block
+
+
+class RecordedValues:
+    """The chosen objects and signals of a recording. PathError for a path that names nothing, RangeError for times in
+    the wrong order."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        only: Sequence[str] = (),
+        start: float | None = None,
+        stop: float | None = None,
+    ) -> None:
+        """`only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded."""
+        if start is not None and stop is not None and not start < stop:
+            raise RangeError(f"the values from {start:g} s to {stop:g} s: the second time must be later")
+        self.recording = recording
+        self.layout: Layout = recording.layout
+        self.start, self.stop = start, stop
+        objects = len(self.layout.objects)
+        known = self.layout.described.traced
+        self.places = chosen([each.path for each in known], only, recording.path.name)
+        """The places of the selected values among objects and signals."""
+        self.entries = [known[place] for place in self.places]
+        self.objects = [place for place in self.places if place < objects]
+        """The places of the chosen objects."""
+        self.bare = 0
+        """Periods that were passed over, as the file has only what replay needs of them."""
+        self.lost, self.damage = 0, list[str]()
+        """Number of periods that are missing in the recording, and what is damaged in it (`look_for_damage`)."""
+
+    def look_for_damage(self) -> None:
+        """Reads the whole recording once more, where that was not done yet."""
+        self.lost = self.recording.lost
+        self.damage = self.recording.damage
+
+    @property
+    def paths(self) -> list[str]:
+        return [each.path for each in self.entries]
+
+    @property
+    def names(self) -> list[str]:
+        """The paths as names beside those of `OWN_NAMES`."""
+        return [f"{path}.value" if path in OWN_NAMES else path for path in self.paths]
+
+    def parts(self) -> Iterator[RecordedPart]:
+        """The frames that have values, in order."""
+        self.bare = 0
+        for block in self.recording.blocks(self.start, self.stop):
+            frames = block.frames
+            first = 0 if self.start is None else int(np.searchsorted(frames["time"], self.start))
+            end = len(frames) if self.stop is None else int(np.searchsorted(frames["time"], self.stop))
+            if first >= end:
+                continue
+            if block.is_full:
+                yield RecordedPart(frames[first:end], block)
+            else:
+                self.bare += end - first
+
+    @property
+    def quality_names(self) -> list[str]:
+        return [f"{self.layout.objects[place]['path']}.quality" for place in self.objects]
+
+    def columns(self, frames: Frames) -> RecordedColumns:
+        """What every export has of some frames."""
+        return RecordedColumns(
+            frames["time"].copy(),
+            utc_of(self.layout, frames),
+            frames["number"].copy(),
+            frames["missed"].copy(),
+            frames["execution"] * 1e-3,
+            self.of(frames),
+            np.ascontiguousarray(frames["quality"][:, self.objects]),
+        )
+
+    def of(self, frames: Frames) -> FloatArray:
+        """A row for each frame, a column for each of the chosen. NaN: the value was BAD, or there is none."""
+        return samples(frames)[:, self.places]
+
+    @property
+    def periods(self) -> int:
+        """Number of the periods between the times, a block more at most at each end: counted without reading them."""
+        times, counts = self.recording.block_starts
+        ends = np.append(times[1:], np.inf)
+        low, high = -np.inf if self.start is None else self.start, np.inf if self.stop is None else self.stop
+        return int(counts[(times < high) & (ends > low)].sum())
+
+    def share(self, time: float) -> float:
+        """Return how much lies before a time, 0 to 1."""
+        first, last = self.recording.span
+        first = first if self.start is None else max(first, self.start)
+        last = last if self.stop is None else min(last, self.stop)
+        return min(max((time - first) / max(last - first, 1e-9), 0.0), 1.0)

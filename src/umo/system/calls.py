@@ -1,0 +1,397 @@
+"""The seam of the operating system: what the processes of a run, the timer and the device lock ask of it.
+
+`umo.process`, `umo.generate.split`, `umo.drivers.timerfd` and `umo.system.device_lock` use nothing else of the
+operating system that waits, reads the time, or can be observed by another process. No function here decides anything or
+keeps anything. So a test can put a gate in front of each: it replaces the function in this module, and the real one
+does the work behind it.
+
+A function is called through the module, when it is needed:
+
+    from umo.system import calls
+
+    calls.sleep(0.1)
+
+It is never imported by its name, and never kept when a module is imported (in a constant, the default of an argument or
+the body of a class): a gate that comes later would be passed by. An object may keep one from its construction on, as
+the timer does, which calls some in every period. `tests/process/test_calls.py` and the import contracts hold this rule.
+
+Two things pass by these functions: memory that processes share (the methods of `RunState` and `ResetState` can be
+replaced), and a period that is carried out in C (`compile = true`), which waits for the timer by itself.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import select
+import signal
+import socket
+import struct
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from mmap import mmap
+from pathlib import Path
+from types import FrameType
+from typing import IO, NoReturn
+
+try:
+    import fcntl
+except ImportError:  # this platform has none
+    fcntl = None  # type: ignore[assignment]
+
+FilePath = str | os.PathLike[str]
+SignalHandler = Callable[[int, FrameType | None], object] | int | None
+"""The argument and the result of `signal.signal`."""
+
+# Processes ------------------------------------------------------------------------------------------------
+
+PR_SET_PDEATHSIG = 1
+
+
+def fork() -> int:
+    """Fork this process (fork(2)): the child's number, and 0 in the child. OSError where no process can be had."""
+    return os.fork()
+
+
+def start_program(words: Sequence[str], files: Sequence[int], environ: Mapping[str, str]) -> int:
+    """Start a program that inherits these descriptors beside stdout and stderr, in a session of its own; its number.
+    It is a child that is waited for by `wait`. OSError where it cannot be started."""
+    program = subprocess.Popen(
+        words, pass_fds=files, stdin=subprocess.DEVNULL, start_new_session=True, env=dict(environ)
+    )
+    program.returncode = 0  # else its object would wait for it too
+    return program.pid
+
+
+def exit_now(status: int) -> NoReturn:
+    """End this process, without exit handlers and without writing what was printed (_exit(2))."""
+    os._exit(status)
+
+
+def wait(pid: int) -> tuple[int, int]:
+    """Number and status (waitpid(2)) of a child that has ended, or was stopped by a signal: of the named one, or of any
+    one (-1). (0, 0): there is none yet. Never waits. ChildProcessError: there is no such child."""
+    return os.waitpid(pid, os.WNOHANG | os.WUNTRACED)
+
+
+def kill(pid: int, number: int) -> None:
+    """Send a signal to the process that has this number (kill(2)); 0: only look. ProcessLookupError: there is none;
+    PermissionError: another user's."""
+    os.kill(pid, number)
+
+
+def open_process(pid: int) -> int:
+    """A descriptor of a process, which is `ready` when it has ended (pidfd_open(2), Linux 5.3). OSError where there is
+    no such process, or none can be had."""
+    return os.pidfd_open(pid)
+
+
+def signal_process(file: int, number: int) -> None:
+    """Send a signal to the process of a descriptor (pidfd_send_signal(2)). ProcessLookupError: it has ended."""
+    signal.pidfd_send_signal(file, number)
+
+
+def stat_of(pid: int) -> str:
+    """The text of proc_pid_stat(5); empty where there is no such process."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace")
+    return ""
+
+
+def new_session() -> None:
+    """Make this process the leader of a session and a process group of its own (setsid(2)): a signal to the group or
+    session of another does not reach it."""
+    os.setsid()
+
+
+def die_with_parent(parent: int, number: int) -> None:
+    """Be sent this signal when the process `parent` (pid) ends, however it does (PR_SET_PDEATHSIG); at once if it
+    has."""
+    _libc().prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:
+        signal.raise_signal(signal.Signals(number))
+
+
+# Signals --------------------------------------------------------------------------------------------------
+
+
+def handle_signal(number: int, handler: SignalHandler) -> SignalHandler:
+    """Have a signal handled by this function, by SIG_IGN or by SIG_DFL. Return the former handler. Only in the main
+    thread: ValueError in another one."""
+    return signal.signal(number, handler)
+
+
+def mask_signals(how: int, numbers: Iterable[int]) -> set[int]:
+    """Block (SIG_BLOCK) or unblock these signals in this thread, or block exactly these (SIG_SETMASK); those that were
+    blocked before."""
+    return {int(number) for number in signal.pthread_sigmask(how, numbers)}
+
+
+def set_alarm(first: float, interval: float = 0.0) -> None:
+    """Have SIGALRM sent to this process after `first` s, then every `interval` s (0: once). 0 s: never."""
+    signal.setitimer(signal.ITIMER_REAL, first, interval)
+
+
+# Descriptors ----------------------------------------------------------------------------------------------
+
+INPUT = getattr(select, "POLLIN", 1)
+"""There is something to read, or a process has ended."""
+HUNG_UP = getattr(select, "POLLHUP", 16) | getattr(select, "POLLERR", 8)
+"""The other end is closed."""
+
+read = os.read
+"""Read up to this number of bytes from a descriptor (read(2)), also from a timer: 8 bytes, after its next expiry. It
+waits where there is nothing: callers look first (`ready`), or another process or a stop ends the wait."""
+
+
+def write(file: int, data: bytes) -> int:
+    """Write to a descriptor (write(2)); the number of bytes that were written."""
+    return os.write(file, data)
+
+
+def open(path: FilePath, flags: int, mode: int = 0o777) -> int:
+    """A descriptor of a file (open(2)), which no program inherits. OSError where it cannot be opened."""
+    return os.open(path, flags, mode)
+
+
+def close(file: int) -> None:
+    """Close a descriptor."""
+    os.close(file)
+
+
+def close_from(first: int) -> None:
+    """Close every descriptor from this number on."""
+    os.closerange(first, os.sysconf("SC_OPEN_MAX"))
+
+
+def pipe() -> tuple[int, int]:
+    """The ends of a pipe: to read from, and to write to. OSError where no descriptors can be had."""
+    return os.pipe()
+
+
+def ready(file: int, within: float, awaited: int = INPUT) -> int:
+    """Wait up to `within` s for something to read, or for the other end to be closed. Return the events of poll(2), 0
+    for none. `awaited` = 0: wait only for the other end."""
+    poll = select.poll()
+    poll.register(file, awaited)
+    return next((events for _, events in poll.poll(within * 1e3)), 0)
+
+
+# Sockets --------------------------------------------------------------------------------------------------
+
+Socket = socket.socket
+STREAM, DATAGRAM = socket.SOCK_STREAM, socket.SOCK_DGRAM
+INT = struct.Struct("i")
+
+
+def message_sockets(room: int) -> tuple[Socket, Socket]:
+    """Two ends of a connection for messages (unix(7), SOCK_SEQPACKET), with a buffer for this number of bytes."""
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in ends:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, room)
+    return ends
+
+
+def socket_of(file: int) -> Socket:
+    """The socket of an inherited descriptor."""
+    return socket.socket(fileno=file)
+
+
+def send_message(connection: Socket, data: bytes, files: Sequence[int] = ()) -> None:
+    """Send one message and hand over descriptors with it (SCM_RIGHTS). Never waits: OSError if there is no room for
+    it. (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a full peer would be waited for, and what
+    was received inherited.)"""
+    rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack(f"{len(files)}i", *files))] if files else []
+    connection.sendmsg([data], rights, socket.MSG_DONTWAIT)
+
+
+def receive_message(connection: Socket, size: int, most: int) -> tuple[bytes, list[int]]:
+    """The next message, of up to `size` bytes, and up to `most` descriptors that came with it: they are the receiver's
+    to close, and no program that it starts inherits them. An empty message: the peer has ended. Waits as the socket
+    does: callers look first, or it has a timeout."""
+    room = socket.CMSG_LEN(most * INT.size)
+    data, rights, _, _ = connection.recvmsg(size, room, socket.MSG_CMSG_CLOEXEC)
+    files = [
+        file
+        for level, kind, content in rights
+        if (level, kind) == (socket.SOL_SOCKET, socket.SCM_RIGHTS)
+        for (file,) in INT.iter_unpack(content[: len(content) // INT.size * INT.size])
+    ]
+    return data, files
+
+
+def take_name(name: bytes, kind: int) -> Socket:
+    """A Unix socket (STREAM or DATAGRAM) that has this name, until the last process that has it closes it or ends. An
+    abstract name, after a zero byte, is the computer's, or the network namespace's. OSError where it is taken."""
+    taken = socket.socket(socket.AF_UNIX, kind)
+    try:
+        taken.bind(name)
+    except BaseException:
+        taken.close()
+        raise
+    return taken
+
+
+def listen(taken: Socket, backlog: int) -> None:
+    """Let `listener` accept connections to the socket's name for this process, at most this number at a time."""
+    taken.listen(backlog)
+
+
+def listener(name: bytes) -> tuple[int, int] | None:
+    """Pid and user of the process that listened last at a name; None: nobody does; 0, 0: it cannot be asked, as too
+    many have asked. Never waits."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(name)
+            pid, uid, _ = struct.unpack("3i", probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        except ConnectionRefusedError:
+            return None
+        except OSError:
+            return 0, 0
+    return pid, uid
+
+
+# Clocks, sleep, timer -------------------------------------------------------------------------------------
+
+now = time.monotonic
+"""s on a clock that nobody sets (CLOCK_MONOTONIC)."""
+now_ns = time.monotonic_ns
+"""ns on the same clock."""
+boottime_ns = (
+    partial(time.clock_gettime_ns, getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+    if hasattr(time, "clock_gettime_ns")
+    else time.monotonic_ns
+)
+"""ns on a clock that continues while the computer is suspended (CLOCK_BOOTTIME), where there is one."""
+processor_ns = time.thread_time_ns
+"""ns that this thread has had a processor."""
+sleep = time.sleep
+"""Sleep for a time in s."""
+TIMER_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
+CLOCK_MONOTONIC, TIMER_ABSTIME = 1, 1
+TIMER_SPEC = struct.Struct("@4l")
+"""Packing of the interval and the first expiry, each in s and ns."""
+NS = 1_000_000_000
+
+
+def wall_time() -> float:
+    """s since 1970 on the clock that people set."""
+    return time.time()
+
+
+def make_timer() -> int:
+    """The descriptor of a timer on the monotonic clock (timerfd_create(2)), which is waited for by `read`. OSError
+    where none can be had."""
+    return _checked(_libc().timerfd_create(CLOCK_MONOTONIC, TIMER_CLOEXEC))
+
+
+def set_timer(file: int, first: int, interval: int) -> None:
+    """Let a timer expire at `first`, ns on the monotonic clock, and then every `interval` ns; at once if `first` has
+    passed. OSError where it is refused."""
+    spec = TIMER_SPEC.pack(*divmod(interval, NS), *divmod(first, NS))
+    _checked(_libc().timerfd_settime(file, TIMER_ABSTIME, spec, None))
+
+
+# Locks ----------------------------------------------------------------------------------------------------
+
+Mutex = ctypes.c_char
+MUTEX_BYTES = 64
+"""Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
+PROCESS_SHARED = ROBUST = 1
+TRY_PAUSE = 0.001
+"""Time in s until a lock is tried again, where it cannot be waited for by the monotonic clock."""
+
+
+def make_mutex(memory: mmap, at: int) -> Mutex:
+    """A lock at this place of a memory that processes share, where there is room for `MUTEX_BYTES`. It reports the
+    death of a thread that holds it (pthread_mutexattr_setrobust(3))."""
+    mutex, attributes = Mutex.from_buffer(memory, at), ctypes.create_string_buffer(MUTEX_BYTES)
+    libc = _libc()
+    libc.pthread_mutexattr_init(attributes)
+    libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
+    libc.pthread_mutexattr_setrobust(attributes, ROBUST)
+    libc.pthread_mutex_init(ctypes.byref(mutex), attributes)
+    return mutex
+
+
+def lock_mutex(mutex: Mutex, within: float) -> int:
+    """Wait up to `within` s for a lock, by the monotonic clock. 0: it is taken; EOWNERDEAD: it is taken, and its holder
+    has died; ETIMEDOUT: it is not taken. OSError where it cannot be waited for."""
+    answer = _lock(mutex, within)
+    if answer == errno.EOWNERDEAD:
+        _libc().pthread_mutex_consistent(ctypes.byref(mutex))
+    elif answer not in (0, errno.ETIMEDOUT):
+        raise OSError(answer, os.strerror(answer))
+    return answer
+
+
+def unlock_mutex(mutex: Mutex) -> None:
+    """Give back a lock that this thread has taken."""
+    _libc().pthread_mutex_unlock(ctypes.byref(mutex))
+
+
+def lock_file(file: int | IO[bytes] | IO[str], *, shared: bool) -> bool:
+    """Lock an open file, if it is not locked by others (flock(2)). Return True if it is locked. Never waits. OSError if
+    it cannot be locked at all."""
+    try:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+# Records --------------------------------------------------------------------------------------------------
+
+
+def replace(old: FilePath, new: FilePath) -> None:
+    """Rename a file, replacing the file that has the new name (rename(2))."""
+    os.replace(old, new)
+
+
+def unlink(path: FilePath) -> None:
+    """Remove a file, if there is one."""
+    with suppress(FileNotFoundError):
+        os.unlink(path)
+
+
+def fsync(file: int) -> None:
+    """Wait until what was written to a file, or the names in a folder, are on the disk."""
+    os.fsync(file)
+
+
+# The C library --------------------------------------------------------------------------------------------
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+def _lock(mutex: Mutex, within: float) -> int:
+    """The answer of a lock. glibc before 2.30 waits by the wall clock only, which may be set back by a day: the lock is
+    tried again and again there."""
+    libc, place = _libc(), ctypes.byref(mutex)
+    lock = getattr(libc, "pthread_mutex_clocklock", None)
+    until = time.monotonic() + within
+    if lock is not None:
+        return int(lock(place, CLOCK_MONOTONIC, ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))))
+    while (answer := int(libc.pthread_mutex_trylock(place))) == errno.EBUSY and time.monotonic() < until:
+        time.sleep(TRY_PAUSE)
+    return errno.ETIMEDOUT if answer == errno.EBUSY else answer
+
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _checked(answer: int) -> int:
+    """Return the answer of a function of the C library. OSError if it is below 0."""
+    if answer < 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+    return answer

@@ -1,0 +1,5 @@
+"""`python -m umo_command`."""
+
+from umo_command import main
+
+main()

@@ -1,0 +1,1 @@
+"""`umo alarm`: the alarms of a station."""

@@ -1,0 +1,106 @@
+"""`umo alarm`: its commands, their arguments and where they go."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from umo_command import completion
+from umo_command.options import Json, OneRunning, Running, Take
+from umo_command.shared import CommandLine, HelpPanel, group
+
+if TYPE_CHECKING:
+    from umo.operation.commands.verb import Verb
+
+
+class AlarmCommands(CommandLine):
+    """The verbs of alarms are commands. They are made when they are asked for: the table takes a second to import."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        self.commands.update(commands_of_verbs())
+        return super().list_commands(ctx)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        self.commands.update(commands_of_verbs())
+        return super().get_command(ctx, cmd_name)
+
+
+command = group(
+    "alarm",
+    "Operate",
+    "The alarms of a station: list them, acknowledge them, put them away for a time.",
+    "umo alarm list  |  umo alarm ack plant tank.overfill  |  umo alarm shelve plant tank.cold '10 min'",
+    cls=AlarmCommands,
+)
+
+
+@command("list", epilog="Examples: umo alarm list  |  umo alarm list plant  |  umo alarm list plant --raised")
+def list_(
+    station: OneRunning = None,
+    raised: Annotated[
+        bool, typer.Option("--raised", help="Also list alarms that were raised in this run and are normal now.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """List the alarms of a running station that are not normal.
+
+    Unacknowledged alarms come first, then those with a higher priority.
+    """
+    from umo_command.alarm.listing import list_alarms
+
+    list_alarms(station, as_json, raised)
+
+
+@command(epilog="Examples: umo alarm history plant")
+def history(
+    station: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[STATION]",
+            help="Name or folder; default: the only one that runs.",
+            autocompletion=completion.stations_and_running,
+        ),
+    ] = None,
+) -> None:
+    """List the stored changes of alarms, also from earlier runs and of a station that does not run."""
+    from umo_command.alarm.listing import show_history
+
+    show_history(station)
+
+
+@cache
+def commands_of_verbs() -> dict[str, Any]:
+    """A command for each verb of alarms, by its name."""
+    from umo.operation.commands.verb import Names
+    from umo.operation.commands.verbs import naming
+
+    made = typer.Typer()
+    for verb in naming(Names.ALARM):
+        _add(HelpPanel("Commands", made), verb)
+    return dict(typer.main.get_group(made).commands)
+
+
+def _add(command: HelpPanel, verb: Verb) -> None:
+    """Add the command that gives this verb."""
+    from umo.operation.commands.verbs import ACKNOWLEDGE_ALARM
+
+    name = "ack" if verb is ACKNOWLEDGE_ALARM else verb.name.partition(" ")[0]
+    more = "".join(f" {each.name.upper()}" for each in verb.arguments)
+    example = " '10 min'" if verb.arguments else ""
+    about = typer.Argument(
+        metavar=f"PATH{more}" if more else "[PATH]...",
+        help="An alarm (tank.overfill), an object or compound for all alarms in it, or a pattern such as "
+        f"'tanks.*.overfill'{'; then how long, at most 7 days' if more else '; default: all'}.",
+        autocompletion=completion.alarms,
+    )
+
+    def give(station: Running, words: list[str] | None = None, take: Take = False) -> int:
+        from umo_command.do.do_verb import do
+
+        return do(station, verb.name, words or [], take, None)
+
+    give.__annotations__["words"] = Annotated[list[str] | None, about]
+    examples = f"umo alarm {name} plant tank.overfill{example}  |  umo alarm {name} plant 'tanks.*'{example}"
+    command(name, help=verb.help, epilog=f"Examples: {examples}")(give)

@@ -1,0 +1,76 @@
+"""`umo alarm list` and `umo alarm history`: the alarms of a station."""
+
+from __future__ import annotations
+
+import json
+
+from umo.clients.remote import RemoteStation
+from umo.objects.presentation.run_facts import clock_text
+from umo.operation.alarms import alarm_file
+from umo.process.frames.alarm_list import AlarmRow
+from umo.process.frames.search import station_name
+from umo.text import printable, time_of_day
+from umo_command.console import out, plain_table
+from umo_command.show.stations import attach
+
+MAX_SHOWN = 200
+"""Changes of the history that are shown, the last ones."""
+
+
+def list_alarms(name: str | None, as_json: bool, raised: bool) -> None:
+    """List the alarms that are not normal. `raised`: those too that are normal and were raised."""
+    with RemoteStation(attach(name)) as station:
+        _list(station, as_json, raised)
+
+
+def _list(station: RemoteStation, as_json: bool, raised: bool) -> None:
+    rows = station.raised_alarms if raised else station.alarms
+    if as_json:
+        out.print_json(json.dumps([_data(row) for row in rows]), ensure_ascii=True)
+        return
+    if not station.reader.layout.alarms:
+        out.print(f"{station.reader.about['station']} declares no alarms")
+        return
+    if not rows:
+        out.print("no alarm was raised" if raised else "no alarm")
+        return
+    table = plain_table()
+    for heading in ("alarm", "state", "priority", "since", "raised", "text"):
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        since = "" if row.since is None else clock_text(row.since)
+        text = row.text + (f"; {row.note}" if row.note else "") + (f" ({row.who})" if row.who else "")
+        style = "red" if row.annunciated and row.priority > 2 else ""
+        table.add_row(
+            printable(row.path), str(row.state), str(row.priority), since, _raised(row), printable(text), style=style
+        )
+    out.print(table)
+
+
+def _raised(row: AlarmRow) -> str:
+    """Return how often an alarm was raised and since when, if more than once."""
+    first = "" if row.raised < 2 or row.first is None else f" since {clock_text(row.first)}"
+    return f"{row.raised}{first}" if row.raised else ""
+
+
+def show_history(name: str | None) -> None:
+    """Print the stored changes of a station's alarms, also of one that does not run. None, a pid: of a run."""
+    if name is None or name.isdigit():
+        with attach(name) as reader:
+            name = str(reader.about["station"])
+    records = alarm_file.read(alarm_file.file_of(station_name(name)))
+    if not records:
+        out.print(f"no history of alarms of {station_name(name)}")
+        return
+    table = plain_table()
+    for heading in ("time", "alarm", "change", "by"):
+        table.add_column(heading, overflow="fold")
+    for record in records[-MAX_SHOWN:]:
+        texts = map(printable, (record.path, record.text, record.who))
+        table.add_row(time_of_day(record.when, "%Y-%m-%d %H:%M:%S"), *texts)
+    out.print(table)
+
+
+def _data(row: AlarmRow) -> dict[str, object]:
+    """A row as plain data."""
+    return row._asdict() | {"state": str(row.state), "priority": str(row.priority)}

@@ -1,0 +1,29 @@
+"""Programs that serve beside machines until they are stopped: faces, gateways, routers, recorders."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from contextlib import suppress
+from typing import Any
+
+from umo.cycle.insisting import asked_by_signals
+from umo.system.realtime import drop_realtime
+from umo.system.streams import limit_waits
+
+NICENESS = 15
+"""By how much their priority is below that of a usual program."""
+
+
+def step_back() -> None:
+    """Run as an ordinary process with low priority, so that machines have the processors."""
+    drop_realtime(NICENESS)
+    limit_waits()
+
+
+async def until_stopped(work: Coroutine[Any, Any, object]) -> None:
+    """Work until it ends, or SIGINT or SIGTERM cancels it. A further one ends code that does not end."""
+    serving = asyncio.ensure_future(work)
+    loop = asyncio.get_running_loop()
+    with asked_by_signals(lambda: loop.call_soon_threadsafe(serving.cancel)), suppress(asyncio.CancelledError):
+        await serving

@@ -1,0 +1,1 @@
+"""`umo check`: the mistakes of a station, found without hardware."""

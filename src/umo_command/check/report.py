@@ -1,0 +1,181 @@
+"""`umo check`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+
+from rich.text import Text
+
+from umo.cycle.inhibition import interlocks_of
+from umo.duration import duration
+from umo.errors import Mistake, OptionError, WiringError
+from umo.exit_status import ExitStatus
+from umo.objects import Compound, actions_of, numbers_of
+from umo.operation.alarms.alarming import declared_alarms, turn_text
+from umo.plant.twin.declared import declared_by
+from umo.process.frames import Reader
+from umo.process.source_files import changed_files, changed_text
+from umo.process.station import Station
+from umo.text import count_of, cut_words, some
+from umo.wiring import check, resolve
+from umo.wiring.process_table import remarks
+from umo.wiring.settings import SettingsError
+from umo.wiring.wired import Wired
+from umo_command.check.code_check import mistakes_in
+from umo_command.console import err, out, say
+from umo_command.run.faces_beside import faces_of, names_in
+from umo_command.run.record_beside import check_installed
+from umo_command.show.stations import readers
+from umo_command.station_options import machine_of
+
+COMPILE = "compile"
+"""The target of compiled laws, in the place of one of `umo new controller`."""
+
+
+def check_station(
+    station: Station,
+    wiring: str | None,
+    every: bool = False,
+    arguments: Sequence[str] = (),
+    target: str | None = None,
+) -> int:
+    """Print every mistake in the code and in one or all wirings, or the wires and which wirings were not checked; with
+    a target also the code that cannot be translated. Return 2 for mistakes."""
+    if every and wiring is not None:
+        raise OptionError("give --wiring or --all, not both")
+    _check_name_of(target)
+    machine = machine_of(station, arguments)
+    station.module("application")  # a wiring may be right and the application not import
+    interlocks_of(machine)
+    declared_alarms(machine)
+    if (twin := declared_by(station, machine)) is not None:
+        twin.describe(machine)
+    check_recipes(machine)
+    in_code = reported(mistakes_in(station, machine))
+    files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
+    statuses = [_check_wiring(machine, file) or _check_target(machine, file, target) for file in files]
+    for reader in running_in(station.path):
+        if changed := changed_text(changed_files(reader.about)):
+            out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
+    if others := [name for name, file in station.wirings.items() if file not in files]:
+        out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
+    if in_code:  # the last word: the wiring above it may be in order
+        say(f"{count_of(in_code, 'mistake')} in the code")
+    return max([*statuses, ExitStatus.MISTAKE] if in_code else statuses)
+
+
+def running_in(folder: Path) -> Iterator[Reader]:
+    """The runs of the station in a folder that go on."""
+    for reader in readers():
+        with reader:
+            if reader.about["place"] == str(folder):
+                yield reader
+
+
+def check_recipes(machine: Compound) -> None:
+    """Tell how many recipes the machine has. Wrong ones were refused when the machine was declared."""
+    if "umo.operation.recipe_book" not in sys.modules:
+        return
+    from umo.operation.recipe_book import books_of
+
+    for book in books_of(machine).values():
+        out.print(f"ok: {book.place}: {count_of(len(book.recipes), 'recipe')}", soft_wrap=True)
+
+
+def _check_wiring(machine: Compound, file: Path | None) -> int:
+    if reported(check(machine, file)):
+        return ExitStatus.MISTAKE
+    wired = resolve(machine, file)
+    notes: list[str] = []
+    try:
+        faces = names_in(faces_of(str(file), wired.faces, notes.append))
+        recorded = wired.record is not None
+        if wired.record is not None:
+            check_installed()
+            from umo.recording.record_settings import record_of
+
+            record_of(wired.record, str(file))
+    except (WiringError, SettingsError) as error:
+        reported(list(error.mistakes))
+        return ExitStatus.MISTAKE
+    tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
+    alarms = declared_alarms(machine)
+    offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number"), (len(alarms), "alarm")]
+    period = "no timer" if wired.period is None else f"period {duration(wired.period)}"
+    found = [
+        f"{count_of(len(wired.wires), 'object')} on {count_of(len(wired.drivers), 'driver')}",
+        period,
+        *(count_of(number, what) for number, what in offered if number),
+        *([f"served by {', '.join(faces)}"] if faces else []),
+        *(["recorded"] if recorded else []),
+    ]
+    out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
+    for line in _rates(wired):
+        out.print(line, soft_wrap=True)
+    if late := turn_text(alarms, wired.period):
+        out.print(late, soft_wrap=True)
+    for remark in [*remarks(wired), *notes]:
+        out.print(f"note: {remark}", soft_wrap=True)
+    return 0
+
+
+def _check_target(machine: Compound, file: Path | None, target: str | None) -> int:
+    """Print the parts of a machine that cannot be translated for a target; None: no target is given."""
+    if target is None:
+        return 0
+    reasons = _untranslated(machine, file, target)
+    for reason in reasons:
+        err.print(reason, soft_wrap=True, markup=False)
+    what = "compile = true" if target == COMPILE else f"umo new controller --target {target}"
+    if reasons:
+        say(f"{what}: {count_of(len(reasons), 'place')} of {type(machine).__name__} would not translate")
+        return ExitStatus.MISTAKE
+    out.print(f"ok: {what}: all of it translates", soft_wrap=True)
+    return 0
+
+
+def _check_name_of(target: str | None) -> None:
+    """OptionError for a target that there is not."""
+    if target in (None, COMPILE):
+        return
+    from umo.generate.controller_folder import TARGETS
+
+    if target not in TARGETS:
+        raise OptionError(f"--target {target} is none of {', '.join((*TARGETS, COMPILE))}")
+
+
+def _untranslated(machine: Compound, file: Path | None, target: str) -> list[str]:
+    from umo.generate.compiled_laws import NotCompiled, source_of
+    from umo.generate.controller_folder import NotTranslated
+    from umo.generate.controller_generator import generated, target_of
+
+    try:
+        if target == COMPILE:
+            source_of(machine, resolve(machine, file))
+        else:
+            generated(machine, file, target_of(target))
+    except (NotCompiled, NotTranslated) as error:
+        return error.reasons
+    return []
+
+
+def _rates(wired: Wired) -> Iterator[str]:
+    """The parts with rates of their own, a line for each rate: `every 10 periods (10 ms): oven`."""
+    for every, rates in groupby(wired.rates, lambda rate: rate.every):
+        period = f" ({duration(every * wired.period)})" if wired.period else ""
+        yield f"every {count_of(every, 'period')}{period}: {some([rate.part._path for rate in rates])}"
+
+
+def reported(mistakes: list[Mistake]) -> int:
+    """Print every mistake; how many there are."""
+    for mistake in mistakes:
+        err.print(cut_words(str(mistake)), soft_wrap=True)
+    return len(mistakes)
+
+
+def label(*words: tuple[str, str]) -> Text:
+    """Words, each with its style, two blanks apart."""
+    return Text("  ").join(Text(word, style) for word, style in words)

@@ -1,0 +1,1 @@
+"""`umo connect`: other protocols and other computers."""

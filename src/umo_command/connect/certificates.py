@@ -1,0 +1,102 @@
+"""`umo connect certificate`: its commands and their arguments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from umo_command.connect.commands import command as connect
+from umo_command.shared import group
+
+command = group(
+    "certificate",
+    "Commands",
+    "Who belongs to a fleet: make the certificates of its computers and users, and the rules of who may do what.",
+    "umo connect certificate authority  |  umo connect certificate site cell7  |  umo connect certificate user ann",
+    connect.group,
+)
+STATUS = "0 done; 2 a mistake, see stderr"
+DEFAULT = Path("~/fleet")
+
+Folder = Annotated[Path, typer.Option("--authority", metavar="DIR", help="Folder of the authority; default: ~/fleet.")]
+CertificateName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, _ . - (48 at most).")]
+Hosts = Annotated[
+    list[str] | None,
+    typer.Option("--host", metavar="HOST", help="Name or address at which others reach it; may be repeated."),
+]
+
+
+@command(
+    epilog="Examples: umo connect certificate authority  |  umo connect certificate authority ~/fleet", status=STATUS
+)
+def authority(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Default: ~/fleet.")] = DEFAULT) -> int:
+    """Make the authority of a fleet, once. It is valid for 20 years.
+
+    Whoever has the key in DIR/authority can make any certificate: keep it on one computer, and copy it to a safe
+    place.
+    """
+    from umo_command.connect.fleet_authority import make_authority
+
+    return make_authority(folder)
+
+
+@command(epilog="Examples: umo connect certificate router plant --host plant.local --host 192.168.1.10", status=STATUS)
+def router(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:
+    """Make the certificate of a router, which joins the computers of a site (umo connect router)."""
+    from umo_command.connect.fleet_authority import make
+
+    return make(folder, "router", name, hosts or ())
+
+
+@command(
+    epilog="Examples: umo connect certificate site cell7  |  umo connect certificate site cell7 --host cell7.local",
+    status=STATUS,
+)
+def site(name: CertificateName, hosts: Hosts = None, folder: Folder = DEFAULT) -> int:
+    """Make the certificate of a computer with stations (umo connect fleet): NAME is the first part of their names.
+
+    With --host others may connect to this computer itself, without a router.
+    """
+    from umo_command.connect.fleet_authority import make
+
+    return make(folder, "site", name, hosts or ())
+
+
+@command(
+    epilog="Examples: umo connect certificate user ann  |  umo connect certificate user bob --site cell7", status=STATUS
+)
+def user(
+    name: CertificateName,
+    sites: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--site", metavar="SITE", help="Only stations of this site are open to them; may be repeated. Default: all."
+        ),
+    ] = None,
+    folder: Folder = DEFAULT,
+) -> int:
+    """Make the certificate of a person or a program, who sees stations and commands them under this name.
+
+    The file of roles on the station's computer says which commands they may give.
+    """
+    from umo_command.connect.fleet_authority import make
+
+    return make(folder, "user", name, sites=sites or ())
+
+
+@command(epilog="Examples: umo connect certificate withdraw ann", status=STATUS)
+def withdraw(name: CertificateName, folder: Folder = DEFAULT) -> int:
+    """Withdraw a certificate: routers refuse it from their next start on."""
+    from umo_command.connect.fleet_authority import withdraw_rule
+
+    return withdraw_rule(folder, name)
+
+
+@command("list", epilog="Examples: umo connect certificate list", status=STATUS)
+def list_(folder: Folder = DEFAULT) -> int:
+    """List the certificates: owner, end of validity, and whether withdrawn."""
+    from umo_command.connect.fleet_authority import list_issued
+
+    return list_issued(folder)

@@ -1,0 +1,110 @@
+"""`umo connect`: its commands, their arguments and where they go."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from umo_command import completion
+from umo_command.options import Certificates, Connect, JetStream, Listen, MayCommand
+from umo_command.shared import finite, group
+
+command = group(
+    "connect",
+    "Connect",
+    "Connect stations with other systems and computers: OPC UA, EPICS, MQTT, Prometheus, and fleets of umo over Zenoh.",
+    "umo connect face opcua  |  umo connect fleet  |  umo connect certificate site cell7",
+)
+
+
+SERVED = "0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, see stderr"
+
+
+@command(
+    epilog="Examples: umo connect face prometheus  |  umo connect face opcua epics --station ztheta --commands  |  "
+    "umo connect face prometheus --set prometheus.port=9465",
+    status="0 ended by Ctrl-C or SIGTERM; 1 a port or a file is not available; 2 a mistake, see stderr",
+)
+def face(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[FACE]...",
+            help="epics, homeassistant, opcua, prometheus, sparkplug, or a face of your own as module:Class; default: "
+            "those of the table `faces` of the wiring.",
+            autocompletion=completion.faces,
+        ),
+    ] = None,
+    station: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STATION",
+            help="Name, folder or pid; required if several run. It may start later.",
+            autocompletion=completion.running,
+        ),
+    ] = None,
+    commands: MayCommand = None,
+    rate: Annotated[
+        float | None, typer.Option(callback=finite, help="Readings of the machine per second; default: 10.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="FACE.NAME=VALUE",
+            help="An option of a face (its page in docs/ lists them); may be repeated.",
+        ),
+    ] = None,
+) -> int:
+    """Serve a running station to clients of other protocols, until Ctrl-C.
+
+    A face reads the frames of the station, as `umo show page` does, and does not disturb it. When the station ends,
+    every value becomes stale; when it starts again, the face continues. Without --commands clients only read.
+    """
+    from umo_command.connect.faces import FaceOptions, serve
+
+    return serve(FaceOptions(names or [], station, commands, rate, settings or []))
+
+
+@command(
+    epilog="Examples: umo connect fleet  |  umo connect fleet --commands  |  "
+    "umo connect fleet --site cell7 --connect tls/plant.local:7447 --certificates ~/fleet/cell7",
+    status=SERVED,
+)
+def fleet(
+    site: Annotated[
+        str | None,
+        typer.Option(metavar="SITE", help="First part of its stations' names; default: the name of this computer."),
+    ] = None,
+    commands: MayCommand = None,
+    rate: Annotated[
+        float, typer.Option(callback=finite, help="Largest number of values per second of each station.")
+    ] = 10.0,
+    connect: Connect = None,
+    listen: Listen = None,
+    certificates: Certificates = None,
+    jetstream: JetStream = None,
+) -> int:
+    """Publish the stations that run on this computer, also those that start later, until Ctrl-C.
+
+    `umo show stations --fleet` lists them, and SITE/STATION is their name for `umo show values`, `umo.attach` and other
+    commands. Without addresses only this computer can reach them. The file ~/.config/umo/fleet.toml has the same
+    settings.
+    """
+    from umo_command.connect.fleet import serve_gateway
+
+    changes = {"site": site, "connect": connect, "listen": listen, "certificates": certificates}
+    return serve_gateway(changes, commands=bool(commands), rate=rate, jetstream=jetstream)
+
+
+@command(epilog="Examples: umo connect router --listen tls/0.0.0.0:7447 --certificates ~/fleet/plant", status=SERVED)
+def router(connect: Connect = None, listen: Listen = None, certificates: Certificates = None) -> int:
+    """Join the computers of a site, until Ctrl-C: stations and their users connect to it.
+
+    It forwards what each may see and publish, by the rules of its certificates. Routers connect to each other
+    (--connect).
+    """
+    from umo_command.connect.fleet import serve_router
+
+    return serve_router({"connect": connect, "listen": listen, "certificates": certificates})

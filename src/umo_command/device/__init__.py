@@ -1,0 +1,1 @@
+"""`umo device`: devices and drivers, tried by hand."""

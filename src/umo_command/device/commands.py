@@ -1,0 +1,272 @@
+"""`umo device`: its commands, their arguments and where they go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from umo_command import completion
+from umo_command.options import (
+    MACHINE_OPTIONS,
+    Acknowledge,
+    Faults,
+    FaultSeed,
+    Held,
+    Help,
+    OptionalStation,
+    StationName,
+    Take,
+    WiringName,
+    out_option,
+    time_option,
+)
+from umo_command.run.commands import injected, named
+from umo_command.shared import finite, group
+
+STATUS_OF_DEVICES = (
+    "0 done; 1 a device failed; 2 a mistake, see stderr; 3 an actuator is not at its default; 130 Ctrl-C"
+)
+"""Exit statuses of the commands that open devices."""
+command = group(
+    "device",
+    "Develop",
+    "Try devices and drivers by hand: read and write single objects, prove a driver, serve a plant in a "
+    "device's place.",
+    "umo device get ztheta z.encoder  |  umo device drivers modbus  |  umo device plant ztheta",
+)
+
+
+@command(
+    epilog="Examples: umo device get ztheta z.encoder  |  umo device get ztheta z.encoder gripper.pressure --unit mm",
+    status=STATUS_OF_DEVICES,
+    context_settings={"ignore_unknown_options": True},
+)
+def get(
+    station: StationName,
+    paths: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PATH...",
+            help="Objects, such as z.encoder; signals too, while the station runs.",
+            autocompletion=completion.paths,
+        ),
+    ],
+    wiring: WiringName = None,
+    unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
+    acknowledge: Acknowledge = False,
+) -> None:
+    """Read objects by path. If the station runs, the live values are read, also of signals and tunable numbers; if it
+    runs several times, give the pid of one run. If it does not run, this command opens its devices: it sets every
+    actuator to its default, reads, and sets every actuator to its default again. Below a sensor the content of its
+    circuit is shown if its driver supports that, such as registers in each order of their bytes. Options of the machine
+    follow the station's name.
+    """
+    from umo_command.device.get_set import get_values
+
+    get_values(station, wiring, paths, unit, acknowledge)
+
+
+@command(
+    "set",
+    epilog="Examples: umo device set ztheta gripper.vacuum ON --for 2  |  "
+    "umo device set ztheta z.motor '-500 mV' --for 1",
+    status="0 done; 1 a device failed; 2 a mistake, or the hold ended early, see stderr; 3 an actuator is not at "
+    "its default; 130 Ctrl-C, or 0 if the actuator was held until Ctrl-C",
+    context_settings=MACHINE_OPTIONS,
+)
+def set_(
+    context: typer.Context,
+    station: StationName,
+    path: Annotated[
+        str,
+        typer.Argument(metavar="PATH", help="An actuator, such as gripper.vacuum.", autocompletion=completion.paths),
+    ],
+    value: Annotated[
+        str, typer.Argument(metavar="VALUE", help="A state (ON), a number, or a number with a unit ('80 mm').")
+    ],
+    wiring: WiringName = None,
+    held: Held = None,
+    acknowledge: Acknowledge = False,
+    take: Take = False,
+) -> int:
+    """Write and hold one actuator, show its value, then reset it.
+
+    If the station runs, the actuator is taken from the application; this needs manual mode (`umo do STATION mode`). If
+    it runs several times, give the pid of one run. If it does not run, this command opens its devices: it sets every
+    actuator to its default, writes and holds this one, and sets every actuator to its default again. No control code of
+    the station runs meanwhile. Options of the machine follow the value.
+    """
+    from umo_command.device.get_set import set_value
+
+    return set_value(station, wiring, path, value, held, acknowledge, take, context.args)
+
+
+@command(
+    epilog="Examples: umo device drivers  |  umo device drivers modbus  |  umo device drivers .card:Card  |  "
+    "umo device drivers fmu --model tank.fmu",
+    context_settings=MACHINE_OPTIONS,
+)
+def drivers(
+    context: typer.Context,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            autocompletion=completion.drivers,
+            help="A driver: its name, module:Class, or .module:Class for a module of the station in this folder.",
+        ),
+    ] = None,
+) -> None:
+    """List the drivers, or describe one: its options, channels and functions.
+
+    Some drivers need their options to list their channels; give these after the name.
+    """
+    from umo_command.device.drivers import show_driver, show_drivers
+
+    if name is None:
+        show_drivers()
+    else:
+        show_driver(name, context.args)
+
+
+@command(
+    epilog="Examples: umo device conform oven/wiring/modbus.toml  |  "
+    "umo device conform oven -w modbus --only coil:3 --yes  |  "
+    "umo device conform oven -w bench --loopback dac:0=adc:0",
+    status="0 every rule was kept; 1 a rule is broken, or a device failed; 2 a mistake, or you did not agree; 3 "
+    "no rule is broken, but the line could not be disturbed, or the time was too short for all rules; 130 "
+    "Ctrl-C",
+    context_settings=MACHINE_OPTIONS,
+)
+def conform(
+    context: typer.Context,
+    target: Annotated[
+        str,
+        typer.Argument(
+            metavar="STATION|WIRING",
+            help="A station (with -w), or a wiring file of one.",
+            autocompletion=completion.stations,
+        ),
+    ],
+    wiring: WiringName = None,
+    driver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The driver to test; default: the only one with hardware.")
+    ] = None,
+    loopback: Annotated[
+        list[str] | None,
+        typer.Option(metavar="OUT=IN", help="An output and the input that reads its level. Can be repeated."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="Use this channel or object, and no others. Can be repeated."),
+    ] = None,
+    refused: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL", help="A channel that the device is expected to refuse. Can be repeated."),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.0, callback=finite, help="Tolerance of loop-backs, in the unit of the output.")
+    ] = 0.0,
+    steady: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CHANNEL", help="An input that does not change by itself during the test. Can be repeated."
+        ),
+    ] = None,
+    unstructured: Annotated[
+        bool,
+        typer.Option(
+            "--unstructured", help="Any bytes are a valid answer of this device: there is no header and no line end."
+        ),
+    ] = False,
+    sole_writer: Annotated[
+        bool,
+        typer.Option(
+            "--sole-writer", help="No other client writes, so the driver may keep a copy of a shared register."
+        ),
+    ] = False,
+    lasting: Annotated[float, time_option("--for", help="Time limit; default: 2 min.")] = 120.0,
+    out: Annotated[Path | None, out_option("FILE.json", "Write the certificate to this file.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Drive the outputs without asking.")] = False,
+    acknowledge: Acknowledge = False,
+) -> int:
+    """Test with its device whether a driver keeps its contract. The outputs are driven over the ranges of their
+    objects, after you have agreed; all go to their defaults at the end. A driver with the options host and port, or
+    serial, is also tested with a disturbed line to its device.
+    """
+    from umo_command.device.conform import Choice, conform_wiring
+
+    choice = Choice(
+        driver=driver,
+        only=only or (),
+        loopbacks=loopback or (),
+        refused=refused or (),
+        steady=steady or (),
+        structured=not unstructured,
+        sole_writer=sole_writer,
+        tolerance=tolerance,
+        minutes=lasting / 60,
+        json=out,
+        yes=yes,
+        acknowledge=acknowledge,
+    )
+    return conform_wiring(target, wiring, choice, context.args)
+
+
+@command(
+    epilog="Examples: umo device plant ztheta  |  umo device plant ztheta --port 1502 --seed 7 --faults leaky-cup  |  "
+    "umo device plant my-machine -w modbus --help",
+    status="0 ended by Ctrl-C; 1 the plant failed; 2 a mistake, see stderr",
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    add_help_option=False,
+)
+def plant(
+    context: typer.Context,
+    station: OptionalStation = None,
+    wiring: Annotated[
+        str | None,
+        typer.Option(
+            "--wiring",
+            "-w",
+            metavar="NAME|FILE",
+            help="Modbus wiring with the register of each object; default: modbus, or the only one.",
+            autocompletion=completion.wirings,
+        ),
+    ] = None,
+    plant_wiring: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Simulated wiring that has the plant; default: the station's first, simulated.",
+            autocompletion=completion.wirings,
+        ),
+    ] = None,
+    host: Annotated[
+        str | None, typer.Option(metavar="HOST", help="Address to serve at; default: the wiring's.")
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="TCP port; 0: any free port; default: the wiring's.")
+    ] = None,
+    watchdog: Annotated[
+        float | None,
+        time_option(may_be_0=True, help="Watchdog timeout, at most 65.535 s; 0: off; default: the wiring's."),
+    ] = None,
+    out: Annotated[Path | None, out_option("FILE.json", "Write the plant's own report to this file.")] = None,
+    fault: Faults = None,
+    fault_seed: FaultSeed = None,
+    help_: Help = False,
+) -> None:
+    """Serve a station's plant over Modbus TCP in real time, like the controller boxes of the machine.
+
+    The simulated wiring gives the plant channel of each object, the Modbus wiring its box and register. The options of
+    the plant's drivers follow the name of the station.
+    """
+    name = named(context, help_, station, plant_wiring, application=False)
+
+    from umo.process.station import find
+    from umo_command.device.plant import serve_plant
+
+    changes = {"host": host, "port": port, "watchdog": watchdog}
+    serve_plant(find(name), wiring, plant_wiring, context.args, changes, out, injected(fault, fault_seed))

@@ -1,0 +1,1 @@
+"""`umo do`: whatever a running station can be told."""

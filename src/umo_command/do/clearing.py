@@ -1,0 +1,91 @@
+"""`umo do STATION acknowledge` and `umo do STATION clear`: end what an operator has to end, of a station, or of parts
+of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from umo.clients.remote import RemoteStation
+from umo.errors import FramesError
+from umo.process.frames import RunReader
+from umo.process.frames.search import is_path, meant_by
+from umo.system.device_record import DeviceClaim
+from umo.text import did_you_mean
+from umo.wiring.patterns import chosen
+from umo_command.console import out
+from umo_command.do.commanding import leased, station_of
+from umo_command.show.stations import attach, readers, standing
+
+
+def acknowledge(name: str, paths: Sequence[str], over: bool) -> None:
+    """Acknowledge latched interlocks of a station that runs; else the end of its last run, or of the device's."""
+    try:
+        reader = attach(name)
+    except FramesError:
+        if paths or meant_by(name, readers()):  # several runs of this name go on
+            raise
+        _acknowledge_ends(name)
+        return
+    with RemoteStation(reader) as station:
+        parts = _parts(reader, paths) if paths else [""]
+        with leased(station, over):
+            for part in parts:
+                what = "acknowledged" if station.acknowledge(part) else "nothing was latched"
+                out.print(f"{part or reader.about['station']}: {what}", soft_wrap=True)
+
+
+def _acknowledge_ends(name: str) -> None:
+    """Acknowledge the unsafe ends of the last runs of a station, or on a device."""
+    records = standing()
+    names = (name, Path(name).resolve().name) if is_path(name) else (name,)
+    stopped = [each for each in records if each.device == name or each.station in names]
+    if not stopped:
+        near = did_you_mean(name, [each.station for each in records])
+        raise FramesError(f"{name!r} neither runs nor has stopped unsafely{near}") from None
+    for ended in stopped:
+        DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
+        out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
+
+
+def clear(name: str, paths: Sequence[str], over: bool) -> None:
+    """Clear faults of equipment."""
+    with station_of(name) as station:
+        parts = _equipment(station.reader, paths) if paths else [""]
+        with leased(station, over):
+            for part in parts:
+                answer = station.clear(part)  # it names what was cleared
+                out.print(answer if answer.startswith("cleared") or not part else f"{part}: {answer}", soft_wrap=True)
+        if not parts:
+            out.print(f"{', '.join(paths)}: in no equipment", soft_wrap=True)
+
+
+def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:
+    """The objects and compounds that paths and patterns name, those of a list one by one. PathError for one that names
+    nothing."""
+    split = [path.split(".") for path in reader.paths]
+    compounds = dict.fromkeys(".".join(names[:count]) for names in split for count in range(1, len(names)))
+    found: dict[str, None] = {}
+    for path in paths:
+        depth = path.count(".") + 1
+        places = chosen([*reader.paths, *compounds], [path], str(reader.about["station"]))
+        for names in (split[place] for place in places if place < len(split)):
+            in_list = names[depth : depth + 1] and names[depth].isdigit()
+            found[".".join(names[: depth + bool(in_list)])] = None
+    return list(found)
+
+
+def _equipment(reader: RunReader, paths: Sequence[str]) -> list[str]:
+    """The equipment at and below the parts that paths and patterns name, and the innermost around a part that has none.
+    PathError for one that names nothing."""
+    known = [str(entry["path"]) for entry in reader.layout.equipment]
+    found: dict[str, None] = {}
+    for part in _parts(reader, paths):
+        below = [each for each in known if _is_within(each, part)]
+        around = [each for each in known if _is_within(part, each)]
+        found.update(dict.fromkeys(below or around[-1:]))
+    return [each for each in found if not any(_is_within(each, other) for other in found if other != each)]
+
+
+def _is_within(path: str, part: str) -> bool:
+    return f"{path}.".startswith(f"{part}.")

@@ -1,0 +1,60 @@
+"""`umo do`: its arguments and where they go."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from umo_command import completion
+from umo_command.options import Held, Take, running_argument
+from umo_command.shared import HelpPanel
+
+command = HelpPanel("Operate")
+
+
+@command(
+    epilog="Examples: umo do ztheta  |  umo do ztheta mode manual  |  "
+    "umo do ztheta call z.move_to 'position=100 mm'  |  "
+    "umo do ztheta call z.jog velocity=-5000 --for 2s  |  umo do ztheta acknowledge  |  umo do ztheta stop",
+    status="0 done; 1 the machine, a device or code failed; 2 a mistake, or the hold ended early, see stderr; 130 "
+    "Ctrl-C, or 0 for a hold until Ctrl-C",
+)
+def do(
+    station: Annotated[
+        str,
+        running_argument(
+            "STATION", "Name or pid of a station that runs in real time (see `umo`), or of what stands stopped."
+        ),
+    ],
+    verb: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[VERB]",
+            help="A verb, such as mode, call, stop, or 'remove from service'.",
+            autocompletion=completion.verbs,
+        ),
+    ] = None,
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[PATH] [NAME=VALUE]...",
+            help="The path, and the arguments of the verb, by name or in their order.",
+            autocompletion=completion.words_of_verb,
+        ),
+    ] = None,
+    held: Held = None,
+    take: Take = False,
+) -> int:
+    """Command a running station: change its mode, call an action, write, acknowledge, clear, stop.
+
+    Without a verb all verbs and the actions of the station are listed (docs/verbs.md). `mode`, `call` and `tune` alone
+    show the mode and the lease, the actions, the numbers. Ctrl-C cancels an action. In manual mode the application
+    waits, and no time passes for it. Its outputs go to their defaults or are held, as declared; control laws continue.
+    `acknowledge` and `clear` take several paths and patterns; without a path they apply to all. For a device, or a
+    station that does not run, `acknowledge` acknowledges the unsafe end of its last run. Inspect the machine first: the
+    next run starts without --acknowledge.
+    """
+    from umo_command.do.do_verb import do as work
+
+    return work(station, verb, words or [], take, held)

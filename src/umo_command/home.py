@@ -1,0 +1,78 @@
+"""`umo` alone: what runs here, and what comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from umo.process.frames import RunReader, search
+from umo.process.frames.alarm_list import AlarmRow
+from umo.system.device_record import Ended
+from umo.system.packages import MARK
+from umo.text import count_of, printable
+
+from .console import out
+from .show.stations import show_stations, standing
+
+Step = tuple[str, str]
+"""A command, and what it does."""
+STEPS = 3
+
+
+def show_home() -> None:
+    """Print the stations that run, and the three steps that fit the place and what runs."""
+    show_stations()
+    table = Table.grid(padding=(0, 3))
+    found = search.readers()  # `show_stations` has named those that cannot be read
+    for command, what in next_steps(Path.cwd(), found, standing()):
+        table.add_row(f"  {command}", what)
+    out.print("\nNext:")
+    out.print(table)
+    out.print("\n`umo --help` shows all commands.")
+
+
+def next_steps(folder: Path, found: Sequence[RunReader], stopped: list[Ended]) -> list[Step]:
+    """Three steps: first what waits for somebody, then what there is to see and to do."""
+    steps: list[Step] = []
+    for reader in found:
+        steps += _waiting(str(reader.about["station"]), reader, reader.latest())
+    steps += [
+        (f"umo do {printable(each.station)} acknowledge", "start again after you have inspected it") for each in stopped
+    ]
+    if found:
+        steps += _running(str(found[0].about["station"]))
+    return [*steps, *_idle(folder)][:STEPS]
+
+
+def _waiting(name: str, reader: RunReader, frame: Any) -> list[Step]:
+    steps: list[Step] = []
+    rows: list[AlarmRow] = reader.alarms(frame)
+    if rows:
+        are = "is" if len(rows) == 1 else "are"
+        steps.append((f"umo alarm list {name}", f"{count_of(len(rows), 'alarm')} {are} not normal"))
+    if faults := reader.faults(frame):
+        steps.append((f"umo do {name} clear", f"end the fault of {', '.join(faults)}"))
+    return steps
+
+
+def _running(name: str) -> list[Step]:
+    return [
+        (f"umo show values {name}", "its values, live; `umo show page --open`: in a browser"),
+        (f"umo do {name}", "everything that it can be told: mode, actions, stop"),
+        (f"umo show why {name}", "why a period was late"),
+    ]
+
+
+def _idle(folder: Path) -> list[Step]:
+    here = [each.name for each in (folder, *sorted(folder.glob("*/"))) if (each / MARK).is_file()]
+    if (folder / MARK).is_file():
+        here = ["."]
+    name = here[0] if here else "ztheta"
+    return [
+        (f"umo run {name}", f"run {'the station in this folder' if here else 'a machine that comes with umo'}"),
+        (f"umo check {name}", "find its mistakes without hardware"),
+        ("umo new station my-machine", "make a station of your own"),
+    ]

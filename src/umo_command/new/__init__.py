@@ -1,0 +1,1 @@
+"""`umo new station`: what writes files that a user goes on with."""

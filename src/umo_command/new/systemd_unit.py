@@ -1,0 +1,180 @@
+"""The text of a systemd unit for `umo run` (systemd.service(5), systemd.exec(5), systemd.kill(5)).
+
+The processes of a run reset the machine when one of them is killed, and need time for it. So the manager asks by
+SIGTERM, also when its watchdog starves, waits for as long as the wiring's own limits allow, and only then kills.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from umo.cycle.segments import settling
+from umo.errors import OptionError
+from umo.exit_status import ExitStatus
+from umo.process.frame_watcher import BLACK_BOX_TIMEOUT
+from umo.process.hang_detection import REPORTING_LIMIT, STARTING_LIMIT, STARVED_LIMITS
+from umo.process.keeper import LAST_TIMEOUT
+from umo.process.reset import DEATH_TIMEOUT
+from umo.wiring.process_table import longest_period
+from umo.wiring.wired import Wired
+from umo_command.run.faces_beside import END_TIMEOUT
+from umo_command.run.process_beside import KILL_TIMEOUT
+
+NO_RESTART = (ExitStatus.MISTAKE, ExitStatus.UNREACHED, ExitStatus.NOT_RECORDED)
+"""Statuses after which a person is needed. An end that must be acknowledged is a mistake (2) of the next start."""
+SUCCESS = (ExitStatus.TIME_OVER, 129, 130, 143)
+"""Statuses of a run that was ended on purpose, besides 0."""
+RESTART_PAUSE = 10
+"""s from the end of a run to the next."""
+MAX_STARTS, STARTS_WITHIN = 5, 600
+"""Number of starts within so many s after which the manager gives up."""
+RECORD_TIME = 30.0
+"""s for the record of a run on a slow disk."""
+IMPORT_TIME = 60.0
+"""s for what a station imports at its start."""
+MIN_WATCHDOG = 10.0
+WATCHDOG_LIMITS = 8
+"""The watchdog's time in hang limits of the control process. A sign of life is up to half of it old when it is passed
+on, and the guardian takes up to three limits to find a hang itself."""
+HARDENING = {
+    "NoNewPrivileges": "yes",
+    "ProtectSystem": "full",
+    "ProtectKernelModules": "yes",
+    "ProtectKernelLogs": "yes",
+    "ProtectControlGroups": "yes",
+    "RestrictNamespaces": "yes",
+    "RestrictSUIDSGID": "yes",
+    "LockPersonality": "yes",
+}
+"""Restrictions that leave devices, real-time priority, and writing to /sys (iio, counter) possible."""
+READ_ONLY = ("/usr", "/boot", "/efi", "/etc")
+"""Places that ProtectSystem=full makes read-only."""
+
+
+@dataclass(frozen=True)
+class ServiceUnit:
+    """The contents of the unit. `command`: words of the command line; `folder`: the working directory."""
+
+    name: str
+    description: str
+    command: Sequence[str]
+    folder: str
+    wired: Wired
+    user: str | None = None
+    """The user; None for a unit of the user's own manager, which has this user's groups and limits."""
+    groups: Sequence[str] = ()
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+    def text(self) -> str:
+        """The file's content."""
+        sections = {"Unit": self._unit(), "Service": self._service(), "Install": self._install()}
+        return "\n".join(f"[{title}]\n" + "".join(f"{line}\n" for line in lines) for title, lines in sections.items())
+
+    def _unit(self) -> list[str]:
+        uses_network = any({"tcp", "udp"} & {*each.split()[:2]} for each in self.wired.devices)  # "modbus tcp host:502"
+        network = ["Wants=network-online.target", "After=network-online.target"]
+        return [
+            f"Description={plain(self.description)}",
+            *(network if uses_network and self.user is not None else []),
+            f"StartLimitIntervalSec={STARTS_WITHIN}",
+            f"StartLimitBurst={MAX_STARTS}",
+        ]
+
+    def _service(self) -> list[str]:
+        return [
+            "# The guardian, a child of umo run, tells that the machine runs, and that it lives.",
+            "Type=notify",
+            "NotifyAccess=all",
+            f"WatchdogSec={watchdog(self.wired)}",
+            f"ExecStart={' '.join(map(quoted, self.command))}",
+            f"WorkingDirectory={plain(self.folder)}",
+            *(f"Environment={quoted(f'{name}={value}', variables=False)}" for name, value in self.environment.items()),
+            "SyslogIdentifier=" + plain(self.name),
+            "UMask=0022",
+            "",
+            *self._restart(),
+            f"SuccessExitStatus={' '.join(map(str, map(int, SUCCESS)))}",
+            "",
+            "# All processes are asked to stop, and have the time that the wiring's limits add up to.",
+            "KillMode=control-group",
+            "KillSignal=SIGTERM",
+            "WatchdogSignal=SIGTERM",
+            f"TimeoutStartSec={start_limit(self.wired)}",
+            f"TimeoutStopSec={stop_limit(self.wired)}",
+            f"TimeoutAbortSec={stop_limit(self.wired)}",
+            "OOMPolicy=continue",
+            *([] if self.user is None else self._of_system(self.user)),
+        ]
+
+    def _restart(self) -> list[str]:
+        if not self.wired.hardware:
+            return [
+                "# No driver names a device, so how a run ended is not recorded: it is not restarted.",
+                "Restart=no",
+            ]
+        return [
+            f"# Not after {', '.join(map(str, map(int, NO_RESTART)))}: a mistake or a machine that stands stopped, an "
+            "actuator not at its default, no record.",
+            "Restart=on-failure",
+            f"RestartSec={RESTART_PAUSE}",
+            f"RestartPreventExitStatus={' '.join(map(str, map(int, NO_RESTART)))}",
+        ]
+
+    def _of_system(self, user: str) -> list[str]:
+        closed = any(self.folder == each or self.folder.startswith(f"{each}/") for each in READ_ONLY)
+        hardening = {name: value for name, value in HARDENING.items() if not (closed and name == "ProtectSystem")}
+        return [
+            "",
+            f"User={plain(user)}",
+            *([f"SupplementaryGroups={' '.join(self.groups)}"] if self.groups else []),
+            "LimitRTPRIO=99",
+            "LimitMEMLOCK=infinity",
+            "",
+            "# The records of how runs ended lie in /var/tmp: a private one would hide them.",
+            "PrivateTmp=no",
+            *(f"{name}={value}" for name, value in hardening.items()),
+        ]
+
+    def _install(self) -> list[str]:
+        return ["WantedBy=" + ("default.target" if self.user is None else "multi-user.target")]
+
+
+def watchdog(wired: Wired) -> int:
+    """s without a sign of life after which the manager asks the service to stop."""
+    return math.ceil(max(MIN_WATCHDOG, WATCHDOG_LIMITS * wired.process.hang_timeout))
+
+
+def start_limit(wired: Wired) -> int:
+    """s from the start to the first period, at most."""
+    return math.ceil(IMPORT_TIME + 2 * STARTING_LIMIT + 2 * longest_period(wired))
+
+
+def stop_limit(wired: Wired) -> int:
+    """Return the maximum time in s from the request to stop to the end of the last process: a stop in a step of
+    connecting, a control process that hangs, a reset that is repeated as long as the wiring says, kept values, the
+    record, faces."""
+    process = wired.process
+    until_dead = STARTING_LIMIT + 2 * longest_period(wired) + STARVED_LIMITS * process.hang_timeout + DEATH_TIMEOUT
+    reset = 2 * process.reset_for + settling(wired) + DEATH_TIMEOUT + REPORTING_LIMIT
+    faces = END_TIMEOUT + KILL_TIMEOUT if wired.faces else 0.0
+    return math.ceil(until_dead + reset + BLACK_BOX_TIMEOUT + LAST_TIMEOUT + faces + RECORD_TIME)
+
+
+def quoted(word: str, *, variables: bool = True) -> str:
+    """Return a word as systemd reads it: `%` and, in a command line, `$` are doubled."""
+    text = plain(word).replace("\\", "\\\\").replace('"', '\\"')
+    if variables:
+        text = text.replace("$", "$$")
+    return text if re.fullmatch(r"[\w%$@+=:,./-]+", text, re.ASCII) else f'"{text}"'
+
+
+def plain(text: str) -> str:
+    """A value that is taken as it is, but for `%`. OptionError if a line cannot hold it."""
+    if not text.isprintable() or text != text.strip() or text.endswith("\\"):
+        raise OptionError(
+            f"{text!r} cannot stand in a systemd unit: no line breaks, blanks at its ends, or \\ at its end"
+        )
+    return text.replace("%", "%%")

@@ -1,0 +1,156 @@
+"""The arguments and options that several commands have, each declared once: one name for one thing, everywhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from umo.byte_size import byte_size
+from umo.duration import seconds
+from umo.errors import DeclarationError
+
+from . import completion
+
+
+def time_of(text: str | float) -> float:
+    """Return a time in s, from a number of seconds or a text such as "5 min". A mistake is reported with its option."""
+    is_number = re.fullmatch(r"\s*[-+.\deE]+\s*", str(text))
+    try:
+        return seconds(float(text) if is_number else text)
+    except (DeclarationError, ValueError) as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def duration_of(text: str | float) -> float:
+    """Return a time as `time_of`, but refuse 0."""
+    if not (found := time_of(text)):
+        raise typer.BadParameter("it must be more than 0 s")
+    return found
+
+
+def time_option(*names: str, help: str, may_be_0: bool = False) -> Any:
+    """An option that takes a time: its value is in s."""
+    return typer.Option(*names, metavar="TIME", parser=time_of if may_be_0 else duration_of, help=help)
+
+
+def size_of(text: str | int) -> int:
+    """A size in bytes, of a text such as "20 GB"; 1 MB at least."""
+    try:
+        return byte_size(text, 10**6)
+    except DeclarationError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def out_option(metavar: str, help: str) -> Any:
+    """Return the option for the output file."""
+    return typer.Option("--out", "-o", metavar=metavar, help=help)
+
+
+def running_argument(metavar: str, help: str) -> Any:
+    """An argument that names a running station."""
+    return typer.Argument(metavar=metavar, help=help, autocompletion=completion.running)
+
+
+STATION = typer.Argument(
+    metavar="STATION",
+    help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace, batch).",
+    autocompletion=completion.stations,
+)
+StationName = Annotated[str, STATION]
+OptionalStation = Annotated[str | None, STATION]
+"""The station of commands that show its options in their help."""
+NO_STATION = "give the directory of a station, or the name of a shipped one"
+Running = Annotated[str, running_argument("STATION", "Name or pid of a station that runs in real time (see `umo`).")]
+OneRunning = Annotated[str | None, running_argument("[STATION]", "Name or pid; default: the only one that runs.")]
+WiringName = Annotated[
+    str | None,
+    typer.Option(
+        "--wiring",
+        "-w",
+        metavar="NAME|FILE",
+        help="Name of a wiring of the station, or a TOML file; default: simulated, or the first in alphabetical order.",
+        autocompletion=completion.wirings,
+    ),
+]
+RecordedWiring = Annotated[
+    str | None,
+    typer.Option(
+        "--wiring",
+        "-w",
+        metavar="NAME|FILE",
+        help="A wiring of the station, or a file; default: the recorded one.",
+        autocompletion=completion.wirings,
+    ),
+]
+RecordingFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE.mcap",
+        help="A recording (umo run --record, umo recording make).",
+        autocompletion=completion.recordings,
+    ),
+]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="TEXT",
+        help="Inject a fault: PATH KIND \\[amount] \\[at TIME] \\[for TIME], such as 'z.encoder stuck at 5 s'. May be "
+        "repeated. Kinds: stuck, noise, drift, bit flip, delay, drop-out, disconnect, exception, wrong length, out of "
+        "range.",
+    ),
+]
+FaultSeed = Annotated[
+    int | None, typer.Option("--fault-seed", min=0, help="Seed of the random numbers of injected faults; default: 0.")
+]
+Help = Annotated[bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")]
+"""The option --help of commands that take the options of a station and name them in their help."""
+MACHINE_OPTIONS = {"allow_extra_args": True, "ignore_unknown_options": True}
+"""Settings of commands that take the options of the station's machine."""
+Acknowledge = Annotated[
+    bool, typer.Option("--acknowledge", help="Start even if the last run on a device ended unsafely.")
+]
+Take = Annotated[bool, typer.Option("--take", help="Take the lease over from another client.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Held = Annotated[
+    float | None,
+    time_option("--for", may_be_0=True, help="How long to hold it; default: until Ctrl-C."),
+]
+From = Annotated[float | None, time_option("--from", may_be_0=True, help="Begin at this time on the machine's clock.")]
+To = Annotated[float | None, time_option("--to", may_be_0=True, help="End at this time, such as '90 s' or '5 min'.")]
+MayCommand = Annotated[
+    bool | None,
+    typer.Option(
+        "--commands/--read-only", help="Let clients command, as far as their roles allow; default: they only read."
+    ),
+]
+KeepRuns = Annotated[
+    int | None,
+    typer.Option(
+        "--keep-runs",
+        metavar="NUMBER",
+        min=0,
+        help="Keep this number of runs of each station in runs/, and remove the oldest.",
+    ),
+]
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(metavar="ADDRESS", help="Router, or other computer, such as tls/plant.local:7447; may be repeated."),
+]
+Listen = Annotated[
+    list[str] | None,
+    typer.Option(metavar="ADDRESS", help="Address at which others reach this computer, such as tls/0.0.0.0:7447."),
+]
+Certificates = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Folder with ca.pem, certificate.pem, key.pem (umo connect certificate)."),
+]
+JetStream = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL", help="JetStream that stores the published data, such as nats://HOST:4222 or tls://HOST:4222."
+    ),
+]

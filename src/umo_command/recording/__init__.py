@@ -1,0 +1,1 @@
+"""`umo recording`: recordings, runs and the history of a fleet."""

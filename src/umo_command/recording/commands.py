@@ -1,0 +1,333 @@
+"""`umo recording`: its commands, their arguments and where they go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from umo_command import completion
+from umo_command.options import (
+    Certificates,
+    Connect,
+    From,
+    JetStream,
+    Json,
+    KeepRuns,
+    RecordedWiring,
+    RecordingFile,
+    Running,
+    To,
+    out_option,
+    time_option,
+)
+from umo_command.shared import group
+
+command = group(
+    "recording",
+    "Records",
+    "Record a station exactly, and look at recordings and runs: export, plot, replay, repair; histories of fleets.",
+    "umo recording make ztheta  |  umo recording info run.mcap  |  umo recording replay run.mcap",
+)
+
+OptionalFile = Annotated[
+    Path | None, typer.Argument(metavar="[FILE.mcap]", help="The file; default: STATION-DATE-TIME.mcap.")
+]
+FROM_RECORDING = "0 done; 2 it is not a recording, cannot be written, or a mistake, see stderr; 130 Ctrl-C"
+STATION_HELP = (
+    "The code: the folder or name of a station, or FILE.py:MACHINE:APPLICATION; default: the station that ships with "
+    "umo or is installed under the recorded name."
+)
+RecordedCode = Annotated[
+    str | None, typer.Argument(metavar="[STATION]", help=STATION_HELP, autocompletion=completion.stations)
+]
+PathsOfRecording = Annotated[
+    list[str] | None, typer.Argument(metavar="[PATH]...", help="Objects, signals, compounds or patterns; default: all.")
+]
+HistoryFolder = Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder of the history; default: fleet-history.")]
+HISTORY = Path("fleet-history")
+
+
+@command(
+    epilog="Examples: umo recording make ztheta  |  umo recording make ztheta run.mcap --rotate '1 h' --keep "
+    "'20 GB'  |  "
+    "umo recording make ztheta --last '10 min'",
+    status="0 ended by the end of the run or Ctrl-C; 1 a file cannot be read or written; 2 a mistake, see stderr; "
+    "4 not everything was recorded",
+)
+def make(
+    station: Running,
+    file: OptionalFile = None,
+    last: Annotated[
+        float | None,
+        time_option(
+            help="Flight recorder: keep the last '10 min'; saved if the run fails, or by umo recording save.",
+        ),
+    ] = None,
+    rotate: Annotated[float | None, time_option(help="Begin a new file after this time; default: 1 h.")] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="SIZE", help="Begin a new file at this size, such as '500 MB'; default: 1 GB.")
+    ] = None,
+    keep: Annotated[
+        str | None,
+        typer.Option(metavar="SIZE", help="Beyond this size reduce older files to what replay needs."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Messages per second for Foxglove, PlotJuggler and Rerun; default: 100.")
+    ] = None,
+) -> int:
+    """Record the exact values of every period of a running station in an MCAP file, which Foxglove, PlotJuggler and
+    Rerun can open too. A process reads the frames of the station and does not disturb it. A recording from the
+    beginning of a run (umo run --record) can be replayed. Frames that are lost are counted and marked.
+    """
+    from umo_command.recording.making import record_station
+
+    return record_station(station, file, {"last": last, "rotate": rotate, "size": size, "keep": keep, "rate": rate})
+
+
+@command(
+    epilog="Examples: umo recording save ztheta  |  umo recording save ztheta jam.mcap",
+    status="0 done; 1 a file cannot be written; 2 a mistake, see stderr",
+)
+def save(station: Running, file: OptionalFile = None) -> int:
+    """Save the content of a station's flight recorder (umo recording make --last, umo run --record --last)."""
+    from umo_command.recording.making import save_flight
+
+    return save_flight(station, file)
+
+
+@command(
+    epilog="Examples: umo recording repair run.mcap",
+    status="0 it is complete; 2 it is not a recording, or cannot be written, see stderr",
+)
+def repair(file: RecordingFile) -> int:
+    """Repair a file that is incomplete or damaged."""
+    from umo_command.recording.making import repair_file
+
+    return repair_file(file)
+
+
+@command(
+    epilog="Examples: umo recording info run.mcap  |  umo recording info run.mcap --json",
+    status="0 done; 2 it is not a recording, see stderr",
+)
+def info(file: RecordingFile, as_json: Json = False) -> int:
+    """Describe a recording: its run, time and duration, missing periods, and whether it can be replayed."""
+    from umo_command.recording.files import info as work
+
+    return work(file, as_json)
+
+
+@command(
+    epilog="Examples: umo recording export run.mcap --out run.parquet  |  "
+    "umo recording export run.mcap z --out z.csv --from 2 --to '5 s'  |  "
+    "umo recording export run.mcap 'zones.*.temperature' --out run.npz",
+    status=FROM_RECORDING,
+)
+def export(
+    file: RecordingFile,
+    paths: PathsOfRecording = None,
+    out: Annotated[
+        Path | None,
+        out_option("FILE", "The file; its ending gives the format: .parquet, .csv or .npz; default: FILE.parquet."),
+    ] = None,
+    start: From = None,
+    stop: To = None,
+) -> int:
+    """Write every period of a recording as Parquet, CSV or NumPy (.npz).
+
+    Parquet has the table `values` of a fleet's history, a row for each value, so that one query covers both; CSV has a
+    row for each period; .npz an array for each object and signal, its quality, and the times.
+    """
+    from umo_command.recording.files import ValueSelection
+    from umo_command.recording.files import export as work
+
+    return work(file, out or file.with_suffix(".parquet"), ValueSelection(paths or (), start, stop))
+
+
+@command(
+    epilog="Examples: umo recording plot run.mcap  |  "
+    "umo recording plot run.mcap z gripper.vacuum --from 2 --to 5 --out z.png",
+    status=FROM_RECORDING,
+)
+def plot(
+    file: RecordingFile,
+    paths: PathsOfRecording = None,
+    out: Annotated[Path | None, out_option("FILE.png", "Default: beside the recording, by its name.")] = None,
+    start: From = None,
+    stop: To = None,
+) -> int:
+    """Draw a recording as a picture, like the plot of a run."""
+    from umo_command.recording.files import ValueSelection
+    from umo_command.recording.files import plot as work
+
+    return work(file, ValueSelection(paths or (), start, stop), out)
+
+
+@command(
+    epilog="Examples: umo recording replay run.mcap  |  umo recording replay run.mcap my-machine  |  "
+    "umo recording replay run.mcap --set z.servo.gain=0.004  |  umo recording replay run.mcap --at 12.3s  |  "
+    "umo recording replay run.mcap --break 'abs(z.servo.error) > 50'",
+    status="0 identical; 1 different; 2 the recording cannot be replayed, or a mistake, see stderr; 130 Ctrl-C",
+)
+def replay(
+    file: RecordingFile,
+    station: RecordedCode = None,
+    wiring: RecordedWiring = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change the value of a number, and draw the commands that follow. May be repeated.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, out_option("FILE.png", "File of this plot; default: FILE.what-if.png, beside the recording.")
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME|PERIOD|first-difference|end",
+            help="Stop at this time in a debugger, such as 12.3s, with the machine in its state of that time.",
+        ),
+    ] = None,
+    condition: Annotated[
+        str | None,
+        typer.Option(
+            "--break", metavar="EXPR", help="Stop in a debugger each time that this becomes true: 'z.servo.error > 50'."
+        ),
+    ] = None,
+) -> int:
+    """Run the control code of today on the inputs of a recording, and compare what it commands, to the bit.
+
+    No device is opened. Times, missed periods, errors of drivers and the commands of clients also come from the
+    recording. The first difference is printed with its period, its object, both values, and the line of each sequence.
+
+    A recording contains no code. The code is that of STATION or, without it, of the station that ships or is installed
+    under the recorded name. A notice says if it is not the code of the recorded run.
+
+    The debugger is pdb with a few more commands (`help` lists them). It goes to any period, forward or back.
+    """
+    from umo.recording.replay.code_given import CodeGiven
+    from umo_command.recording.replay_run import replay_file
+
+    return replay_file(file, CodeGiven(station, wiring), settings or (), out, at, condition)
+
+
+@command(
+    epilog="Examples: umo recording shrink run.mcap  |  umo recording shrink run.mcap -o test_crash.py --for 600  |  "
+    "umo recording shrink run.mcap --closed",
+    status="0 done; 2 the recording has no error or difference to shrink to, or a mistake, see stderr",
+)
+def shrink(
+    file: RecordingFile,
+    station: RecordedCode = None,
+    wiring: RecordedWiring = None,
+    out: Annotated[
+        Path | None,
+        out_option(
+            "FILE.mcap|FILE.py",
+            "A recording, or a test for pytest with a recording beside it; default: FILE.shrunk.mcap.",
+        ),
+    ] = None,
+    lasting: Annotated[float, time_option("--for", help="Time limit; default: 2 min.")] = 120.0,
+    closed: Annotated[
+        bool,
+        typer.Option(
+            "--closed",
+            help="Run the station with its plant, and leave out faults, options and commands instead of periods.",
+        ),
+    ] = False,
+) -> int:
+    """Find the fewest periods of a recording that still give its error, or the same first difference.
+
+    The inputs of periods are left out, in open loop. This proves that the error follows from the remaining inputs, not
+    that a machine would produce them. `umo recording replay` of the result compares only the error. STATION is as in
+    `umo recording replay`.
+    """
+    from umo.recording.replay.code_given import CodeGiven
+    from umo_command.recording.replay_shrink import shrink_file
+
+    return shrink_file(file, CodeGiven(station, wiring), out, lasting, closed)
+
+
+@command(epilog="Examples: umo recording runs  |  umo recording runs press  |  umo recording runs press --keep-runs 20")
+def runs(
+    station: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[STATION]", help="Name of a station; default: all.", autocompletion=completion.stations
+        ),
+    ] = None,
+    keep_runs: KeepRuns = None,
+) -> None:
+    """List the runs in runs/, with how they ended and their size, or remove the oldest.
+
+    A run that has not ended is never removed.
+    """
+    from umo_command.recording.runs import show_runs
+
+    show_runs(station, keep_runs)
+
+
+@command(
+    epilog="Examples: umo recording history  |  umo recording history /srv/history --stations 'cell7/*' --last 30d  |  "
+    "umo recording history --connect tls/plant.local:7447 --certificates ~/fleet/history",
+    status="0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, see stderr",
+)
+def history(
+    folder: HistoryFolder = HISTORY,
+    stations: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SITE/STATION", help="Stations to record, such as 'cell7/*'; may be repeated; default: all."
+        ),
+    ] = None,
+    last: Annotated[
+        float | None, time_option(help="Keep data of this time, such as 30d, and remove older ones; default: keep all.")
+    ] = None,
+    connect: Connect = None,
+    certificates: Certificates = None,
+    jetstream: JetStream = None,
+) -> int:
+    """Write the values and events of all stations to Parquet files, by station and hour, until Ctrl-C.
+
+    `umo recording query` and every program that reads Parquet can query the files. Data that did not arrive are counted
+    in them as gaps. A recorder that is started again continues where it stopped. With --jetstream it reads what
+    gateways have stored there (umo connect fleet --jetstream), including the data of times when the recorder did not
+    run.
+    """
+    from umo_command.recording.fleet_history import record_history
+
+    changes = {"connect": connect, "certificates": certificates}
+    return record_history(folder, changes, stations or ["*/*"], last, jetstream)
+
+
+@command(
+    epilog='Examples: umo recording query "FROM gaps" /srv/history --out gaps.csv  |  '
+    'umo recording query "SELECT station, path, avg(value) FROM values '
+    'WHERE time > now() - INTERVAL 1 HOUR GROUP BY ALL"  |  '
+    "umo recording query \"SELECT * FROM events WHERE asked = 'fault' AND time::DATE = '2026-11-25'\"",
+)
+def query(
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT, in the SQL of DuckDB.")],
+    folder: HistoryFolder = HISTORY,
+    last: Annotated[
+        float | None, time_option(help="Read only the files of this last time, such as 2h; default: all.")
+    ] = None,
+    rows: Annotated[int, typer.Option(min=1, help="Largest number of rows of the table.")] = 100,
+    out: Annotated[Path | None, out_option("FILE.csv", "Write all rows to a file.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Query the history of a fleet in SQL.
+
+    Views: values (site, station, time, time_error, run, number, delta, path, value, state, quality), events (site,
+    station, time, run, number, path, text, who, asked, state, command), gaps (site, station, time, run, of, first,
+    last, count, why), objects (site, station, run, started, wiring, path, kind, unit, minimum, maximum, states). Times
+    are UTC.
+    """
+    from umo_command.recording.fleet_history import query_history
+
+    return query_history(folder, sql, last=last, rows=rows, csv=out, as_json=as_json)

@@ -1,0 +1,149 @@
+"""The faces of a station's wiring beside its run: one process, which `umo run` starts, watches and ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import tempfile
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from time import monotonic
+from types import TracebackType
+from typing import Any
+
+from umo.errors import Mistake, OptionError, WiringError, text_of
+from umo.process.job import Plan
+from umo.system.signal_handling import SIGNALS, handling
+from umo.text import count_of
+from umo.wiring.settings import SettingsError
+from umo_command.console import say
+from umo_command.run.process_beside import ProcessBeside
+
+FIRST_PAUSE, MAX_PAUSE = 1.0, 60.0
+"""Time in s after which a process that has ended is started again: it doubles, until one has lived for the longest."""
+NICENESS = 15
+"""Of the process, from its first moment on."""
+END_TIMEOUT = 5.0
+"""Time in s that the process has to end."""
+MAX_TOLD = 50
+"""Lines of the process that are not repeated."""
+
+
+def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object] = say) -> dict[str, Any]:
+    """Return the table `[faces]` of a wiring without the faces that are not installed. For these it is printed what to
+    install. Empty without any face. WiringError for a mistake in it."""
+    if not table:
+        return {}
+    from umo.clients.faces.face_settings import KEYS, faces_present, faces_settings
+
+    try:
+        present, missing = faces_present(faces_settings(table, wiring))
+    except SettingsError as error:
+        raise WiringError(f"{count_of(len(error.mistakes), 'mistake')} in the wiring", error.mistakes) from None
+    except OptionError as error:
+        mistake = Mistake(wiring, "faces", str(error))
+        raise WiringError("1 mistake in the wiring", [mistake]) from None
+    for line in missing:
+        tell(line)
+    kept = {key: value for key, value in table.items() if key in KEYS or key in present.options}
+    return kept if present.options else {}
+
+
+def wiring_of(plan: Plan) -> str:
+    """The file of a run's wiring."""
+    return str(plan.wiring) if plan.wiring_name else "wiring"
+
+
+def names_in(table: Mapping[str, Any]) -> list[str]:
+    """The faces of a table from `faces_of`."""
+    return [name for name, value in table.items() if isinstance(value, Mapping) and name != "dead_bands"]
+
+
+class FacesBeside(ProcessBeside):
+    """The process that serves the faces of a run. It cannot hold up the run: it is asked, not waited for, until the
+    machine is safe at the end of the block."""
+
+    def __init__(
+        self,
+        wiring: str,
+        table: Mapping[str, Any],
+        *,
+        command: Sequence[str] = (),
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        """`table`: as from `faces_of` with this wiring; empty: nothing is started. `command`: the program, for
+        tests."""
+        super().__init__("umo_command.connect.faces", command)
+        self._wiring, self._table = wiring, table
+        self._clock = clock
+        self._begun, self._pause, self._next = 0.0, FIRST_PAUSE, 0.0
+        self._told: deque[str] = deque(maxlen=MAX_TOLD)
+        self.is_ending = False
+        """True if the run is to end: a process that ends now is not missed."""
+
+    def look(self, pid: int | None, path: Sequence[str]) -> None:
+        """Print the output of the process, start it, or start it again. `pid`: the control process; None: not yet."""
+        if not self._table or pid is None:
+            return
+        if self._process is not None:
+            status = self._process.poll()  # before its text: the last of it is told too
+            for line in self._lines()[:MAX_TOLD]:
+                self._tell(f"faces: {line}")
+            if status is None:
+                return
+            self._note_end(status)
+        if not self.is_ending and self._clock() >= self._next:
+            self._start(pid, path)
+
+    def _start(self, pid: int, path: Sequence[str]) -> None:
+        self._begun = self._clock()
+        try:
+            with tempfile.TemporaryFile() as table:
+                table.write(json.dumps(self._table, default=str).encode())
+                table.seek(0)
+                self._begin([str(os.getpid()), str(pid), self._wiring], path, table)
+        except Exception as error:  # a full disk, too many processes: none of it ends the run
+            self._missed(f"the faces cannot be started: {text_of(error)}; it is tried again")
+            return
+        assert self._process is not None
+        with suppress(OSError):  # it has ended
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
+
+    def _note_end(self, status: int) -> None:
+        how = self._forget(status)
+        if self.is_ending:
+            return
+        if self._clock() - self._begun >= MAX_PAUSE:
+            self._pause = FIRST_PAUSE
+            self._told.clear()
+        self._missed(f"the faces have ended ({how}); the machine runs on, and they are started again")
+
+    def _missed(self, line: str) -> None:
+        self._tell(line)
+        self._next = self._clock() + self._pause
+        self._pause = min(2 * self._pause, MAX_PAUSE)
+
+    def _tell(self, line: str) -> None:
+        """Once, until a process has lived for long."""
+        if line not in self._told:
+            self._told.append(line)
+            say(line)
+
+    def __enter__(self) -> FacesBeside:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is None:
+            return
+        assert self._process.stdout is not None
+        with handling(signal.SIG_IGN, SIGNALS), self._process.stdout:
+            self._process.terminate()
+            try:
+                self._process.wait(END_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self._kill()

@@ -1,0 +1,199 @@
+"""Limits the records of a run that lasts for months: a trace in parts of which the oldest are removed, a summary during
+the run, and a maximum number of folders in `runs/`."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from umo.cycle.frame import Frame
+from umo.cycle.trace import Trace, lines
+from umo.errors import text_of
+from umo.system.processes import identity, is_used
+from umo_command.console import say
+from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
+
+PARTS = 10
+"""Number of parts that a trace with a limit is divided into, about."""
+PENDING_ROWS = 4096
+"""Number of rows that wait for the next writing at most."""
+SUMMARY_PAUSE = 60.0
+"""s on the machine's clock between two summaries while the run goes on."""
+
+
+class TraceParts:
+    """An observer that writes every period to `trace-000001.csv` and so on in a folder, of at most `limit` bytes in
+    all; the oldest parts are removed. A write error is reported once and leaves a gap (`complete`)."""
+
+    def __init__(self, folder: Path, limit: int) -> None:
+        self._folder = folder
+        self._limit = limit
+        self._pending = Trace(PENDING_ROWS)
+        self._parts: deque[Path] = deque()
+        self._sizes: deque[int] = deque()
+        self._number = 0
+        self._next = -inf
+        self._torn = False
+        """True if the last part may end in the middle of a row."""
+        self.complete = True
+
+    def __call__(self, frame: Frame) -> None:
+        self._pending(frame)
+        if frame.time >= self._next or self._pending.full:
+            self._next = frame.time + TRACE_PAUSE
+            self.write()
+
+    def write(self) -> None:
+        """Write the waiting rows; also at the end."""
+        rows = b"".join(map(_encoded, lines(self._pending, after=-inf)))
+        if rows:
+            self._append(rows)
+            self._pending.clear()
+
+    def _append(self, rows: bytes) -> None:
+        if self._torn or not self._parts or self._sizes[-1] + len(rows) > self._limit // PARTS:
+            self._torn = False
+            self._number += 1
+            self._parts.append(self._folder / f"trace-{self._number:06}.csv")
+            self._sizes.append(0)
+            rows = _encoded(next(lines(self._pending))) + rows
+        while len(self._parts) > 1 and sum(self._sizes) + len(rows) > self._limit:
+            _remove(self._parts.popleft())
+            self._sizes.popleft()
+        try:
+            with self._parts[-1].open("ab") as file:
+                file.write(rows)
+        except OSError as error:
+            self._give_up(error)
+        else:
+            self._sizes[-1] += len(rows)
+
+    def _give_up(self, error: OSError) -> None:
+        """Leave no half of a row. The rows after the gap go to the same part, if that could be done."""
+        path, size = self._parts[-1], self._sizes[-1]
+        try:
+            os.truncate(path, size)
+        except OSError:
+            self._torn = True
+        if not size:
+            self._parts.pop()
+            self._sizes.pop()
+            _remove(path)
+        if self.complete:
+            self.complete = False
+            say(f"{path} cannot be written: {text_of(error)}; the run continues, and its trace has a gap", "red")
+
+
+class RunningSummary:
+    """An observer that writes the summary of the run as it stands, at most once a minute."""
+
+    def __init__(self, result: RunSummary, path: Path) -> None:
+        self._result = result
+        self._path = path
+        self._next = -inf
+        self._failed = False
+
+    def __call__(self, frame: Frame) -> None:
+        if frame.time < self._next:
+            return
+        self._next = frame.time + SUMMARY_PAUSE
+        self._result.progress = frame.progress
+        self._result.outcome.simulated = frame.time
+        try:
+            with whole(self._path) as file:
+                self._result.save(file, running=True)
+        except OSError as error:
+            if not self._failed:
+                say(f"{self._path} cannot be written: {text_of(error)}; the run continues and tries again", "red")
+            self._failed = True
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """A folder in `runs/`."""
+
+    path: Path
+    station: str
+    state: str
+    """"ended", "running", or "killed": its `umo run` has ended without a summary."""
+    status: int | None
+    """Exit status; None unless it has ended."""
+    how: str
+    """The failure, or who has stopped it; "": neither, or not known."""
+    size: int
+    """Bytes of its files."""
+
+
+def recorded(station: str | None = None) -> Iterator[RecordedRun]:
+    """The runs in `runs/` by name, which is by station and start; those of one station, where one is given."""
+    for path in sorted(RUNS.glob("*/run.json")):
+        folder, about = path.parent, _read(path)
+        name = about.get("station")
+        if folder.is_symlink() or not isinstance(name, str) or station not in (None, name):
+            continue
+        summary = _read(folder / "summary.json")
+        status = summary.get("status") if isinstance(summary.get("status"), int) else None
+        state = "ended" if status is not None else "running" if _lives(about) else "killed"
+        yield RecordedRun(folder, name, state, status, _how(summary), _size_of(folder))
+
+
+def _how(summary: dict[str, Any]) -> str:
+    failure, by = (summary.get(key) for key in ("failure", "stopped_by"))
+    if isinstance(failure, str) and failure:
+        return failure
+    return f"stopped by {by}" if isinstance(by, str) and by else ""
+
+
+def prune(keep: int, station: str | None = None) -> list[RecordedRun]:
+    """Remove all but the newest `keep` runs of each station, or of one, except active ones. Return those removed."""
+    by_station: dict[str, list[RecordedRun]] = {}
+    for run in recorded(station):
+        by_station.setdefault(run.station, []).append(run)
+    old = [run for runs in by_station.values() for run in runs[: max(0, len(runs) - keep)] if run.state != "running"]
+    for run in old:
+        shutil.rmtree(run.path, ignore_errors=True)
+    return [run for run in old if not run.path.exists()]
+
+
+def _encoded(text: str) -> bytes:
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink()
+
+
+def _size_of(folder: Path) -> int:
+    """Return the size of the files in a folder in bytes; 0 if it has just been removed."""
+    size = 0
+    with suppress(OSError):
+        for path in folder.iterdir():
+            size += path.lstat().st_size
+    return size
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return a file's JSON; empty if it has none."""
+    try:
+        data = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def _lives(about: dict[str, Any]) -> bool:
+    """True if the process of a run lives. Another one may have got its number, after a restart of the computer above
+    all: a service has nearly the same ones at each boot."""
+    pid, process = about.get("pid"), about.get("process")
+    if not isinstance(pid, int) or pid <= 0:
+        return False
+    return is_used(pid) and (not process or process == identity(pid))

@@ -1,0 +1,62 @@
+"""A process beside a run: it cannot hold the run up, as what it says is taken without waiting for it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import IO
+
+from umo.process.start import ONE_THREAD
+from umo.system import notify
+
+MAX_BYTES = 1 << 16
+"""Bytes of its text that are taken at each look: as many as a pipe holds."""
+KILL_TIMEOUT = 1.0
+"""Timeout in s for its end once it is killed."""
+
+
+class ProcessBeside:
+    """`module` is run; `command`: the program instead, for tests."""
+
+    def __init__(self, module: str, command: Sequence[str] = ()) -> None:
+        self._command = command or [sys.executable, "-P", "-m", module]
+        self._process: subprocess.Popen[bytes] | None = None
+        self._rest = b""
+
+    def _begin(
+        self, arguments: Sequence[str], path: Sequence[str], stdin: int | IO[bytes], pass_fds: Sequence[int] = ()
+    ) -> None:
+        """OSError if it cannot be started."""
+        environ = dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, path))} | ONE_THREAD
+        notify.without(environ)
+        self._process = subprocess.Popen(
+            [*self._command, *arguments], stdin=stdin, pass_fds=pass_fds, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, env=environ, start_new_session=True,
+        )  # fmt: skip
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), False)
+
+    def _lines(self) -> list[str]:
+        """Return the lines that it has printed since the last call."""
+        assert self._process is not None and self._process.stdout is not None
+        with suppress(OSError):  # nothing new
+            *lines, rest = (self._rest + os.read(self._process.stdout.fileno(), MAX_BYTES)).split(b"\n")
+            self._rest = rest[:MAX_BYTES]
+            return [line.decode(errors="replace") for line in lines]
+        return []
+
+    def _forget(self, status: int) -> str:
+        """Return how it ended, in words. It has ended, and its text is taken."""
+        assert self._process is not None and self._process.stdout is not None
+        self._process.stdout.close()
+        self._process, self._rest = None, b""
+        return f"signal {-status}" if status < 0 else f"status {status}"
+
+    def _kill(self) -> None:
+        assert self._process is not None
+        self._process.kill()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(KILL_TIMEOUT)

@@ -1,0 +1,158 @@
+"""The recorder of a run: which file it writes, and its process, which `umo run` starts before the run and never waits
+for until the machine is safe."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from umo.errors import OptionError, text_of
+from umo.exit_status import ExitStatus
+from umo.process.frames import Reader
+from umo.system import calls
+from umo.system.packages import how_to_install
+from umo.system.signal_handling import SIGNALS, handling
+from umo_command.console import say
+from umo_command.run.process_beside import ProcessBeside
+
+SUFFIX = ".mcap"
+READY, FRAMES = b"ready", b"frames"
+"""The messages of the process, the second one with the descriptors of the frames."""
+START_TIMEOUT = 10.0
+"""Timeout in s for the process to be ready: the run begins then, with or without it."""
+END_TIMEOUT = 60.0
+"""Timeout in s for the process to write the rest after the run."""
+NEEDED = ("google.protobuf", "zstandard")
+
+
+@dataclass(frozen=True)
+class RecordOrder:
+    """An order to record: a file, and settings as plain data (`umo.recording.record_settings`)."""
+
+    file: Path
+    settings: Mapping[str, Any]
+
+
+def check_installed() -> None:
+    """OptionError with what to install."""
+    for each in NEEDED:
+        if find_spec(each.partition(".")[0]) is None or find_spec(each) is None:
+            raise OptionError(f"recording needs {each}: {how_to_install('record')}")
+
+
+def order_of(
+    file: Path | None,
+    changes: Mapping[str, Any],
+    table: Mapping[str, Any] | None,
+    default: Path,
+    wiring: str = "wiring",
+) -> RecordOrder:
+    """Return the order given by the command line and the table `[record]` of the wiring. OptionError for a mistake, an
+    existing file or a missing folder."""
+    check_installed()
+    from umo.recording.part_names import part_name
+    from umo.recording.record_settings import record_of
+
+    settings = record_of(table or {}, wiring, changes)
+    path = default if file is None else file.with_name(file.name if file.suffix == SUFFIX else file.name + SUFFIX)
+    if path.exists():
+        raise OptionError(f"--record {path}: there is such a file already; a recording never overwrites one")
+    if (second := part_name(path, 2)).exists():
+        raise OptionError(f"--record {path}: there is {second} already, the name of its second file; give another name")
+    if not path.parent.is_dir():
+        raise OptionError(f"--record {path}: there is no folder {path.parent}")
+    return RecordOrder(path, settings.plain)
+
+
+class RecordBeside(ProcessBeside):
+    """The process that records a run in real time. Its failure does not affect the run."""
+
+    def __init__(self, order: RecordOrder | None, command: Sequence[str] = ()) -> None:
+        """`order`: None: nothing is started. `command`: the program, for tests."""
+        super().__init__("umo_command.run.record_process", command)
+        self._order = order
+        self._channel: socket.socket | None = None
+        self.complete = True
+        """True if everything was recorded that was to be."""
+
+    def __enter__(self) -> RecordBeside:
+        if self._order is not None:
+            try:
+                self._start(self._order)
+            except (OSError, ValueError) as error:
+                self._miss(f"nothing is recorded: the recorder cannot be started: {text_of(error)}")
+        return self
+
+    def _start(self, order: RecordOrder) -> None:
+        self._channel, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with there:
+            arguments = [str(there.fileno()), str(order.file), json.dumps(dict(order.settings))]
+            self._begin(arguments, sys.path, subprocess.DEVNULL, [there.fileno()])
+        self._channel.settimeout(START_TIMEOUT)
+        with suppress(OSError):  # taken: what is not read breaks the connection when it is closed
+            self._channel.recv(len(READY))
+
+    def attach(self, reader: Reader) -> None:
+        """The run has begun: hand its frames over."""
+        if self._channel is not None and reader.ends is not None:
+            with suppress(OSError):  # it has ended, which is told
+                calls.send_message(self._channel, FRAMES, reader.ends)
+            self._channel.close()
+            self._channel = None
+
+    def look(self) -> None:
+        """Tell what the process says, and once that it has ended before the run."""
+        self._look(run_is_over=False)
+
+    def _look(self, run_is_over: bool) -> None:
+        if self._process is None:
+            return
+        status = self._process.poll()
+        self._tell_lines()
+        if status is not None:
+            how = self._forget(status)
+            if status == ExitStatus.NOT_RECORDED:  # it has said why
+                self.complete = False
+            elif status:
+                self._miss(
+                    f"the recorder has ended ({how}); what it had not written is lost"
+                    if run_is_over
+                    else f"the recorder has ended ({how}); the machine runs on, and is recorded no longer"
+                )
+
+    def _miss(self, text: str) -> None:
+        self.complete = False
+        say(text)
+
+    def _tell_lines(self) -> None:
+        for line in self._lines():
+            say(line)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The run is over: the recorder writes the rest."""
+        if self._channel is not None:
+            self._channel.close()
+        if (process := self._process) is None:
+            return
+        with handling(signal.SIG_IGN, SIGNALS):
+            until = time.monotonic() + END_TIMEOUT
+            while process.poll() is None and time.monotonic() < until:
+                self._tell_lines()
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(0.02)
+            if process.returncode is None:
+                self._kill()
+            self._look(run_is_over=True)

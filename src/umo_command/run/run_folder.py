@@ -1,0 +1,344 @@
+"""The result of a run: its table, its summary, and its folder in `runs/`, with `run.json` and the trace from its
+beginning, and summary, failure and plot at its end.
+
+Every file is there whole or not at all. The trace of a run whose `umo run` was killed, or could not read its frames to
+the end (status 4), ends before the run did.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from umo.cycle.fault_log import KEPT_FAULTS, FaultLog
+from umo.cycle.frame import Frame
+from umo.cycle.stage import Progress
+from umo.cycle.trace import Statistics, Trace, lines
+from umo.digits import NO_VALUE, number_text, with_short_numbers
+from umo.duration import duration
+from umo.errors import UmoError, text_of
+from umo.objects.presentation.run_facts import clock_text
+from umo.process.job import Plan
+from umo.process.outcome import Outcome
+from umo.system.processes import identity
+from umo.text import others, printable
+from umo.wiring.json_values import as_plain
+from umo_command.console import say
+
+if TYPE_CHECKING:
+    from umo.operation.alarms.alarm_log import AlarmLog
+
+RUNS = Path("runs")
+TRACE_PAUSE = 1.0
+"""s on the machine's clock between two writings of the trace while the run goes on."""
+MAX_SHOWN = 5
+"""Number of faults of equipment that are shown."""
+MAX_VALUE_LENGTH = 100
+"""Characters of a value in the table, at most."""
+
+
+@dataclass
+class RunSummary:
+    """One run, as shown in its table and its summary."""
+
+    statistics: Statistics
+    outcome: Outcome = field(default_factory=Outcome)
+    progress: Progress = field(default_factory=Progress)
+    """Last progress that the machine told."""
+    elapsed: float = 0.0
+    """s of wall-clock time."""
+    injected: Sequence[str] = ()
+    """Faults that were injected on purpose."""
+    equipment_faults: FaultLog = field(default_factory=FaultLog)
+    alarms: AlarmLog | None = None
+    """The log of alarms; None if the machine has no alarms."""
+
+    @property
+    def realtime_factor(self) -> float | None:
+        return self.outcome.simulated / self.elapsed if self.elapsed and self.statistics.periods else None
+
+    @property
+    def failed(self) -> str:
+        """Reason why the run failed, in a line; "": it did not."""
+        failure = self.outcome.failure
+        return "" if failure is None else failure.message.partition("\n")[0]
+
+    def summary(self, *, running: bool = False) -> dict[str, Any]:
+        """Return the summary as plain data, while the run lasts as well."""
+        statistics = self.statistics
+        optional: dict[str, Any] = {"injected_faults": list(self.injected)} if self.injected else {}
+        if mistakes := self.equipment_faults.mistakes:
+            optional["mistakes"] = [asdict(each) for each in mistakes]
+        return optional | {
+            "state": "running" if running else "ended",
+            "status": None if running else self.outcome.status,
+            "failure": self.failed,
+            "stopped_by": self.outcome.stopper,
+            "progress": self.progress._asdict(),
+            "equipment_faults": self._faults(),
+            "alarms": self._alarms(),
+            "periods": statistics.periods,
+            "missed_periods": statistics.missed,
+            "period_us": {
+                "median": _rounded(statistics.percentile(50), 2),
+                "p99": _rounded(statistics.percentile(99), 2),
+            },
+            "realtime_factor": _rounded(self.realtime_factor, 3),
+            "reports": self.outcome.reports,
+            "result": self.outcome.result,
+        }
+
+    def save(self, path: Path, *, running: bool = False) -> None:
+        path.write_text(json.dumps(self.summary(running=running), indent=2) + "\n", encoding="utf-8")
+
+    def table(self, title: str) -> Table:
+        table = Table(title=title, title_justify="left", show_header=False)
+        for fault in self.injected:
+            table.add_row("injected fault", fault)
+        if self.progress.total:
+            table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
+        for name, value in (*self._fault_rows(), *self._alarm_rows(), *self._mistake_rows()):
+            table.add_row(name, value)
+        statistics = self.statistics
+        why = " (why: `umo show why`)" if statistics.missed else ""
+        table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
+        median, p99 = (NO_VALUE if us is None else duration(us * 1e-6) for us in map(statistics.percentile, (50, 99)))
+        table.add_row("execution time of a period", f"median {median}, p99 {p99}")
+        factor = NO_VALUE if self.realtime_factor is None else number_text(self.realtime_factor)
+        took = f"{duration(self.outcome.simulated)} in {duration(self.elapsed)}"
+        table.add_row("time", f"{took}, {factor} x real time")
+        for driver, report in self.outcome.reports.items():
+            for name, value in rows("report", report):
+                table.add_row(f"{driver}: {name}", value)
+        for name, value in rows("result", self.outcome.result):
+            table.add_row(name, value)
+        return table
+
+    def standing_faults(self) -> list[str]:
+        """A line for each of the first few parts that are in fault at the end, and the number of the others."""
+        standing = self.equipment_faults.standing.values()
+        lines = [
+            f"still in fault at the end: {each.path}, since {clock_text(each.time)}: {each.reason}" for each in standing
+        ]
+        more = [f"and {len(lines) - MAX_SHOWN} more"] if len(lines) > MAX_SHOWN else []
+        return lines[:MAX_SHOWN] + more
+
+    def _faults(self) -> dict[str, Any]:
+        """The faults of equipment as plain data."""
+        faults = self.equipment_faults
+        last = [asdict(fault) for fault in faults.last]
+        return {"number": faults.number, "standing": list(faults.standing), "last": last}
+
+    def _fault_rows(self) -> Iterator[tuple[str, str]]:
+        """The number of faults of equipment, and the last ones."""
+        faults = self.equipment_faults
+        if not faults.number:
+            return
+        standing = len(faults.standing)
+        ends = "all cleared" if not standing else f"{standing} not cleared"
+        yield "faults of equipment", f"{faults.number}, {ends}"
+        shown = list(faults.last)[-MAX_SHOWN:]
+        for fault in shown:
+            yield fault.path, _text(str(fault))
+        if earlier := faults.number - len(shown):
+            yield "", f"and {earlier} earlier"
+
+    def _alarms(self) -> dict[str, Any]:
+        """The alarms as plain data: those that were raised, and the last times for which they were active."""
+        log = self.alarms
+        if log is None:
+            return {"raised": 0, "active": [], "each": {}, "last": []}
+        each = {
+            alarm.path: {
+                "text": alarm.text,
+                "priority": str(alarm.priority),
+                "raised": alarm.raised,
+                "active_s": round(alarm.active_s(log.now), 9),
+                "state": str(alarm.state),
+            }
+            for alarm in log.raised
+        }
+        last = [asdict(span) for span in list(log.spans)[-KEPT_FAULTS:]]
+        return {"raised": log.number, "active": log.active, "each": each, "last": last}
+
+    def _alarm_rows(self) -> Iterator[tuple[str, str]]:
+        """The rows on alarms: how often they were raised, and the most important of them."""
+        log = self.alarms
+        if log is None or not log.number:
+            return
+        active = len(log.active)
+        yield "alarms", f"{log.number} raised, {f'{active} active at the end' if active else 'all cleared'}"
+        shown = log.raised[:MAX_SHOWN]
+        for alarm in shown:
+            yield alarm.path, _text(alarm.in_words(log.now))
+        if more := len(log.raised) - len(shown):
+            yield "", f"and {others(more)}"
+
+    def _mistake_rows(self) -> Iterator[tuple[str, str]]:
+        """The first mistakes of the program, and the number of the others."""
+        mistakes = self.equipment_faults.mistakes
+        for each in mistakes[:MAX_SHOWN]:
+            yield f"mistake: {each.path}", printable(each.text)
+        if more := len(mistakes[MAX_SHOWN:]):
+            yield "", f"and {others(more)}"
+
+
+def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
+    """Plain data: a row for each entry of a dict, else one under this name."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield printable(str(key).replace("_", " ")), _text(value)
+    elif data is not None:
+        yield name, _text(data)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return NO_VALUE
+    is_number = isinstance(value, float) and isfinite(value)
+    text = number_text(value) if is_number else with_short_numbers(printable(str(value)))
+    return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}..."
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
+
+
+class NotRecorded(UmoError, OSError):
+    """A run cannot be recorded: `runs/` is full, read-only or not a folder."""
+
+
+class RunFolder:
+    def __init__(self, path: Path, alone: bool = False) -> None:
+        self.path = path
+        self._alone = alone
+        """True if `runs/` was made for it."""
+        self.complete = True
+        """True if all was written."""
+
+    @classmethod
+    def make(cls, plan: Plan) -> RunFolder:
+        """Make a new folder, with the facts of the run in `run.json`. NotRecorded if it cannot be written."""
+        now, job = datetime.now(), plan.job
+        about: dict[str, Any] = {"station": plan.name, "wiring": job.wiring or plan.wiring_name or None}
+        about |= {"options": job.options, "manual": job.manual, "until": job.until}
+        about |= {"started": now.astimezone().isoformat(), "pid": os.getpid(), "process": identity(os.getpid())}
+        about |= {"command": sys.argv}
+        folder, alone = None, not RUNS.exists()
+        try:
+            folder = cls(_new_folder(f"{plan.name}-{now:%Y%m%d-%H%M%S}"), alone)
+            with whole(folder.path / "run.json") as file:
+                _write(file, json.dumps(about, indent=2, default=as_plain) + "\n")
+        except OSError as error:
+            if folder is not None:
+                folder.discard()
+            why = "it is not a folder" if RUNS.is_file() else error.strerror or text_of(error)
+            raise NotRecorded(f"{RUNS}/ cannot be written: {why}; --no-record runs without a record") from error
+        return folder
+
+    def discard(self) -> None:
+        """Remove the folder of a run in which nothing ran."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        if self._alone:
+            with suppress(OSError):  # others are in it
+                RUNS.rmdir()
+
+    def save(self, result: RunSummary, trace: Trace) -> None:
+        """Write all but the plot. What fails is said and makes the record incomplete."""
+        failure = result.outcome.failure
+        if failure is not None:
+            text = f"{failure.message}\n{failure.traceback}"
+            self._save("failure.txt", lambda file: _write(file, text))
+        self._save("summary.json", result.save)
+        if not self._save("trace.csv", trace.save):
+            _remove(self.path / "trace.csv")  # it ends before the run did
+
+    def _save(self, name: str, write: Callable[[Path], object]) -> bool:
+        try:
+            with whole(self.path / name) as file:
+                write(file)
+        except OSError as error:
+            self.lost(name, error)
+            return False
+        return True
+
+    def lost(self, name: str, error: OSError) -> None:
+        """Say that a file could not be written: the record is not complete."""
+        self.complete = False
+        say(f"{self.path / name} could not be written: {text_of(error)}", "red")
+
+
+class TraceFile:
+    """An observer that writes the rows of a trace as they come: a run whose `umo run` is killed leaves them behind."""
+
+    def __init__(self, trace: Trace, path: Path) -> None:
+        self._trace = trace
+        self._path = path
+        self._next = self._written = float("-inf")
+        """Times on the machine's clock: of the next writing, and of the last row written."""
+        self._failed = False
+
+    def __call__(self, frame: Frame) -> None:
+        if frame.time < self._next or self._failed:
+            return
+        first = self._written == float("-inf")
+        try:
+            with self._path.open("a", newline="", encoding="utf-8", errors="backslashreplace") as file:
+                file.writelines(lines(self._trace, after=None if first else self._written))
+        except OSError as error:
+            self._failed = True
+            _remove(self._path)  # it may end in the middle of a row
+            say(
+                f"{self._path} cannot be written: {text_of(error)}; the run continues, and its trace is written at "
+                "its end, if it can be",
+                "red",
+            )
+        self._written, self._next = frame.time, frame.time + TRACE_PAUSE
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A file to write that gets its name when it is complete; none is left if writing it fails or is interrupted."""
+    new = path.with_name(f".new-{path.name}")
+    try:
+        yield new
+        if new.exists():
+            new.replace(path)
+    finally:
+        _remove(new)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, unless it is gone, or the disk has become read-only."""
+    with suppress(OSError):
+        path.unlink()
+
+
+def _write(file: Path, text: str) -> None:
+    file.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def _new_folder(name: str) -> Path:
+    """A folder of its own in runs/, also for the second run that begins within a second."""
+    RUNS.mkdir(exist_ok=True)
+    folder, number = RUNS / name, 1
+    while True:
+        try:
+            folder.mkdir()
+            return folder
+        except FileExistsError:
+            number += 1
+            folder = RUNS / f"{name}-{number}"
+        except FileNotFoundError:  # another run, which was refused, has removed it
+            RUNS.mkdir(exist_ok=True)

@@ -1,0 +1,1 @@
+"""`umo show`: what runs, and how it is doing."""

@@ -1,0 +1,260 @@
+"""`umo show`: its commands, their arguments and where they go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from umo.errors import OptionError
+from umo_command import completion
+from umo_command.options import Json, StationName, WiringName, out_option, running_argument, time_option
+from umo_command.shared import group
+
+command = group(
+    "show",
+    "See",
+    "Show what runs and how it is doing: values, a page in the browser, causes, parts.",
+    "umo show values ztheta  |  umo show page --open  |  umo show why ztheta",
+)
+
+PartPath = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[PATH]", help="An object or a list of the machine, such as z.", autocompletion=completion.paths
+    ),
+]
+
+
+@command(epilog="Examples: umo show stations  |  umo show stations --json  |  umo show stations --fleet")
+def stations(
+    as_json: Json = False,
+    fleet: Annotated[
+        bool, typer.Option("--fleet", help="List the stations of the fleet, on all computers (see umo connect fleet).")
+    ] = False,
+) -> None:
+    """List the stations that run in real time, and the devices whose last run ended unsafely."""
+    if fleet:
+        from umo_command.show.fleet_stations import ps_fleet
+
+        ps_fleet(as_json)
+        return
+    from umo_command.show.stations import show_stations
+
+    show_stations(as_json)
+
+
+@command(
+    epilog="Examples: umo show values  |  umo show values z gripper.vacuum  |  "
+    "umo show values 'zones.*.temperature'  |  "
+    "umo show values ztheta z.encoder --for 10"
+)
+def values(
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[STATION] [PATH]...",
+            help="Station name or pid (see `umo`), required if several run; paths of objects or compounds, or "
+            "patterns such as 'zones.*.temperature'.",
+            autocompletion=completion.running_and_paths,
+        ),
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="Show the current values once, then exit.")] = False,
+    lasting: Annotated[float | None, time_option("--for", help="Exit after this time.")] = None,
+) -> None:
+    """Watch a running station: values, traces, missed periods. Watching does not disturb the station.
+
+    Similar objects of a list are folded into one line. In a terminal: arrows, page up and down, home and end move;
+    enter folds and unfolds; a: all; q quits. Without a terminal, or with --once, every object is shown once.
+    """
+    from umo_command.show.values_live import watch as show
+
+    show(words or [], once, lasting)
+
+
+@command(
+    epilog="Examples: umo show page  |  umo show page ztheta --open  |  umo show page --port 8300  |  "
+    "umo show page run.mcap  |  umo show page today.mcap yesterday.mcap  |  "
+    "umo show page --fleet  |  umo show page --host 0.0.0.0 --certificate cell.pem --key cell.key",
+    status="0 ended by Ctrl-C; 2 a mistake, see stderr",
+)
+def page(
+    station: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[STATION|FILE.mcap]",
+            help="Name, directory or pid of the station to show first, which may start later; SITE/STATION of a fleet; "
+            "or a recording.",
+            autocompletion=completion.running_and_recordings,
+        ),
+    ] = None,
+    second: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE2.mcap]",
+            help="Another recording, shown over the first one.",
+            autocompletion=completion.recordings,
+        ),
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")
+    ] = None,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="HOST", help="Address to listen at. Any other than this computer's own loopback needs a token."
+        ),
+    ] = "127.0.0.1",
+    operate: Annotated[
+        bool, typer.Option("--operate", help="Let other computers operate machines, not only see them.")
+    ] = False,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            "--token",
+            "--password",
+            envvar="UMO_TOKEN",
+            help="Token that a browser must give, at least 8 characters; default: a random one. Other users see "
+            "--token in the list of processes, but not the variable.",
+        ),
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE.pem", help="Certificate for TLS (https); needs --key.")
+    ] = None,
+    key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
+    proxy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address at which a reverse proxy serves the page, such as https://cell.example. No visitor "
+            "then counts as this user.",
+        ),
+    ] = None,
+    fleet: Annotated[
+        bool, typer.Option("--fleet", help="Also show the stations of other computers (see umo connect fleet).")
+    ] = False,
+    code: Annotated[
+        str | None,
+        typer.Option(
+            "--station",
+            metavar="STATION",
+            help="For a recording: the station, by folder or name, whose twin is drawn; default: the shipped or "
+            "installed one with the recorded name.",
+        ),
+    ] = None,
+) -> None:
+    """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
+
+    A separate process serves the page. It reads the frames and does not disturb the station. It listens on loopback,
+    where pages may command (tab Operate), and needs the token everywhere. At another address (--host), and through a
+    proxy (--proxy), a token must be given, and the page is read-only unless --operate is given; give a certificate
+    there, or the token can be read on the network. With the printed token, a program of yours on this computer may do
+    everything; with a token that was given, a visitor has the role of the page in roles.toml (docs/security.md). Ctrl-C
+    ends it; the stations continue. A recording has a slider for its time with marks for its events, and takes no
+    commands. Two recordings are aligned at their beginnings; the objects of the second are in the part "second".
+    """
+    from umo_command.show.page import ViewOptions
+    from umo_command.show.page import view as show
+
+    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, proxy, fleet, second, code))
+
+
+@command(
+    epilog="Examples: umo show why  |  umo show why ztheta  |  umo show why ztheta --now  |  "
+    "umo show why --file kept.box  |  "
+    "umo show why conveyor sorter.diverter"
+)
+def why(
+    station: Annotated[str | None, running_argument("[STATION]", "Name of a station; default: all stations.")] = None,
+    path: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PATH]",
+            help="An actuator of a running station: who drives it, and why.",
+            autocompletion=completion.paths,
+        ),
+    ] = None,
+    now: Annotated[bool, typer.Option("--now", help="First write a black box of the running station.")] = False,
+    file: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Read this black box, or those of a recording."),
+    ] = None,
+) -> None:
+    """Show why periods were missed: the newest black box, the duration of each phase, and the cause.
+
+    It also shows the last faults of equipment. With the path of an actuator it shows who drives it, why, and what comes
+    next.
+    """
+    option = "--now" if now else "" if file is None else "--file"
+    if option and path is not None:
+        raise OptionError(f"{option} is about missed periods, {path} is an actuator: give one of the two")
+    if now and file is not None:
+        raise OptionError("--now writes a black box, --file reads one: give one of the two")
+    if file is not None and station is not None:
+        raise OptionError(f"--file: {file} names its station itself: leave {station} out")
+    if station is not None and path is not None:
+        from umo_command.show.claimed import show_claim
+
+        show_claim(station, path)
+    else:
+        from umo_command.show.why import why as say_why
+
+        say_why(station, now, file)
+
+
+@command(
+    epilog="Examples: umo show parts ztheta  |  umo show parts ztheta z -w second_generation  |  "
+    "umo show parts furnace --zones 3 --all",
+    context_settings={"ignore_unknown_options": True},
+)
+def parts(
+    station: StationName,
+    words: PartPath = None,
+    wiring: WiringName = None,
+    everything: Annotated[bool, typer.Option("--all", help="Show every member of a list.")] = False,
+) -> int:
+    """Show the hierarchy of objects with units, ranges and wiring (the paper's Figure 4).
+
+    Three or more similar members of a list are shown once, with the parts of the first, and the wires of the first and
+    the last. Different members are shown separately. Options of the machine follow the station's name.
+    """
+    from umo.process.station import find
+    from umo_command.show.part_tree import show_tree
+
+    return show_tree(find(station), wiring, words or [], everything)
+
+
+@command(
+    epilog="Examples: umo show period conveyor  |  umo show period ztheta z",
+    context_settings={"ignore_unknown_options": True},
+)
+def period(station: StationName, words: PartPath = None, wiring: WiringName = None) -> int:
+    """Show the phases of a machine's period, and the parts that act in each.
+
+    Options of the machine follow the station's name.
+    """
+    from umo.process.station import find
+    from umo_command.show.period_table import show_period
+
+    return show_period(find(station), wiring, words or [])
+
+
+@command(epilog="Examples: umo show latency  |  umo show latency --period 500us --for '1 min' --load")
+def latency(
+    period: Annotated[float, time_option(help="The sampling period, such as 1ms or 500us; default: 1 ms.")] = 0.001,
+    lasting: Annotated[
+        float, time_option("--for", help="Measuring time of each of the two loops; default: 10 s.")
+    ] = 10.0,
+    load: Annotated[bool, typer.Option("--load", help="Load every core during the measurement.")] = False,
+    out: Annotated[Path | None, out_option("FILE.json", "Write the results to this file.")] = None,
+) -> None:
+    """Measure whether this computer can keep a sampling period, with umo's loop and a bare loop in C.
+
+    yes: no period missed, and the longest wake-up plus work below half of the period. with care: at most one of a
+    thousand missed and 99.9 % below the period. no: otherwise. The result is valid for the measured time and load only.
+    """
+    from umo_command.show.latency import latency as answer
+
+    answer(period, lasting, load, out)

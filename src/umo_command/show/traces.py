@@ -1,0 +1,69 @@
+"""Traces of the objects and signals of a running station over the last seconds."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.digits import number_text
+from umo.objects.presentation.described import Described
+
+TRACE_BLOCKS = 16
+"""Blocks of a trace, the newest last."""
+TRACE_SPAN = 16.0
+"""s on the machine's clock that a trace covers."""
+MAX_TIME = 1e12
+"""s: a frame with a later time is damaged."""
+BLOCKS = "▁▂▃▄▅▆▇█"
+
+Floats = npt.NDArray[np.float64]
+
+
+class Traces:
+    """The least and the greatest value of each row in each stretch of time; NaN: there was none."""
+
+    def __init__(self, rows: int) -> None:
+        self.low: Floats = np.full((TRACE_BLOCKS, rows), np.nan)
+        self.high: Floats = np.full((TRACE_BLOCKS, rows), np.nan)
+        self._stretch: int | None = None
+
+    def add(self, times: Floats, values: Floats) -> None:
+        """Take some frames: a time and a row of values for each; those without a time are passed over."""
+        known = np.isfinite(times) & (np.abs(times) < MAX_TIME)
+        times, values = times[known], values[known]
+        stretches = (times * (TRACE_BLOCKS / TRACE_SPAN)).astype(np.int64)
+        for number in np.unique(stretches)[-TRACE_BLOCKS:]:
+            inside = values[stretches == number]
+            passed = 1 if self._stretch is None else min(max(int(number) - self._stretch, 0), TRACE_BLOCKS)
+            self._stretch = int(number)
+            for kept in (self.low, self.high) if passed else ():
+                kept[:-passed] = kept[passed:]
+                kept[-passed:] = np.nan
+            np.fmin(self.low[-1], np.fmin.reduce(inside), out=self.low[-1])
+            np.fmax(self.high[-1], np.fmax.reduce(inside), out=self.high[-1])
+
+    def of(self, rows: list[int]) -> tuple[Floats, Floats]:
+        """The least and the greatest of some rows in each stretch in which there was a value."""
+        low, high = np.fmin.reduce(self.low[:, rows], axis=1), np.fmax.reduce(self.high[:, rows], axis=1)
+        known = np.isfinite(low) & np.isfinite(high)
+        return low[known], high[known]
+
+
+def spark(traced: tuple[Floats, Floats], about: Described) -> str:
+    """Return a block for each stretch of time, at the middle of the values in it. `about`: the row."""
+    low, high = traced
+    if not len(low):
+        return ""
+    middles = (low + high) / 2
+    least, most = (0.0, 1.0) if about.is_binary else (middles.min(), middles.max())
+    if most == least:
+        return BLOCKS[0] * len(middles)
+    return "".join(BLOCKS[round(share * (len(BLOCKS) - 1))] for share in (middles - least) / (most - least))
+
+
+def traced_span(traced: tuple[Floats, Floats], about: Described) -> str:
+    """`2 to 3.5`; empty for a binary object and a named value."""
+    low, high = traced
+    if not (about.is_number and len(low)):
+        return ""
+    return f"{number_text(low.min(), about.digits)} to {number_text(high.max(), about.digits)}"

@@ -1,0 +1,172 @@
+"""`umo show why`: shows the causes of missed periods from the newest black box."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from umo.cycle.fault_log import FaultLog
+from umo.digits import number_text
+from umo.duration import duration
+from umo.errors import FramesError
+from umo.objects.presentation.run_facts import clock_text, title
+from umo.process.frames import RunReader, blackbox
+from umo.process.frames.causes import AFTER, CONTROL_CODE, WAKE, always_slow, counts, explain_all, sentences, split
+from umo.process.frames.layout import USAGE
+from umo.process.frames.search import frames_at, reading, station_name
+from umo.system.packages import SHIPPED
+from umo.text import Moment, did_you_mean, printable, shown_path
+from umo_command.console import out
+from umo_command.run.record_beside import SUFFIX, check_installed
+from umo_command.show.stations import attach, how_to_clear
+
+if TYPE_CHECKING:
+    from umo.recording.recording import Recording
+
+PERIODS_BEFORE = 2
+"""Periods shown before the one that reports the miss."""
+MAX_VERDICTS = 10
+"""Missed periods that are explained, the last ones."""
+PROFILED = "which function takes the time, in virtual time (docs/howto-late-periods.md):"
+"""Heading of the command that tells it."""
+PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
+
+
+def why(station: str | None, now: bool, file: Path | None) -> int:
+    if now:
+        file = _keep(station)
+    elif file is None:
+        file = _newest(station)
+    elif file.suffix == SUFFIX:
+        _report_recording(file)
+        return 0
+    with frames_at(file) as reader, reading(file):
+        _report(reader, file, now)
+    return 0
+
+
+def _newest(station: str | None) -> Path:
+    found = blackbox.boxes(blackbox.folder())
+    if station is not None:
+        names = [blackbox.station_of(path) for path in found]
+        found = [path for path, name in zip(found, names, strict=True) if name == station_name(station)]
+        if not found and names:
+            known = ", ".join(dict.fromkeys(names))
+            raise FramesError(
+                f"no black box of {station!r}{did_you_mean(station, names)}; there are black boxes of: {known}"
+            )
+    if not found:
+        raise FramesError(
+            "no black box yet: one is written when a period is missed in real time; `umo show why --now` writes "
+            "one at once"
+        )
+    return found[-1]
+
+
+def _keep(station: str | None) -> Path:
+    """A black box of a running station, written by this process from its frames."""
+    with attach(station) as reader:
+        file = blackbox.name_for(blackbox.folder(), str(reader.about["station"]), time.time())
+        blackbox.save(reader, file, blackbox.ON_DEMAND)
+        blackbox.thin(file.parent)
+        return file
+
+
+def _report(reader: RunReader, file: Path, now: bool) -> None:
+    frames, about = reader.read(), reader.about
+    if not len(frames):
+        raise FramesError(f"{file} contains no period")
+    out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
+    out.print(
+        f"the last {len(frames)} periods of {duration(about['period'])}; {reader.now().missed} missed in the whole run"
+    )
+    log = FaultLog()
+    for _, event in reader.events():
+        log.add(event)
+    for fault in list(log.last)[-MAX_VERDICTS:]:
+        out.print(f"{fault.path}: {fault}", style="bold")
+    for mistake in log.mistakes[:MAX_VERDICTS]:
+        out.print(f"mistake: {mistake.path}: {printable(mistake.text)}", style="bold", soft_wrap=True)
+    for row in reader.alarms(frames[-1])[:MAX_VERDICTS]:
+        out.print(f"alarm {printable(str(row))}", soft_wrap=True)
+    if log.standing and now:
+        out.print(how_to_clear(str(reader.about["station"]), log.standing))
+    verdicts = explain_all(frames, reader.layout)
+    if not verdicts:
+        out.print("no period was missed in these; usual times:")
+        out.print(_usual(reader, frames))
+        return
+    for line in sentences(frames, reader.layout, verdicts, MAX_VERDICTS):
+        out.print(line, style="bold", soft_wrap=True)
+    if CONTROL_CODE in always_slow(frames, reader.layout):
+        out.print(f"{PROFILED} python -m cProfile -s tottime $(which umo) run {_station(about)}", soft_wrap=True)
+    out.print(_around(reader, frames, verdicts[-1].row))
+    out.print(str(file), style="dim")
+
+
+def _station(about: Mapping[str, Any]) -> str:
+    """The station of a run as it is given in the command line: a folder that is not of umo by its path."""
+    place = Path(str(about.get("place", "")))
+    return str(about["station"]) if place.parent in (Path(), SHIPPED) else shown_path(str(place))
+
+
+def _report_recording(file: Path) -> None:
+    """The black boxes of a recording, and the periods around the last missed one."""
+    check_installed()
+    from umo.recording.recording import Recording
+
+    with Recording(file) as recording:
+        boxes, about = recording.black_boxes, recording.about
+        if not boxes:
+            raise FramesError(f"{file} has no black box: no period was missed, and its run has not failed")
+        name = title(about["station"], about.get("wiring"))
+        for box in boxes[-MAX_VERDICTS:]:
+            out.print(f"{name}, {Moment.at(box.time)}: {printable(box.reason)}", soft_wrap=True)
+            for line in box.text.splitlines():
+                out.print(f"  {line}", style="bold", soft_wrap=True)
+        last = boxes[-1]
+        frames = recording.frames(last.start, np.nextafter(last.time, np.inf))
+        verdicts = explain_all(frames, recording.layout) if frames["phases"].any() else []
+        if verdicts:
+            out.print(_around(recording, frames, verdicts[-1].row))
+
+
+def _parts(reader: RunReader | Recording, frames: Any) -> tuple[list[str], Any]:
+    """The parts of each period's time, in ns."""
+    parts = split(frames, reader.layout)
+    return [PART_TITLES.get(name, name) for name in parts], np.array(list(parts.values()))
+
+
+def _usual(reader: RunReader, frames: Any) -> Table:
+    names, times = _parts(reader, frames)
+    table = Table("µs", *names, header_style="bold")
+    for name, q in (("median", 50), ("99 %", 99), ("longest", 100)):
+        table.add_row(name, *map(_microseconds, np.percentile(times, q, axis=1)))
+    return table
+
+
+def _around(reader: RunReader | Recording, frames: Any, row: int) -> Table:
+    """The periods before and after a miss, and what was counted from one to the next."""
+    names, times = _parts(reader, frames)
+    rows = [i for i in range(row - PERIODS_BEFORE, row + 2) if 1 <= i < len(frames)]
+    moments = (clock_text(frames["time"][i], reader.about["period"]) for i in rows)
+    table = Table("", "median", *moments, header_style="bold")
+    table.add_row("missed", "", *(str(frames["missed"][i] or "") for i in rows))
+    for name, values in zip(names, times, strict=True):
+        table.add_row(f"{name}, µs", _microseconds(np.median(values)), *(_microseconds(values[i]) for i in rows))
+    units = {name: unit for name, _, _, unit in USAGE}
+    for name, counted in counts(frames).items():
+        if counted[rows].any():
+            title, is_time = name.replace("_", " "), bool(units[name])
+            cells = (_microseconds(counted[i]) if is_time else number_text(counted[i], 0) for i in rows)
+            table.add_row(f"{title}, µs" if is_time else title, "", *cells, style="dim")
+    return table
+
+
+def _microseconds(ns: float) -> str:
+    return number_text(ns * 1e-3, 1)

@@ -1,0 +1,194 @@
+"""The options of a station: the keyword parameters of its machine, its application and the drivers of a wiring."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from umo.drivers import Driver, registry
+from umo.errors import OptionError
+from umo.objects import Compound
+from umo.process.station import Station
+from umo.signature import choices_of, is_plain, item_of, parameters_of, without_none
+from umo.text import did_you_mean, options_in
+from umo.wiring import driver_options
+from umo.wiring.parameters import arguments_for, flag
+
+TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
+NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
+
+
+@dataclass(frozen=True)
+class Option:
+    name: str
+    kind: Any
+    """Type: int, float, str, bool, Path; a Literal or Enum; a sequence of one of these."""
+    default: Any
+    taker: str
+    """"machine", "application", or the type of the driver."""
+    required: bool = False
+    about: str = ""
+    """Line in the section "Options:" of its taker's docstring."""
+
+    @property
+    def flag(self) -> str:
+        return flag(self.name)
+
+    @property
+    def metavar(self) -> str:
+        """Value of the option as the help shows it."""
+        if self.kind is bool:
+            return ""
+        item = item_of(self.kind)
+        return "|".join(map(str, choices)) if (choices := choices_of(item)) else TYPES.get(item, "TEXT")
+
+    @property
+    def parameter(self) -> click.Option:
+        item = item_of(self.kind)
+        if item is bool:
+            return click.Option([self.name, f"{self.flag}/{flag('no_' + self.name)}"], default=None)
+        kind = click.Choice(choices) if (choices := choices_of(item)) else NUMBERS.get(item, click.STRING)
+        return click.Option([self.name, self.flag], type=kind, multiple=item is not self.kind)
+
+
+def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
+    """Options of the machine and of the application first; others of the same name are given the same value. Without
+    `application` only those of the machine and the drivers."""
+    found = {option.name: option for option in options_of_machine(station)}
+    if application and station.main is not None:
+        found = {option.name: option for option in _of_function(station.main, "application", skip=1)} | found
+    for name, (driver, parameter) in driver_options(station.wiring(wiring)).items():
+        if name not in found and is_plain(parameter.annotation):
+            found[name] = _option(parameter, driver, registry.find(driver))
+    return list(found.values())
+
+
+def options_of_machine(station: Station) -> list[Option]:
+    """Parameters of `machine` that a text can give."""
+    return _of_function(station.make, "machine")
+
+
+def machine_with(station: Station, given: Mapping[str, Any]) -> Compound:
+    """The machine with those of the options that its function takes."""
+    return station.machine(**arguments_for(station.make, "machine", given))
+
+
+def parse(
+    station: Station,
+    wiring: str | None,
+    arguments: Sequence[str],
+    command: Sequence[str] = (),
+    *,
+    application: bool = True,
+) -> dict[str, Any]:
+    """Return the values of a station's options. OptionError for unknown ones. `command`: the options of the command
+    itself, one of which may have been meant."""
+    options = options_of(station, wiring, application=application)
+    return values_of(station.name, options, arguments, command)
+
+
+def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
+    """Options of a driver that a text can give."""
+    return [_option(each, name, cls) for each in parameters_of(cls).values() if is_plain(each.annotation)]
+
+
+def values_of(
+    name: str, options: Sequence[Option], arguments: Sequence[str], command: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return the values of these options of a station or a driver. OptionError for unknown ones."""
+    given, others = _parse(name, options, arguments)
+    if others:
+        raise OptionError(_unknown(name, options, others[0], command))
+    return given
+
+
+def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
+    """Return the machine with these options. OptionError for unknown ones."""
+    machine, others = machine_and_words(station, arguments)
+    if others:
+        raise OptionError(_unknown(station.name, (), others[0]))
+    return machine
+
+
+def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compound, list[str]]:
+    """The machine with the options among the arguments, and the other arguments; OptionError if one is an option."""
+    options = options_of_machine(station)
+    given, others = _parse(station.name, options, arguments)
+    for argument in others:
+        if argument.startswith("--"):
+            raise OptionError(_unknown(station.name, options, argument))
+    return machine_with(station, given), others
+
+
+def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
+    settings = {"ignore_unknown_options": True, "allow_extra_args": True}
+    command = click.Command(name, settings, params=[option.parameter for option in options], add_help_option=False)
+    try:
+        context = command.make_context(name, list(arguments))
+    except click.ClickException as error:
+        raise OptionError(f"{name}: {error.format_message()}{_nearest(error)}") from None
+    source, found = context.get_parameter_source, context.params.items()
+    given = {key: value for key, value in found if source(key) is ParameterSource.COMMANDLINE}
+    return {key: [*value] if isinstance(value, tuple) else value for key, value in given.items()}, context.args
+
+
+def _nearest(error: click.ClickException) -> str:
+    """Return the choice of an option that is nearest to the given value."""
+    choice = getattr(getattr(error, "param", None), "type", None)
+    given = re.search(r"'([^']*)' is not one of", error.format_message())
+    return did_you_mean(given[1], map(str, choice.choices)) if given and isinstance(choice, click.Choice) else ""
+
+
+def _unknown(taker: str, options: Sequence[Option], argument: str, command: Sequence[str] = ()) -> str:
+    if not argument.startswith("-"):
+        return f"{taker}: unexpected argument {argument!r}"
+    flags = [option.flag for option in options]
+    name = argument.partition("=")[0]
+    near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in (*flags, *command)])
+    known = f"; it has: {', '.join(flags)}" if flags else ""
+    return f"{taker} has no option {name}{near}{known}"
+
+
+def help_panel(station: Station, wiring: str | None, *, application: bool = True) -> Panel:
+    """A table of a station's options, as `--help` shows those of umo."""
+    table = Table.grid(padding=(0, 2))
+    for option in options_of(station, wiring, application=application):
+        shown = f"[default: {_shown(option.default)}]" if option.default not in (None, ()) else ""
+        shown = "[required]" if option.required else shown
+        about = "  ".join(filter(None, (option.about.rstrip("."), shown)))
+        table.add_row(*map(Text, (option.flag, option.metavar, option.taker, about)))
+    return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
+
+
+def _shown(default: Any) -> str:
+    """A default, as it is given in the command line."""
+    if isinstance(default, tuple | list):
+        return ", ".join(map(_shown, default))
+    return str(default.value if isinstance(default, Enum) else default)
+
+
+def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:
+    """The parameters that a text can give."""
+    found = parameters_of(function, skip).values()
+    return [
+        replace(_option(each, taker, function), required=each.default is each.empty)
+        for each in found
+        if is_plain(each.annotation)
+    ]
+
+
+def _option(parameter: inspect.Parameter, taker: str, described: Any) -> Option:
+    default = None if parameter.default is parameter.empty else parameter.default
+    about = options_in(described.__doc__ or "").get(parameter.name, "")
+    return Option(parameter.name, without_none(parameter.annotation), default, taker, about=about)

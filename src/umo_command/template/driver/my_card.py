@@ -1,0 +1,140 @@
+"""The driver `my_card`, made by `umo new driver`.
+
+To change: CHANNELS, the options, and the class Device, which stands in for the device.
+
+    [drivers.my_card]
+    type = ".my_card:MyCard"    # without the dot if this is not in a station's folder
+    address = 1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from time import monotonic
+from typing import ClassVar
+
+from umo.drivers import (
+    Channel,
+    ChannelError,
+    DeviceTimeout,
+    Direction,
+    Driver,
+    DriverError,
+    WiringError,
+)
+
+CHANNELS = {
+    "dac:0": Channel("dac:0", Direction.OUTPUT, bits=12),
+    "relay:0": Channel("relay:0", Direction.OUTPUT, bits=1),
+    "adc:0": Channel("adc:0", Direction.INPUT, bits=12),
+    "switch:0": Channel("switch:0", Direction.INPUT, bits=1),
+}
+
+
+class MyCard(Driver):
+    """What the device is, in one line.
+
+    Options:
+        address: of the device on its bus, 0 to 127.
+    """
+
+    def __init__(self, *, address: int = 1) -> None:
+        if not 0 <= address <= 127:
+            raise WiringError(f"address must be from 0 to 127, not {address}")
+        self.address = address  # the device is not accessed before `open`
+        self._device: Device | None = None
+        self._is_open = False
+
+    def channel(self, text: str) -> Channel:
+        if text not in CHANNELS:
+            raise ChannelError(text, CHANNELS)
+        return CHANNELS[text]
+
+    def devices(self) -> Sequence[str]:
+        """Return one text per device, the same for all spellings: only one run at a time uses a device."""
+        return [f"my_card {self.address}"]
+
+    def open(self) -> None:
+        self._is_open = True
+        with self._connection():  # a device that is not there is found now
+            pass
+
+    def close(self) -> None:
+        self._is_open = False
+        self._drop()
+
+    def read(self, channel: Channel) -> int:
+        if Direction.INPUT not in channel.direction:
+            raise DriverError(f"{channel.text} is an output")
+        with self._connection() as device:
+            return device.get(channel.text)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        channel.check(raw)
+        with self._connection() as device:
+            device.set(channel.text, raw)
+
+    # If the device transfers many channels in one message: override read_many and
+    # write_many too. If it can be asked whether it is there without waiting for it:
+    # override look, or a device that does not answer is tried again and again.
+
+    @contextmanager
+    def _connection(self) -> Iterator[Device]:
+        """The device, for one call, with one deadline for whatever the call takes.
+
+        After a failure the connection is closed, and the next call makes another: a
+        late answer must not be taken for the answer to a later request.
+        """
+        if not self._is_open:
+            raise DriverError("it is not open")
+        deadline = monotonic() + self.timeout
+        try:
+            if self._device is None:
+                self._device = Device(self.address, deadline)
+            self._device.deadline = deadline
+            yield self._device
+        except OSError:
+            self._drop()
+            raise
+
+    def _drop(self) -> None:
+        device, self._device = self._device, None
+        if device is not None:
+            device.close()
+
+
+class Device:
+    """A connection to the device. This one is in memory.
+
+    adc:0 reads what dac:0 is at, switch:0 what relay:0 is at. Replace it by the calls
+    of your device's library, or by a socket (docs/howto-write-a-driver.md). Each call
+    ends before `deadline`, a time of `time.monotonic()`; an answer that is late is a
+    DeviceTimeout, every other failure an OSError, such as DriverError. An answer that
+    is not as expected is a failure too.
+    """
+
+    levels: ClassVar[dict[str, int]] = dict.fromkeys(CHANNELS, 0)
+    """Levels of the device itself, which outlast the connection."""
+    silent: ClassVar[bool] = False
+    """Whether the device does not answer, for the tests."""
+    wires: ClassVar[dict[str, str]] = {"dac:0": "adc:0", "relay:0": "switch:0"}
+
+    def __init__(self, address: int, deadline: float) -> None:
+        self.deadline = deadline
+        self._exchange()
+
+    def get(self, name: str) -> int:
+        self._exchange()
+        return self.levels[name]
+
+    def set(self, name: str, raw: int) -> None:
+        self._exchange()
+        self.levels[name] = self.levels[self.wires[name]] = raw
+
+    def close(self) -> None:
+        """Also called after a failure."""
+
+    def _exchange(self) -> None:
+        if self.silent or monotonic() > self.deadline:
+            raise DeviceTimeout("the device does not answer")

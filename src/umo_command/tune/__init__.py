@@ -1,0 +1,1 @@
+"""`umo tune number`: the numbers of a machine, its gains and recipes."""

@@ -1,0 +1,80 @@
+"""Values that a user types."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from umo.errors import DeclarationError, OptionError, RangeError, StateError
+from umo.objects.units import convert
+from umo.text import did_you_mean
+
+TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+
+
+def number(name: str, text: str, unit: str) -> float:
+    """A number, or a number with a unit such as "80 mm", in `unit`; an integer stays one, as a float would change it
+    beyond 2**53. RangeError if it is not a number, or not finite."""
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
+    if match is None:
+        raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
+    if re.match(r",\d", match[2]):
+        raise RangeError(f"{name}: {text!r} is not a number; write {text.strip().replace(',', '.', 1)}")
+    try:
+        value = convert(float(match[1]), match[2] or unit, unit)
+    except DeclarationError as error:
+        raise RangeError(f"{name}: {error}") from None
+    if not math.isfinite(value):
+        raise RangeError(f"{name}: {text!r} is too large for a number{f' in {unit}' if unit else ''}")
+    is_whole = match[2] in ("", unit) and re.fullmatch(r"[-+]?\d+", match[1])
+    return int(match[1]) if is_whole else value
+
+
+def difference(name: str, text: str, unit: str) -> float:
+    """Return a number as `number`, converted as a difference: 10 K are 10 °C."""
+    own = re.sub(r"^\s*[-+\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
+    return number(name, text, unit) - convert(0.0, own or unit, unit)
+
+
+def state(name: str, text: str, states: Sequence[str]) -> str:
+    """The name of a state, in capital letters or small ones; StateError if it is not one."""
+    if text in states:
+        return text
+    for each in states:
+        if each.casefold() == text.casefold():
+            return each
+    raise StateError(f"{name} has no state {text!r}{did_you_mean(text.upper(), states)}: {', '.join(states)}")
+
+
+def argument(path: str, about: dict[str, Any], text: str) -> Any:
+    """An argument of an action, as its declaration describes it."""
+    name, kind = f"{path}: {about['name']}", about["kind"]
+    if kind in ("number", "integer"):
+        return number(name, text, about["unit"])
+    if kind == "bool":
+        if text.lower() not in (*TRUE, *FALSE):
+            raise RangeError(f"{name}: {text!r} is not true or false")
+        return text.lower() in TRUE
+    if kind == "choice":  # as it is shown: `production`
+        return next((each for each in about["choices"] if each.casefold() == text.casefold()), text)
+    return text
+
+
+def check_file(option: str, file: Path | None) -> None:
+    """RangeError if nothing can be written there: before anything runs."""
+    if file is None:
+        return
+    if file.is_dir() or not file.parent.is_dir():
+        raise RangeError(f"{option} {file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise RangeError(f"{option} {file}: cannot be written")
+
+
+def check_picture(path: Path | None) -> None:
+    """OptionError unless a file for a plot is a .png."""
+    if path is not None and path.suffix != ".png":
+        raise OptionError(f"{path.name}: a plot is a .png")

@@ -1,0 +1,126 @@
+"""Alarms in the frames of a run: the state column, its description, the list of `umo alarm list`, a black box."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from helpers.machines import sensor, timer, wired
+from umo import Compound, DigitalSensor, attach, connect, published
+from umo.operation.alarms import Alarm, AlarmState, High, Priority
+from umo.process.frames import Reader, blackbox
+from umo.testing import Scripted, periods
+from umo_command.app import app
+
+
+class Tank(
+    Compound,
+    alarms={
+        "full": Alarm(High("level", 80.0), "too full", priority=Priority.HIGH),
+        "empty": Alarm(lambda tank: tank.level.read() < 5.0, "empty"),
+    },
+):
+    timer: DigitalSensor
+    level: DigitalSensor
+
+
+class Fleeting(Compound, alarms={"full": Alarm(High("level", 80.0), "too full", acknowledge=False)}):
+    """Its alarm goes with its condition."""
+
+    timer: DigitalSensor
+    level: DigitalSensor
+
+
+@pytest.fixture
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Reader]:
+    """Of a tank that is too full."""
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    machine = Tank(timer=timer(), level=sensor(resolution=1.0))
+    connection = connect(machine, wired(machine, Scripted({"level": 90})))
+    with connection as m, published(connection, "vat") as ring:
+        assert ring.path is not None
+        with Reader(ring.path) as reader:
+            periods(m, 3)
+            yield reader
+
+
+def test_the_description_tells_paths_states_texts_and_priorities(reader: Reader) -> None:
+    full = reader.layout.alarms[0]
+    assert (full["path"], full["text"], full["priority"]) == ("full", "too full", "high")
+    assert full["states"][AlarmState.LATCHED_ACKNOWLEDGED] == "latched acknowledged"
+    frame = reader.latest()
+    assert frame is not None
+    assert frame["alarms"].tolist() == [AlarmState.UNACKNOWLEDGED, AlarmState.NORMAL]
+
+
+def test_the_list_has_state_priority_and_time(reader: Reader) -> None:
+    (row,) = reader.alarms(reader.latest())
+    assert (row.path, row.state, row.priority, row.text) == (
+        "full",
+        AlarmState.UNACKNOWLEDGED,
+        Priority.HIGH,
+        "too full",
+    )
+    assert row.since == pytest.approx(0.001)
+    assert reader.facts(reader.latest())["alarms"] == "full: too full (high, unacknowledged)"
+
+
+def test_a_black_box_keeps_alarms_and_their_events(reader: Reader, tmp_path: Path) -> None:
+    blackbox.save(reader, tmp_path / "vat.box", "test")
+    with Reader(tmp_path / "vat.box") as box:
+        assert [str(row) for row in box.alarms(box.latest())] == ["full: too full (high, unacknowledged)"]
+        assert "unacknowledged (high): too full" in [each.event.text for each in box.events()]
+
+
+def test_an_alarm_that_came_and_went_has_its_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    box = Scripted({"level": 10})
+    machine = Fleeting(timer=timer(), level=sensor(resolution=1.0))
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "vat"):
+        for level in (90, 10) * 25:
+            box.set("level", level)
+            periods(m, 1)
+        with attach("vat") as station:
+            assert station.alarms == []
+            ((path, state, raised, first, last),) = (
+                (row.path, row.state, row.raised, row.first, row.last) for row in station.raised_alarms
+            )
+        assert (path, state, raised) == ("full", AlarmState.NORMAL, 25)
+        assert (first, last) == (pytest.approx(0.001), pytest.approx(0.049))
+        listed = {option: CliRunner().invoke(app, ["alarm", "list", "vat", *option]) for option in ((), ("--raised",))}
+        assert listed[()].stdout == "no alarm\n"
+        assert "full" in (shown := listed["--raised",].stdout) and "normal" in shown and "25 since 0.001 s" in shown
+
+
+def test_umo_alarms_lists_them(reader: Reader) -> None:
+    result = CliRunner().invoke(app, ["alarm", "list", "vat", "--json"])
+    assert result.exit_code == 0, result.output
+    (row,) = json.loads(result.stdout)
+    assert (row["path"], row["state"], row["priority"], row["text"]) == ("full", "unacknowledged", "high", "too full")
+    shown = CliRunner().invoke(app, ["alarm", "list"]).stdout
+    assert "unacknowledged" in shown
+    assert "too full" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["shelve", "vat", "full", "1 min", "2 min"], "shelve: '2 min' is not NAME=VALUE, once for each argument"),
+        (["list", "vat", "full"], "got unexpected extra argument"),
+    ],
+)
+def test_a_mistake_in_a_command_of_alarms_is_told_in_a_line(reader: Reader, words: list[str], message: str) -> None:
+    result = CliRunner().invoke(app, ["alarm", *words])
+    assert (result.exit_code, message in result.stderr) == (2, True), result.stderr
+
+
+def test_without_a_history_it_is_said(reader: Reader) -> None:
+    for name in ("vat", str(reader.about["pid"])):
+        assert "no history of alarms of vat" in CliRunner().invoke(app, ["alarm", "history", name]).stdout

@@ -1,0 +1,80 @@
+"""Faults that are planted in a copy of umo, to see which are found: this text of a file becomes another one.
+
+`tools.fuzz.mutants` has those of the translator, `tools.schedules.planted` those of the stop,
+`tools.message_orders.planted` those of a link and a fleet.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class PlantedFault:
+    """A fault: `text` of a file of `ROOM` becomes `wrong`."""
+
+    ROOM: ClassVar[str] = "src/umo"
+
+    what: str
+    file: str
+    text: str
+    wrong: str
+    layer: str = ""
+    """What covers it, in words; "": it is found by itself."""
+
+    def place(self, tree: Path = ROOT) -> Path:
+        """The file; ValueError if it does not contain the text of this fault exactly once."""
+        path = tree / self.ROOM / self.file
+        if (count := path.read_text("utf-8").count(self.text)) != 1:
+            raise ValueError(f"{self.what}: {self.text!r} is {count} times in {self.file}")
+        return path
+
+    def line(self, is_found: bool, said: str) -> str:
+        """What came of it; with what covers it, where it was not found."""
+        covered = f"\n       covered: {self.layer}" if self.layer and not is_found else ""
+        return f"{'found ' if is_found else 'MISSED'} {self.what}: {said}{covered}"
+
+
+def copied(tree: Path) -> Path:
+    """The folder `tree`, with a copy of umo, its tools, and its bench, which tools use."""
+    for part in ("src", "tools", "bench"):
+        shutil.copytree(ROOT / part, tree / part, ignore=shutil.ignore_patterns("__pycache__"))
+    return tree
+
+
+@contextmanager
+def planted(faults: Sequence[PlantedFault], tree: Path) -> Iterator[None]:
+    """These faults are in the copy meanwhile."""
+    before: dict[Path, str] = {}
+    try:
+        for each in faults:
+            file = each.place(tree)
+            text = file.read_text("utf-8")
+            before.setdefault(file, text)
+            file.write_text(text.replace(each.text, each.wrong), "utf-8")
+        yield
+    finally:
+        for file, text in before.items():
+            file.write_text(text, "utf-8")
+
+
+def played_with(
+    faults: Sequence[PlantedFault], tree: Path, timeout: float, *words: str
+) -> subprocess.CompletedProcess[str]:
+    """`python -m` these words in the copy while these faults are in it. TimeoutExpired after so many s."""
+    path = os.pathsep.join([str(tree / "src"), str(tree)])
+    with planted(faults, tree):
+        return subprocess.run(
+            [sys.executable, "-m", *words], cwd=tree, env=os.environ | {"PYTHONPATH": path}, capture_output=True,
+            text=True, check=False, timeout=timeout,
+        )  # fmt: skip

@@ -1,0 +1,111 @@
+"""The machine of the worlds: one output on a device on the cycle, one on a device behind a worker. The devices are in
+the memory of the world and outlive all processes."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY
+from typing import Annotated, Any
+
+import umo
+from tools.schedules.gate import NS, Gate
+from tools.schedules.shared import DEVICES, Head, Move
+from umo.cycle.sequences import next_period
+from umo.drivers import Channel, Direction, Driver
+from umo.errors import DeviceTimeout
+from umo.objects.range import Number
+
+PERIODS, LONG = 5, 100
+"""Periods that the application drives for; and in a long run."""
+PERIOD, HANG_TIMEOUT, TIMEOUT, RESET_FOR = 0.01, 0.1, 0.02, 0.3
+"""s."""
+WIRING: dict[str, Any] = {
+    "drivers": {
+        "d1": {"type": "tools.schedules.machine:Board", "name": "d1", "timeout": f"{TIMEOUT:g} s"},
+        "d2": {
+            "type": "tools.schedules.machine:Board", "name": "d2", "timeout": f"{TIMEOUT:g} s", "off_cycle": True,
+            "period": "20 ms", "max_age": "5 s",
+        },
+    },
+    "wire": {
+        "timer": {"driver": "timerfd", "period": f"{PERIOD:g} s"},
+        "motor": {"driver": "d1"},
+        "heater": {"driver": "d2"},
+    },
+    "process": {"hang_timeout": f"{HANG_TIMEOUT:g} s", "reset_for": f"{RESET_FOR:g} s"},
+}  # fmt: skip
+periods = [PERIODS]
+"""Those of this world."""
+gates: list[Gate] = []
+"""The gate of this process, where it is one of a world."""
+
+
+class Machine(umo.Compound, stop_order=("heater", "motor")):
+    timer: umo.DigitalSensor
+    motor: umo.DigitalActuator
+    heater: umo.DigitalActuator
+    _: KW_ONLY
+    count: Annotated[int, Number("", 0, 1e9, kept=True)] = 0
+    """What a keeper writes, where there are frames."""
+
+
+def declare() -> Machine:
+    timer = umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
+    motor, heater = (
+        umo.DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=1.0) for _ in range(2)
+    )
+    return Machine(timer=timer, motor=motor, heater=heater)
+
+
+async def drive(m: Machine) -> str:
+    """Another level in each period, so that each one writes."""
+    for number in range(periods[0]):
+        m.count = number
+        m.motor.write(5.0 + number % 5)
+        m.heater.write(5.0 + number % 5)
+        await next_period()
+    return "driven"
+
+
+class Board(Driver):
+    """A device with one output, whose level is in the memory of the world; 0 is the default."""
+
+    def __init__(self, *, name: str) -> None:
+        self._name, self._number = name, DEVICES.index(name)
+
+    def devices(self) -> list[str]:
+        return [f"board {self._name}"]
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.OUTPUT, 8, signed=True)
+
+    def open(self) -> None:
+        self._tell(Move.OPEN)
+
+    def close(self) -> None:
+        self._tell(Move.CLOSE)
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        self._tell(Move.INITIALIZE, default)
+
+    def finalize(self, channel: Channel) -> None:
+        self._tell(Move.FINALIZE)
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        self._tell(Move.RESET, default)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self._tell(Move.WRITE, raw)
+
+    def _tell(self, move: Move, raw: int | None = None) -> None:
+        """DeviceTimeout if the device does not answer."""
+        (gate,) = gates
+        head, level = gate.memory.head, "" if raw is None else f" {raw}"
+        gate.stand(f"{self._name} {move.name}{level}")
+        if head[Head.SILENT + self._number]:
+            until = gate.now_ns() + round(self.timeout * NS)
+            while gate.now_ns() < until:
+                gate.sleep((until - gate.now_ns()) * 1e-9)
+            raise DeviceTimeout("no answer")
+        if raw is not None:
+            head[Head.LEVELS + self._number] = raw
+        gate.memory.note(gate.slot, self._number, move, raw or 0)

@@ -1,0 +1,219 @@
+"""A world: one run of the machine, whose starter is forked from the process that plays schedules.
+
+umo is imported, and the plan of the run is made, once; each world has a copy. All code of the run is umo's own, but for
+`Starter`, which does what `umo run` does. What cannot be the same in each run (priorities, locked memory) is left out.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import umo.cycle.insisting as insisting
+import umo.drivers.off_cycle.proxy as proxy
+import umo.process.control_process as control_process
+import umo.process.guardian as guardian
+import umo.process.keeper as keeper
+import umo.process.reset as reset
+import umo.process.worker as worker
+import umo.system.processes as processes
+from tools.schedules import machine
+from tools.schedules.faults import Schedule
+from tools.schedules.gate import Gate
+from tools.schedules.shared import Memory
+from umo.drivers.off_cycle import OffCycle
+from umo.process.frame_watcher import FrameWatcher
+from umo.process.job import Job, Plan
+from umo.process.job_facts import job_facts
+from umo.process.run_end import RunEnd
+from umo.process.run_state import RunState, Who
+from umo.process.start import Started
+from umo.system import calls, realtime
+from umo.system.realtime import Refusal
+
+INTERVALS: tuple[tuple[Any, str, float], ...] = (
+    (processes, "LOOK_INTERVAL", 0.004),
+    (reset, "LOOK_INTERVAL", 0.004),
+    (proxy, "LOOK_INTERVAL", 0.01),
+    (control_process, "ADMISSION_INTERVAL", 0.01),
+    (worker, "REQUEST_INTERVAL", 0.01),
+    (worker, "ORDER_INTERVAL", 0.02),
+)
+"""Times in s between two looks at another process, in place of 0.5 and 5 ms: the same protocol in fewer steps."""
+WORKERS = 1
+
+
+def job() -> Job:
+    name = machine.__name__
+    return Job(machine=f"{name}:declare", application=f"{name}:drive", wiring=machine.WIRING, acknowledge=False)
+
+
+class World:
+    """Makes the processes of one run after the other. `prefix`: of the abstract names of their sockets."""
+
+    def __init__(self, memory: Memory, prefix: str) -> None:
+        self._memory, self._prefix = memory, prefix
+        self._job = job()
+        self._plan = Plan(self._job)
+        job_facts(self._plan)  # it imports what each world with frames would
+        drivers = self._plan.wired.drivers.values()
+        shared = [driver.exchange._memory for driver in drivers if isinstance(driver, OffCycle)]
+        self._clean = [(memory, bytes(memory)) for memory in shared]
+        """What the processes of a run share from before its start, as it is then: all worlds have the same memory."""
+        gc.collect()
+        gc.freeze()
+
+    def begin(self, log: int, schedule: Schedule) -> int:
+        """Fork the starter; its pid. It stands at its first gate when this returns. `log`: the file for what is
+        printed."""
+        for memory, content in self._clean:
+            memory[:] = content
+        slot = self._memory.new_slot("starter")
+        pid = os.fork()
+        if pid == 0:
+            try:
+                os.dup2(log, 1)
+                os.dup2(log, 2)
+                self._become_starter(Gate(self._memory, slot, self._prefix), schedule)
+            except BaseException:
+                sys.excepthook(*sys.exc_info())
+            finally:
+                os._exit(99)
+        self._memory.until_born()
+        return pid
+
+    def _become_starter(self, gate: Gate, schedule: Schedule) -> None:
+        os.setsid()
+        gc.disable()
+        machine.gates.append(gate)
+        install(gate, self._plan)
+        machine.periods[0] = machine.LONG if schedule.long else machine.PERIODS
+        if not schedule.frames:
+            _change(FrameWatcher, "make", lambda self: "")
+        gate.begin()
+        Starter(self._job, self._memory).run()
+        calls.exit_now(0)
+
+
+class Starter:
+    """The process that has started the run and waits for its end, as `umo run` does."""
+
+    def __init__(self, job: Job, memory: Memory) -> None:
+        self._memory = memory
+        self._started: Started | None = None
+        signal.signal(signal.SIGTERM, self._ask)
+        self._started = Started(job)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        if self._started is not None:
+            self._started.ask_to_stop(number)
+
+    def run(self) -> None:
+        assert self._started is not None
+        while (outcome := self._started.outcome) is None:
+            self._started.poll(0.1)
+        self._memory.put_outcome(outcome.encode())
+
+
+# What is different in a world -----------------------------------------------------------------------------
+
+
+def install(gate: Gate, plan: Plan) -> None:
+    """In the starter, which all processes of the world descend from."""
+    gate.locks = [who.name.lower() for who in Who] + [f"worker {number}" for number in range(WORKERS)]
+    gate.starts = lambda files, environ: guardian.main(*files)
+    gate.install()
+    _change(guardian, "Plan", lambda job: plan)
+    for module, name, seconds in INTERVALS:
+        _change(module, name, seconds)
+    _leave_real_time_out()
+    _name_processes(gate)
+    _stand_at_memory(gate)
+    library = insisting.side_of
+    _change(insisting, "side_of", lambda file: insisting.Side.LOOP if file in _OWN_FILES else library(file))
+
+
+_OWN_FILES = {sys.modules[Gate.__module__].__file__, sys.modules[Memory.__module__].__file__}
+"""No code of a user's, which a second signal would end."""
+
+
+def _change(owner: Any, name: str, value: Any) -> None:
+    """ValueError where there is no such name any more."""
+    if not hasattr(owner, name):
+        raise ValueError(f"{owner.__name__} has no {name}")
+    setattr(owner, name, value)
+
+
+def _leave_real_time_out() -> None:
+    refusal = Refusal("no real-time scheduling", "it is a world of schedules", "-")
+    _change(realtime, "prepare", lambda *_: [])
+    _change(realtime, "granted", lambda: (0, None))
+    _change(realtime, "use_fifo", lambda priority: refusal)
+    for name in ("prepare_guardian", "drop_realtime", "leave_core"):
+        _change(realtime, name, lambda *_, **__: None)
+    for module in (guardian, control_process, keeper):
+        _change(module, "adjust_oom_score", lambda change: None)
+
+
+def _name_processes(gate: Gate) -> None:
+    """Each process is named by what it is forked for."""
+    fork, fork_reserve, keep = RunState.fork, RunEnd._fork_reserve, FrameWatcher.keep
+
+    def named_fork(self: RunState, who: int) -> int:
+        gate.next_kind = Who(who).name.lower() if who < len(Who) else "worker"
+        return fork(self, who)
+
+    def named_fork_reserve(self: RunEnd, first: bool) -> int:
+        gate.next_kind = "reserve"
+        return fork_reserve(self, first)
+
+    def named_keep(self: FrameWatcher, reason: str) -> None:
+        gate.next_kind = "box"
+        keep(self, reason)
+        gate.next_kind = "reset"
+
+    _change(RunState, "fork", named_fork)
+    _change(RunEnd, "_fork_reserve", named_fork_reserve)
+    _change(FrameWatcher, "keep", named_keep)
+
+
+class _Torn:
+    """Memory whose writes have a gate each: a process may be killed between the two of a report."""
+
+    def __init__(self, gate: Gate, memory: Any) -> None:
+        self._gate, self._memory = gate, memory
+
+    def __getitem__(self, place: slice) -> bytes:
+        return bytes(self._memory[place])
+
+    def __setitem__(self, place: slice, content: bytes) -> None:
+        self._gate.stand("write report")
+        self._memory[place] = content
+
+
+def _stand_at_memory(gate: Gate) -> None:
+    """What is written to shared memory, and others decide by, has a gate."""
+    make = RunState.__init__
+
+    def made(self: RunState, workers: int = 0) -> None:
+        make(self, workers)
+        for text in (self._report, self._outcome):
+            text._memory = _Torn(gate, text._memory)  # type: ignore[assignment]
+
+    def before(name: str) -> None:
+        function: Callable[..., Any] = getattr(RunState, name)
+
+        def stand(self: RunState, *words: Any) -> Any:
+            gate.stand(" ".join([name, *map(str, words)]))
+            return function(self, *words)
+
+        _change(RunState, name, stand)
+
+    _change(RunState, "__init__", made)
+    for name in ("enter", "ask", "admit", "conclude", "note_told"):
+        before(name)
