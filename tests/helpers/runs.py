@@ -22,6 +22,10 @@ NEIGHBOURS = "the control process did not get core"
 """The beginning of a notice that other stations had the core."""
 
 
+class RunEnded(AssertionError):
+    """A run has ended before what was waited for."""
+
+
 class Run:
     """One run under a guardian that was forked from this process instead of started afresh: the same code, sooner."""
 
@@ -60,10 +64,20 @@ class Run:
                 self.standby = message["pid"]
             elif message["kind"] == "notice":
                 self.notices.append(message["text"])
-            else:
-                assert message["kind"] == "running", message
+            elif message["kind"] == "running":
                 self.control = message["pid"]
+            else:
+                raise RunEnded(f"{message}, {self.notices}")
         return self
+
+    def goes_on_until(self, file: int) -> None:
+        """Until `file` can be read. Fails with what the run has said if it ends before."""
+        guardian = os.pidfd_open(self.guardian)
+        ready = select.select([file, guardian], [], [], 60)[0]
+        os.close(guardian)
+        if file not in ready:
+            assert ready, "neither the file nor the run changes within a minute"
+            raise RunEnded(f"{self.outcome()}, {self.notices}")
 
     def message(self, kind: str) -> dict[str, Any]:
         """The next message, which is of this kind."""
@@ -74,7 +88,8 @@ class Run:
     def next(self) -> dict[str, Any]:
         """The next message."""
         message = self._receive()
-        assert message is not None, "the run ended"
+        if message is None:
+            raise RunEnded(self.notices)
         return message
 
     def _receive(self) -> dict[str, Any] | None:

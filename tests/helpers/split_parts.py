@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 from helpers.boards import need
 from helpers.peers.text_devices import emulator
+from helpers.runs import Run
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
 from umo.generate.split.part_generator import part_files
@@ -158,23 +159,32 @@ class Recorded(NamedTuple):
 class RunningController:
     """A controller that runs. `port` is where its host finds it."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
-        self._lines = process.stdout
+        self._output, self._rest = process.stdout, b""
         self.pid = process.pid
-        self.port = int(self._lines.readline())
+        self.port = int(self._output.readline())
 
-    def recorded(self) -> Iterator[Recorded]:
-        """The record, line by line; each is waited for."""
-        for line in self._lines:
-            period, mode, silent, *outputs = map(int, line.split())
-            yield Recorded(period, mode, silent, outputs)
+    def recorded(self, run: Run | None = None) -> Iterator[Recorded]:
+        """The record, line by line; each is waited for. It is an error if `run` ends first."""
+        while True:
+            while b"\n" in self._rest:
+                line, _, self._rest = self._rest.partition(b"\n")
+                period, mode, silent, *outputs = map(int, line.split())
+                yield Recorded(period, mode, silent, outputs)
+            if run is not None:
+                run.goes_on_until(self._output.fileno())
+            data = os.read(self._output.fileno(), 4096)
+            if not data:
+                return
+            self._rest += data
 
 
 @contextmanager
 def controller_of(program: Path, stderr: int | None = None) -> Iterator[RunningController]:
     environment = {**os.environ, "UMO_LINK": "0"}
-    with subprocess.Popen([program], stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen([program], bufsize=0, stdout=pipe, stderr=stderr, env=environment) as process:
         try:
             yield RunningController(process)
         finally:
@@ -184,17 +194,18 @@ def controller_of(program: Path, stderr: int | None = None) -> Iterator[RunningC
 class EmulatedController(RunningController):
     """The same on an emulated board. `serial` is where its host finds it."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
-        self._lines = process.stdout
+        self._output, self._rest = process.stdout, b""
         self.pid = process.pid
-        found = (re.search(r"/dev/pts/\d+", line) for line in self._lines)
-        self.serial = next(each[0] for each in found if each)
+        found = (re.search(rb"/dev/pts/\d+", line) for line in self._output)
+        self.serial = next(each[0].decode() for each in found if each)
 
 
 @contextmanager
 def emulated_controller(board: EmulatedBoard, elf: Path) -> Iterator[EmulatedController]:
-    with subprocess.Popen(board.command(elf), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(board.command(elf), bufsize=0, stdin=pipe, stdout=pipe) as process:
         try:
             yield EmulatedController(process)
         finally:
