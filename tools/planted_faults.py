@@ -1,4 +1,5 @@
-"""Faults that are planted in a copy of umo, to see which are found: this text of a file becomes another one.
+"""Faults that are planted in umo, to see which are found: a text becomes another one, in a file of a copy of umo, or in
+a function of this process.
 
 `tools.fuzz.mutants` has those of the translator, `tools.schedules.planted` those of the stop,
 `tools.message_orders.planted` those of a link and a fleet.
@@ -6,15 +7,17 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import shutil
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 ROOT = Path(__file__).parents[1]
 
@@ -78,3 +81,29 @@ def played_with(
             [sys.executable, "-m", *words], cwd=tree, env=os.environ | {"PYTHONPATH": path}, capture_output=True,
             text=True, check=False, timeout=timeout,
         )  # fmt: skip
+
+
+class Edit:
+    """Other texts in a function or property of a class or a module: each pair is a text that it contains once, and the
+    text that takes its place."""
+
+    def __init__(self, owner: Any, name: str, *texts: tuple[str, str]) -> None:
+        self.owner, self.name, self.texts = owner, name, texts
+
+
+@contextmanager
+def edited(edits: Sequence[Edit]) -> Iterator[None]:
+    """The functions have these texts meanwhile. AssertionError if a text that is to be replaced is not there once."""
+    with ExitStack() as stack:
+        for edit in edits:
+            known: Any = inspect.getattr_static(edit.owner, edit.name)
+            function: Any = known.fget if isinstance(known, property) else known
+            source = textwrap.dedent(inspect.getsource(function))
+            for old, new in edit.texts:
+                assert source.count(old) == 1, f"{edit.name} no longer has {old!r}"
+                source = source.replace(old, new)
+            found: dict[str, Any] = {}
+            exec(compile(source, "<mutant>", "exec"), function.__globals__, found)
+            stack.callback(setattr, edit.owner, edit.name, known)
+            setattr(edit.owner, edit.name, found[edit.name])
+        yield

@@ -10,9 +10,10 @@ from tools.memory_orders import worker_protocols
 from tools.memory_orders.cases import CASES, Case, of_case, of_mutant
 from tools.memory_orders.explore import Model, TooMany, explore
 from tools.memory_orders.machines import Arm, Machine, Tso
-from tools.memory_orders.mutants import MUTANTS, Edit, Mutant, planted
+from tools.memory_orders.mutants import MUTANTS, Mutant
 from tools.memory_orders.sizes import small
 from tools.memory_orders.threads import Access, Shape, Thread
+from tools.planted_faults import Edit, edited
 from umo.process.start import LINUX
 from umo.system.shared_cells import SharedText
 
@@ -122,7 +123,7 @@ def test_a_lock_ends_with_the_death_of_its_holder() -> None:
 
 
 def test_a_mutant_of_a_text_that_no_longer_stands_in_the_function_is_an_error() -> None:
-    with pytest.raises(AssertionError, match="put no longer has"), planted([Edit(SharedText, "put", ("nothing", ""))]):
+    with pytest.raises(AssertionError, match="put no longer has"), edited([Edit(SharedText, "put", ("nothing", ""))]):
         pass
 
 

@@ -10,8 +10,9 @@ from tools.memory_orders import client_protocols, frame_protocols, worker_protoc
 from tools.memory_orders.client_protocols import COMMAND_SLOTS
 from tools.memory_orders.explore import Found, Model, explore
 from tools.memory_orders.machines import MACHINES, Arm, Machine, Tso
-from tools.memory_orders.mutants import Mutant, planted
+from tools.memory_orders.mutants import Mutant
 from tools.memory_orders.sizes import small
+from tools.planted_faults import edited
 
 
 @dataclass(frozen=True)
@@ -106,5 +107,5 @@ def of_case(case: Case, machine: type[Machine]) -> Found:
 
 
 def of_mutant(mutant: Mutant, machine: type[Machine]) -> Found:
-    with small(mutant.command_slots), planted(mutant.edits):
+    with small(mutant.command_slots), edited(mutant.edits):
         return explore(mutant.model(), machine)

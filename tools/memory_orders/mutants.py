@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
-import textwrap
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from tools.memory_orders import client_protocols, frame_protocols, worker_protocols
 from tools.memory_orders.client_protocols import COMMAND_SLOTS
 from tools.memory_orders.explore import Model
 from tools.memory_orders.machines import Arm, Machine, Tso
+from tools.planted_faults import Edit
 from umo.drivers.off_cycle import shared_memory
 from umo.drivers.off_cycle.proxy import OffCycle
 from umo.drivers.off_cycle.shared_memory import Banks
@@ -31,13 +28,6 @@ WEAK: Sequence[type[Machine]] = (Arm,)
 NOWHERE: Sequence[type[Machine]] = ()
 
 
-class Edit:
-    """Other texts in a function or property of a class or a module: what stands there once, and what is to."""
-
-    def __init__(self, owner: Any, name: str, *texts: tuple[str, str]) -> None:
-        self.owner, self.name, self.texts = owner, name, texts
-
-
 @dataclass(frozen=True)
 class Mutant:
     what: str
@@ -50,24 +40,6 @@ class Mutant:
     command_slots: int = COMMAND_SLOTS
     quick: bool = True
     """Whether `make test` tries it where it is found."""
-
-
-@contextmanager
-def planted(edits: Sequence[Edit]) -> Iterator[None]:
-    """With these texts in the functions. AssertionError if one does not have the text that is to be replaced."""
-    with ExitStack() as stack:
-        for edit in edits:
-            known: Any = inspect.getattr_static(edit.owner, edit.name)
-            function: Any = known.fget if isinstance(known, property) else known
-            source = textwrap.dedent(inspect.getsource(function))
-            for old, new in edit.texts:
-                assert source.count(old) == 1, f"{edit.name} no longer has {old!r}"
-                source = source.replace(old, new)
-            found: dict[str, Any] = {}
-            exec(compile(source, "<mutant>", "exec"), function.__globals__, found)
-            stack.callback(setattr, edit.owner, edit.name, known)
-            setattr(edit.owner, edit.name, found[edit.name])
-        yield
 
 
 def _frames(checksum: bool, how: str) -> Callable[[], Model]:
