@@ -341,7 +341,7 @@ def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkey
             answer = station.book.choose("strong")
             until(lambda: started.poll() or started.values["heater"] == 70.0)
             assert (station.book.choice, station.book.begun) == ("strong", "strong")
-            assert recipe_list._now(str(started.pid), "book").endswith("begun last: strong; for the next batch: strong")
+            assert recipe_list._now(str(started.pid), "book").endswith("begun last: strong; chosen: strong")
             with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):
                 station.book.choose("hot", '{"heat": 101}')
             station.book.choose("edited", '{"heat": 55.5}')

@@ -182,6 +182,15 @@ def test_each_value_that_is_not_taken_is_an_event_and_the_first_ones_are_said() 
     assert (len(said), said[-1]) == (6, "2 more kept values are not taken: the events of the run tell which")
 
 
+def test_the_values_that_a_run_begins_with_are_said() -> None:
+    connection = connect(press())
+    connection.kept = entries(count=7, gone=1.0)
+    with connection:
+        said = list(kept_values.tell(connection))
+    assert said[0] == "kept from the last run: count = 7 (--fresh starts without them)"
+    assert len(said) == 2
+
+
 VALUES = some.none() | some.booleans() | some.integers() | some.floats() | some.text(max_size=5)
 
 

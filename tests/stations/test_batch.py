@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from random import Random
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ from helpers.batch_plant import boxes
 from helpers.operator import Operator
 from helpers.tiers import first, some
 from umo.control import until, wait
+from umo.cycle.restoring import NAME
 from umo.drivers import Direction
 from umo.errors import ChannelError, DriverError, EquipmentFault
 from umo.operation import ProcedureState
@@ -50,6 +52,7 @@ class Run:
         repair_time: float | None = 30.0,
         disturb: Callable[[BatchPlant], Any] | None = None,
         seed: int | None = None,
+        kept: Mapping[str, Any] = MappingProxyType({}),
         **options: Any,
     ) -> None:
         self.machine = machine()
@@ -64,6 +67,7 @@ class Run:
         self._repair_time, self._disturb = repair_time, disturb
         given = {} if seed is None else {"seed": seed}
         connection = umo.connect(self.machine, wired, fault=list(fault), **given)
+        connection.kept = kept
         with connection as m:
             plant = connection.driver("plant")
             assert isinstance(plant, Plant)
@@ -155,6 +159,14 @@ def _stay(phases: list[tuple[float, str]], names: set[str]) -> tuple[float, floa
     begin = next(number for number, (_, name) in enumerate(phases) if name in names)
     end = next(number for number in range(begin, len(phases)) if phases[number][1] not in names)
     return phases[begin][0], phases[end][0]
+
+
+@pytest.mark.parametrize(("given", "made"), [({}, "paint 2"), ({"recipe": ["soap"]}, "soap 2")])
+def test_recipes_that_are_given_replace_one_that_a_client_chose_in_an_earlier_run(
+    given: dict[str, Any], made: str
+) -> None:
+    kept = {"book.choice": {"value": "paint", "unit": "", "type": NAME}}
+    assert Run(kept=kept, batches=1, **given).result["made"] == made
 
 
 @pytest.mark.parametrize("seed", first(1, range(1, 21)))

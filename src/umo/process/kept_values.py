@@ -84,8 +84,12 @@ def _aside(path: Path) -> Path:
 
 
 def tell(connection: connect[Any]) -> Iterator[str]:
-    """Add an event of the connected machine for each kept value that was not used; yields the notices for the user."""
+    """Add an event of the connected machine for each kept value that was not used; yields the notices for the user:
+    which kept values the run begins with, and which were not used."""
     refused = connection.not_restored
+    if taken := [f"{path} = {entry['value']}" for path, entry in connection.kept.items() if path not in refused]:
+        more = f" and {len(taken) - MAX_TOLD} more" if len(taken) > MAX_TOLD else ""
+        yield f"kept from the last run: {', '.join(taken[:MAX_TOLD])}{more} (--fresh starts without them)"
     for number, (path, why) in enumerate(refused.items()):
         connection.machine.events.add(Event(connection.machine.clock.now, path, f"its kept value is not taken: {why}"))
         if number < MAX_TOLD:

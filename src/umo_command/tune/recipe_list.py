@@ -45,18 +45,22 @@ def _now(running: str, path: str) -> str:
             return ""
         found = (places[f"{path}.{name}"] for name in ("begun", "choice"))
         begun, choice = (signals[each].text(float(frame["signals"][each])) for each in found)
-        return f"{reader.title}: begun last: {begun}; for the next batch: {choice}"
+        return f"{reader.title}: begun last: {begun}; chosen: {choice}"
     return ""
 
 
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
-    """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
+    """Choose a recipe for the batches of a running station that begin from now on. Its file is read in this process."""
     machine = station.machine()
     path, recipe = _named(station, books_of(machine), name)
     action = actions_of(machine)[f"{path}.choose"].describe()
     with station_of(running) as remote, leased(remote, over):
         chosen = remote.carry_out(CALL, action["path"], {"name": name, "content": recipe.content})
-    out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
+    back = f"umo do {station.name} call {path}.follow_plan"
+    out.print(
+        f"chosen for all batches that begin from now on, also in later runs: {chosen}", soft_wrap=True, markup=False
+    )
+    out.print(f"{back}   gives the choice back to the program", soft_wrap=True, markup=False)
     return 0
 
 

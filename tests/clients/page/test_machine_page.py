@@ -106,13 +106,13 @@ def test_the_recipe_of_the_next_batch_is_chosen_with_its_values_before_the_eyes(
             "50",
             "75",
         ]
-        book.get_by_label("Recipe for the next batch").select_option("paint")
-        book.get_by_role("button", name="Choose for the next batch").click()
+        book.get_by_label("Recipe from the next batch on").select_option("paint")
+        book.get_by_role("button", name="Use from the next batch on").click()
         book.locator(".answer[data-state='done']").wait_for()
         eventually(lambda: station.book.choice == "paint")
         book.evaluate("(element) => { element.querySelector('option').value = 'lacquer'; }")
-        book.get_by_label("Recipe for the next batch").select_option("lacquer")
-        book.get_by_role("button", name="Choose for the next batch").click()
+        book.get_by_label("Recipe from the next batch on").select_option("lacquer")
+        book.get_by_role("button", name="Use from the next batch on").click()
         book.get_by_text("no recipe 'lacquer'").wait_for()
         assert station.book.choice == "paint"
         book.get_by_role("button", name="Follow the program").click()

@@ -620,7 +620,7 @@ def test_a_command_that_cannot_be_given_says_why(page: Any, tmp_path: Path) -> N
         unit.get_by_text("Take control first").wait_for()
         assert hold.get_attribute("title").startswith("Take control first")
         assert (
-            page.get_by_role("button", name="Choose for the next batch").get_attribute("title") == "Take control first"
+            page.get_by_role("button", name="Use from the next batch on").get_attribute("title") == "Take control first"
         )
         with station.lease("Ben"):
             page.get_by_text("Ben has control.").wait_for()

@@ -12,17 +12,18 @@ from .batch_recipes import Name, in_words
 from .control import BatchPlant, Making, Reactor
 from .errors import BatchesLost
 
+USUAL: Sequence[Name] = ("glue", "soap")
+"""The recipes that are made where none is given."""
 ENDED = (ProcedureState.COMPLETE, ProcedureState.STOPPED, ProcedureState.ABORTED)
 """The states in which a reactor makes no batch until it is reset."""
 
 
-async def main(
-    m: BatchPlant, recipe: Sequence[Name] = ("glue", "soap"), batches: int = 2, patience: float = 600.0
-) -> dict[str, Any]:
+async def main(m: BatchPlant, recipe: Sequence[Name] = (), batches: int = 2, patience: float = 600.0) -> dict[str, Any]:
     """Make batches. Each reactor takes the recipes in turn; the second one begins with the second recipe.
 
     Options:
-        recipe: one or several, in the order in which they are made.
+        recipe: one or several, in the order in which they are made; they replace what a client chose in an earlier
+            run. Default: glue, then soap, or what a client chose.
         batches: how many each reactor makes.
         patience: time in which a fault must be cleared, s; then the batches of this reactor are not made.
 
@@ -31,10 +32,13 @@ async def main(
     a fault was not.
     """
     m.book.begin()
+    if recipe:
+        m.book.follow_plan()
     for reactor in m.reactors:
         reactor.begin()
     m.cycle.progress("", done=0, total=batches * len(m.reactors))
-    plans = [[recipe[(first + number) % len(recipe)] for number in range(batches)] for first in range(len(m.reactors))]
+    names = recipe or USUAL
+    plans = [[names[(first + number) % len(names)] for number in range(batches)] for first in range(len(m.reactors))]
     made: Counter[str] = Counter()
     lost = await together(
         *(work(m, reactor, plan, patience, made) for reactor, plan in zip(m.reactors, plans, strict=True))

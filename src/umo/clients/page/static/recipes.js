@@ -26,9 +26,9 @@ export class RecipePanel {
     this._client = client;
     this._begun = el("output", { className: "recipe-name" });
     this._next = el("output", { className: "recipe-name" });
-    this._select = el("select", { "aria-label": "Recipe for the next batch", onchange: () => this._mark() },
+    this._select = el("select", { "aria-label": "Recipe from the next batch on", onchange: () => this._mark() },
       ...book.recipes.map(({ name }) => el("option", { textContent: name, value: name })));
-    this._choose = el("button", { textContent: "Choose for the next batch", type: "submit" });
+    this._choose = el("button", { textContent: "Use from the next batch on", type: "submit" });
     this._plan = el("button", { textContent: "Follow the program", type: "button", onclick: () => this._ask("follow_plan", {}, "the recipes of the program") });
     this._answer = el("p", { className: "answer", "aria-live": "polite" });
     const part = book.path.slice(0, Math.max(0, book.path.lastIndexOf(".")));
