@@ -15,6 +15,7 @@ from umo.system.packages import MARK
 from umo.text import count_of, printable
 
 from .console import out
+from .run.long_runs import newest, recorded
 from .show.stations import show_stations, standing
 
 Step = tuple[str, str]
@@ -23,27 +24,35 @@ STEPS = 3
 
 
 def show_home() -> None:
-    """Print the stations that run, and the three steps that fit the place and what runs."""
+    """Print the stations that run, the runs of this folder that failed last, and three steps that fit them."""
     show_stations()
     table = Table.grid(padding=(0, 3))
     found = search.readers()  # `show_stations` has named those that cannot be read
-    for command, what in next_steps(Path.cwd(), found, standing()):
+    failed = [run for run in newest(recorded()) if run.failed]
+    for run in failed[:STEPS]:
+        out.print(f"failed: {printable(run.sentence)}", no_wrap=True, overflow="ellipsis")
+    for command, what in next_steps(Path.cwd(), found, standing(), [run.station for run in failed]):
         table.add_row(f"  {command}", what)
     out.print("\nNext:")
     out.print(table)
     out.print("\n`umo --help` shows all commands.")
 
 
-def next_steps(folder: Path, found: Sequence[RunReader], stopped: list[Ended]) -> list[Step]:
-    """Three steps: first what waits for somebody, then what there is to see and to do."""
+def next_steps(
+    folder: Path, found: Sequence[RunReader], stopped: Sequence[Ended] = (), failed: Sequence[str] = ()
+) -> list[Step]:
+    """Three steps: first what waits for somebody, then what there is to see and to do. `failed`: the stations of runs
+    that failed."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
     steps += [
         (f"umo do {printable(each.station)} acknowledge", "start again after you have inspected it") for each in stopped
     ]
+    steps += [(f"umo show why {printable(name)}", "why its last run failed") for name in failed]
+    steps = list(dict.fromkeys(steps))
     if found:
-        steps += _running(str(found[0].about["station"]))
+        steps = [*steps[: STEPS - 1], *_running(str(found[0].about["station"]))]
     return [*steps, *_idle(folder)][:STEPS]
 
 
@@ -62,7 +71,7 @@ def _running(name: str) -> list[Step]:
     return [
         (f"umo show values {name}", "its values, live; `umo show page --open`: in a browser"),
         (f"umo do {name}", "everything that it can be told: mode, actions, stop"),
-        (f"umo show why {name}", "why a period was late"),
+        (f"umo show why {name}", "why a period was late, and the last faults"),
     ]
 
 
@@ -71,8 +80,9 @@ def _idle(folder: Path) -> list[Step]:
     if (folder / MARK).is_file():
         here = ["."]
     name = here[0] if here else "ztheta"
+    what = "the station in this folder" if here else "a machine that comes with umo"
     return [
-        (f"umo run {name}", f"run {'the station in this folder' if here else 'a machine that comes with umo'}"),
+        (f"umo run {name} --realtime", f"run {what} in real time, to watch and operate it"),
         (f"umo check {name}", "find its mistakes without hardware"),
         ("umo new station my-machine", "make a station of your own"),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +11,9 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
+from umo.system.device_record import Ended
 from umo_command.home import next_steps
+from umo_command.show import stations
 
 Umo = Callable[..., Result]
 
@@ -29,13 +32,13 @@ def test_where_nothing_runs_it_shows_three_steps_to_a_first_run(umo: Umo, tmp_pa
     result = umo()
     assert result.exit_code == 0
     assert "no station is running" in result.stdout
-    assert commands(tmp_path, []) == ["umo run ztheta", "umo check ztheta", "umo new station my-machine"]
+    assert commands(tmp_path, []) == ["umo run ztheta --realtime", "umo check ztheta", "umo new station my-machine"]
     assert all(command in result.stdout for command in commands(tmp_path, []))
 
 
 def test_in_a_station_it_shows_how_to_check_and_run_it(umo: Umo, tank: Path, tmp_path: Path) -> None:
-    assert commands(tank, [])[:2] == ["umo run .", "umo check ."]
-    assert commands(tmp_path, [])[:2] == ["umo run tank", "umo check tank"]
+    assert commands(tank, [])[:2] == ["umo run . --realtime", "umo check ."]
+    assert commands(tmp_path, [])[:2] == ["umo run tank --realtime", "umo check tank"]
 
 
 @pytest.mark.parametrize(
@@ -59,6 +62,51 @@ def test_alarms_are_counted_in_words(tmp_path: Path, count: int, told: str) -> N
 
 def test_what_stands_stopped_is_to_be_acknowledged(tmp_path: Path) -> None:
     assert commands(tmp_path, [], [SimpleNamespace(station="press")])[0] == "umo do press acknowledge"
+
+
+def test_steps_are_named_once_and_leave_room_for_what_runs(tmp_path: Path) -> None:
+    stopped = [SimpleNamespace(station="press")] * 9
+    found = commands(tmp_path, [run("tank", alarms=1, faults={"ram": "it stuck"})], stopped)
+    assert found == ["umo alarm list tank", "umo do tank clear", "umo show values tank"]
+    assert commands(tmp_path, [], stopped)[1] == "umo run ztheta --realtime"
+
+
+def recorded_run(folder: Path, name: str, **summary: Any) -> None:
+    place = folder / "runs" / name
+    place.mkdir(parents=True)
+    (place / "run.json").write_text(json.dumps({"station": name.partition("-")[0]}))
+    if summary:
+        (place / "summary.json").write_text(json.dumps(summary))
+
+
+def test_a_run_that_failed_is_named_with_its_reason_until_a_later_one_has_not(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recorded_run(tmp_path, "press-20260101-000000", status=1, failure="the ram stuck")
+    recorded_run(tmp_path, "tank-20260101-000000", status=1, failure="empty")
+    recorded_run(tmp_path, "tank-20260102-000000", status=143)
+    found = umo().stdout
+    assert "failed: press-20260101-000000 ended with status 1: the ram stuck" in found
+    assert "umo show why press" in found
+    assert "tank" not in found
+    assert "press-20260101-000000 ended with status 1: the ram stuck" in umo("show", "why", "press").stdout
+
+
+def test_a_run_without_a_summary_was_killed(umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    recorded_run(tmp_path, "press-20260101-000000")
+    assert "failed: press-20260101-000000 was killed" in umo().stdout
+
+
+def test_of_many_that_stand_stopped_the_newest_are_shown(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = [Ended(f"port {n}", "press", "", "stopped", float(n)) for n in range(8)]
+    monkeypatch.setattr(stations, "all_standing", lambda: ended)
+    found = umo("show", "stations").stdout
+    assert [line.split(", ")[2] for line in found.splitlines() if "stands stopped" in line] == [
+        f"port {n}" for n in (7, 6, 5, 4, 3)
+    ]
+    assert "3 more stand stopped" in found
 
 
 def test_a_station_that_runs_is_shown(umo: Umo, tmp_path: Path) -> None:

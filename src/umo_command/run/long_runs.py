@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
@@ -17,6 +17,7 @@ from typing import Any
 from umo.cycle.frame import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
+from umo.exit_status import ExitStatus
 from umo.system.processes import identity, is_used
 from umo_command.console import say
 from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
@@ -130,6 +131,25 @@ class RecordedRun:
     """The failure, or who has stopped it; "": neither, or not known."""
     size: int
     """Bytes of its files."""
+    written: float
+    """Time of day in s at which its folder was last changed."""
+
+    @property
+    def failed(self) -> bool:
+        return self.state == "killed" or self.status in (ExitStatus.FAILED, ExitStatus.UNREACHED)
+
+    @property
+    def sentence(self) -> str:
+        """How it ended."""
+        status = "" if self.status is None else f" with status {self.status}"
+        verb = {"killed": "was killed", "running": "is running"}.get(self.state, f"ended{status}")
+        return f"{self.path.name} {verb}{f': {self.how}' if self.how else ''}"
+
+
+def newest(runs: Iterable[RecordedRun]) -> list[RecordedRun]:
+    """The newest run of each station, newest first. `runs`: as `recorded` has them."""
+    by_station = {run.station: run for run in runs}
+    return sorted(by_station.values(), key=lambda run: -run.written)
 
 
 def recorded(station: str | None = None) -> Iterator[RecordedRun]:
@@ -142,7 +162,7 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
         state = "ended" if status is not None else "running" if _lives(about) else "killed"
-        yield RecordedRun(folder, name, state, status, _how(summary), _size_of(folder))
+        yield RecordedRun(folder, name, state, status, _how(summary), _size_of(folder), _written(folder))
 
 
 def _how(summary: dict[str, Any]) -> str:
@@ -179,6 +199,13 @@ def _size_of(folder: Path) -> int:
         for path in folder.iterdir():
             size += path.lstat().st_size
     return size
+
+
+def _written(folder: Path) -> float:
+    """Return the time of day at which a folder was changed; 0 if it has just been removed."""
+    with suppress(OSError):
+        return folder.stat().st_mtime
+    return 0.0
 
 
 def _read(path: Path) -> dict[str, Any]:

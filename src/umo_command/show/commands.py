@@ -182,10 +182,10 @@ def why(
         typer.Option(metavar="FILE", help="Read this black box, or those of a recording."),
     ] = None,
 ) -> None:
-    """Show why periods were missed: the newest black box, the duration of each phase, and the cause.
+    """Show why the last run ended, and why periods were missed: the duration of each phase, and the cause.
 
-    It also shows the last faults of equipment. With the path of an actuator it shows who drives it, why, and what comes
-    next.
+    The times are of the newest black box: it is written when a period is missed or a run fails. The last faults of
+    equipment are shown, too. With the path of an actuator it shows who drives it, why, and what comes next.
     """
     option = "--now" if now else "" if file is None else "--file"
     if option and path is not None:

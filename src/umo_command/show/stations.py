@@ -24,6 +24,8 @@ from umo_command.console import out, plain_table, say
 
 COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed")
 """Facts that `umo show stations` shows in its table; the longer ones stand in lines below it."""
+MAX_STOPPED = 5
+"""Number of machines that stand stopped of which each has a line: the newest."""
 CHANGED = "changed"
 """Name of the fact that tells which files have changed on disk since the run has read them."""
 
@@ -44,9 +46,11 @@ def show_stations(as_json: bool = False) -> None:
             _remark(data, facts, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
-    for ended in stopped:
+    for ended in stopped[:MAX_STOPPED]:
         out.print(f"stands stopped: {ended.brief}", no_wrap=True, overflow="ellipsis")
     if stopped:
+        if len(stopped) > MAX_STOPPED:
+            out.print(f"{len(stopped) - MAX_STOPPED} more stand stopped")
         out.print(
             "Inspect it, then start it with --acknowledge, or use `umo do STATION acknowledge`; `umo show "
             "stations --json` has the causes.",
@@ -107,11 +111,12 @@ def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
 
 
 def _names(reader: RunReader, word: str) -> bool:
-    """True if a word names objects, compounds or signals, or is a pattern."""
+    """True if a word names objects, compounds, signals or alarms, or is a pattern."""
     if ANY in word:
         return True
+    alarms = [str(each["path"]) for each in reader.layout.alarms]
     try:
-        return bool(chosen(reader.paths + reader.signals, [word], ""))
+        return bool(chosen([*reader.paths, *reader.signals, *alarms], [word], ""))
     except PathError:
         return False
 
@@ -127,8 +132,9 @@ def attach(name: str | None) -> Reader:
 
 
 def standing() -> list[Ended]:
-    """The machines that stand stopped, or whose processes are all gone."""
-    return [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
+    """The machines that stand stopped, or whose processes are all gone; the newest first."""
+    found = [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
+    return sorted(found, key=lambda ended: ended.when, reverse=True)
 
 
 def _told(reader: RunReader) -> tuple[dict[str, Any], dict[str, str]]:

@@ -1,4 +1,4 @@
-"""`umo show why`: shows the causes of missed periods from the newest black box."""
+"""`umo show why`: shows how the last run ended, and the causes of missed periods from the newest black box."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from umo.process.frames.search import frames_at, reading, station_name
 from umo.system.packages import SHIPPED
 from umo.text import Moment, did_you_mean, printable, shown_path
 from umo_command.console import out
+from umo_command.run.long_runs import newest, recorded
 from umo_command.run.record_beside import SUFFIX, check_installed
+from umo_command.run.run_folder import RUNS
 from umo_command.show.stations import attach, how_to_clear
 
 if TYPE_CHECKING:
@@ -41,13 +43,28 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
     if now:
         file = _keep(station)
     elif file is None:
-        file = _newest(station)
+        is_told = _show_end(station)
+        try:
+            file = _newest(station)
+        except FramesError:
+            if is_told:
+                return 0
+            raise
     elif file.suffix == SUFFIX:
         _report_recording(file)
         return 0
     with frames_at(file) as reader, reading(file):
         _report(reader, file, now)
     return 0
+
+
+def _show_end(station: str | None) -> bool:
+    """Print how the newest run in `runs/` has ended, of one station or of all. False if there is none."""
+    runs = newest(recorded(station and station_name(station)))
+    if not runs or runs[0].state == "running":
+        return False
+    out.print(f"the last run in {RUNS}/: {printable(runs[0].sentence)}", style="bold", soft_wrap=True)
+    return True
 
 
 def _newest(station: str | None) -> Path:
@@ -58,7 +75,8 @@ def _newest(station: str | None) -> Path:
         if not found and names:
             known = ", ".join(dict.fromkeys(names))
             raise FramesError(
-                f"no black box of {station!r}{did_you_mean(station, names)}; there are black boxes of: {known}"
+                f"nothing is known of {station!r}{did_you_mean(station, names)}: no period was missed, and no run has "
+                f"failed; there are black boxes of: {known}"
             )
     if not found:
         raise FramesError(
