@@ -123,10 +123,13 @@ def numbers(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 
 @completing
-def alarms(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """The alarms of a running station."""
+def running_and_alarms(ctx: typer.Context, incomplete: str) -> Iterable[str]:
+    """A station, if it is the first word, or alarms of it."""
+    words = ctx.params.get("words") or []
+    ctx.params |= {"station": words[0]} if words else {}
     with _machine(ctx) as reader:
-        return [] if reader is None else _alarms(reader)
+        found = [] if reader is None else _alarms(reader)
+    return found if words else [*running(ctx, incomplete), *found]
 
 
 @completing

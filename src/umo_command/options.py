@@ -62,7 +62,7 @@ STATION = typer.Argument(
 StationName = Annotated[str, STATION]
 OptionalStation = Annotated[str | None, STATION]
 """The station of commands that show its options in their help."""
-NO_STATION = "give the directory of a station, or the name of a shipped one"
+NO_STATION = "give the directory of a station, or the name of a shipped one: ztheta, conveyor, furnace or batch"
 Running = Annotated[str, running_argument("STATION", "Name or pid of a station that runs in real time (see `umo`).")]
 OneRunning = Annotated[str | None, running_argument("[STATION]", "Name or pid; default: the only one that runs.")]
 WiringName = Annotated[

@@ -89,12 +89,19 @@ def in_a_line(error: Any) -> str:
     """ "umo show page: no such option: --prot (did you mean '--port'?); `umo show page --help` shows what it takes"."""
     context = error.ctx
     where = "umo" if context is None else context.command_path
-    text = " ".join(error.format_message().split()).rstrip(".")
+    text = plain(" ".join(error.format_message().split()).rstrip("."))
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
         text = f"No such option: {option}{did_you_mean(option, options_of_command(context))}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
     told = cut_words(text[:1].lower() + text[1:]) + _hint(where, text, context)
     return f"{where}: {told}; `{where} --help` shows what it takes"
+
+
+def plain(text: str) -> str:
+    """A message of click in the words of umo."""
+    return text.replace("is not a valid float", "is not a number").replace(
+        "is not a valid integer", "is not a whole number"
+    )
 
 
 def _hint(where: str, text: str, context: Any) -> str:

@@ -24,6 +24,7 @@ from umo.signature import choices_of, is_plain, item_of, parameters_of, without_
 from umo.text import did_you_mean, options_in
 from umo.wiring import driver_options
 from umo.wiring.parameters import arguments_for, flag
+from umo_command.shared import plain
 
 TYPES = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
@@ -137,7 +138,7 @@ def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tu
     try:
         context = command.make_context(name, list(arguments))
     except click.ClickException as error:
-        raise OptionError(f"{name}: {error.format_message()}{_nearest(error)}") from None
+        raise OptionError(f"{name}: {plain(error.format_message())}{_nearest(error)}") from None
     source, found = context.get_parameter_source, context.params.items()
     given = {key: value for key, value in found if source(key) is ParameterSource.COMMANDLINE}
     return {key: [*value] if isinstance(value, tuple) else value for key, value in given.items()}, context.args

@@ -157,6 +157,14 @@ def test_an_alarm_that_cannot_be_evaluated_is_active_and_a_shelved_one_is_not() 
     assert (log.number, log.active, log.alarms[1].cleared_s) == (2, ["a"], 1.0)
 
 
+def test_an_alarm_that_was_shelved_while_it_was_active_is_not_counted_again_afterwards() -> None:
+    normal, active, shelved = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.SHELVED
+    states = [(active, normal), (shelved, shelved), (active, active), (normal, normal), (active, normal)]
+    log = log_of(*(Row(float(time), *each) for time, each in enumerate(states)))
+    assert [each.raised for each in log.alarms] == [2, 1]
+    assert (log.number, log.alarms[0].cleared_s, len(log.spans)) == (3, 2.0, 4)
+
+
 def test_the_log_of_an_alarm_that_flickers_for_ever_is_bounded_and_counts_all() -> None:
     log = log_of()
     for number in range(2 * KEPT_SPANS + 20):

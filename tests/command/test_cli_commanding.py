@@ -75,6 +75,12 @@ def run(*words: str) -> Result:
     return CliRunner().invoke(app, [*words])
 
 
+def test_the_name_of_an_action_in_the_place_of_a_command_is_told_how_to_call_it(conveyor: umo.Started) -> None:
+    result = run("do", "conveyor", "run_at")
+    assert result.exit_code == 2
+    assert "there is no command 'run_at', but an action: `umo do conveyor call sorter.belt.run_at`" in result.stderr
+
+
 def said(result: Result) -> str:
     return " ".join(result.stderr.split())
 

@@ -12,9 +12,12 @@ from typer.testing import CliRunner
 from helpers.machines import sensor, timer, wired
 from umo import Compound, DigitalSensor, attach, connect, published
 from umo.operation.alarms import Alarm, AlarmState, High, Priority
+from umo.operation.commands.verbs import verb_of
 from umo.process.frames import Reader, blackbox
 from umo.testing import Scripted, periods
 from umo_command.app import app
+from umo_command.do.do_verb import given_arguments
+from umo_command.show.stations import attach_first
 
 
 class Tank(
@@ -112,13 +115,25 @@ def test_umo_alarms_lists_them(reader: Reader) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["shelve", "vat", "full", "1 min", "2 min"], "shelve: '2 min' is not NAME=VALUE, once for each argument"),
+        (["shelve", "vat", "full", "1 min", "2 min"], "shelve: '2 min' is one argument too many"),
         (["list", "vat", "full"], "got unexpected extra argument"),
     ],
 )
 def test_a_mistake_in_a_command_of_alarms_is_told_in_a_line(reader: Reader, words: list[str], message: str) -> None:
     result = CliRunner().invoke(app, ["alarm", *words])
     assert (result.exit_code, message in result.stderr) == (2, True), result.stderr
+
+
+@pytest.mark.parametrize(("words", "rest"), [(["full"], ["full"]), (["vat", "full"], ["full"]), ([], [])])
+def test_a_command_of_alarms_needs_no_station_where_one_runs(reader: Reader, words: list[str], rest: list[str]) -> None:
+    found, left = attach_first(words)
+    with found:
+        assert (found.about["station"], left) == ("vat", rest)
+
+
+@pytest.mark.parametrize("words", [["10", "min"], ["10 min"], ["time=10 min"]])
+def test_the_unit_of_a_time_may_be_a_word_of_its_own(words: list[str]) -> None:
+    assert given_arguments(verb_of("shelve"), words) == {"time": "10 min"}
 
 
 def test_without_a_history_it_is_said(reader: Reader) -> None:

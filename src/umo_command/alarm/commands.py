@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from umo_command import completion
-from umo_command.options import Json, OneRunning, Running, Take
+from umo_command.options import Json, OneRunning, Take
 from umo_command.shared import CommandLine, HelpPanel, group
 
 if TYPE_CHECKING:
@@ -90,16 +90,21 @@ def _add(command: HelpPanel, verb: Verb) -> None:
     more = "".join(f" {each.name.upper()}" for each in verb.arguments)
     example = " '10 min'" if verb.arguments else ""
     about = typer.Argument(
-        metavar=f"PATH{more}" if more else "[PATH]...",
-        help="An alarm (tank.overfill), an object or compound for all alarms in it, or a pattern such as "
-        f"'tanks.*.overfill'{'; then how long, at most 7 days' if more else '; default: all'}.",
-        autocompletion=completion.alarms,
+        metavar=f"[STATION] PATH{more}" if more else "[STATION] [PATH]...",
+        help="Name or pid of a station, required if several run; an alarm (tank.overfill), an object or compound for "
+        f"all alarms in it, or a pattern such as 'tanks.*.overfill'"
+        f"{'; then how long, at most 7 days' if more else '; default: all'}.",
+        autocompletion=completion.running_and_alarms,
     )
 
-    def give(station: Running, words: list[str] | None = None, take: Take = False) -> int:
+    def give(words: list[str] | None = None, take: Take = False) -> int:
         from umo_command.do.do_verb import do
+        from umo_command.show.stations import attach_first
 
-        return do(station, verb.name, words or [], take, None)
+        reader, rest = attach_first(words or [])
+        with reader:
+            station = words[0] if words and len(rest) < len(words) else str(reader.about["station"])
+        return do(station, verb.name, rest, take, None)
 
     give.__annotations__["words"] = Annotated[list[str] | None, about]
     examples = f"umo alarm {name} plant tank.overfill{example}  |  umo alarm {name} plant 'tanks.*'{example}"

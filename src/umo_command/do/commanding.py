@@ -116,6 +116,8 @@ def call(name: str, path: str | None, words: Sequence[str], over: bool, hold: fl
             err.print(f"{path}: released", soft_wrap=True)
         elif result is None:
             err.print(f"{path}: done", soft_wrap=True)
+        elif isinstance(result, str):
+            out.print(printable(result), soft_wrap=True, markup=False)
         else:
             out.print_json(data=result)
         return status

@@ -35,7 +35,7 @@ def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: floa
                 out.print(actions_table(station.reader))
         return 0
     if (found := verb_of(verb)) is None:
-        raise OptionError(f"there is no command {verb!r}{did_you_mean(verb, VERBS)}; `umo do {name}` lists them")
+        raise OptionError(f"there is no command {verb!r}{_meant(name, verb)}; `umo do {name}` lists them")
     if held is not None and found not in (WRITE, CALL):
         raise OptionError(f"{found.name} ends by itself; --for is for what is held: an actuator, a jog")
     if found in HANDLERS:
@@ -45,9 +45,20 @@ def do(name: str, verb: str | None, words: Sequence[str], over: bool, held: floa
     return 0
 
 
+def _meant(name: str, verb: str) -> str:
+    """The nearest command, or the actions with this name, as the end of a sentence."""
+    with station_of(name) as station:
+        paths = [str(each["path"]) for each in station.reader.layout.actions]
+    found = [path for path in paths if path.rpartition(".")[2] == verb]
+    if not found:
+        return did_you_mean(verb, VERBS)
+    more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+    return f", but an action: `umo do {name} call {found[0]}`{more}"
+
+
 def _give(name: str, verb: Verb, path: str, words: Sequence[str], over: bool) -> None:
     with station_of(name) as station:
-        arguments = _given(verb, words)
+        arguments = given_arguments(verb, words)
         if not verb.needs_lease:
             station.carry_out(verb, path, arguments)
             return
@@ -104,16 +115,20 @@ def _path_of(verb: Verb, words: Sequence[str]) -> tuple[str, Sequence[str]]:
     return "", words
 
 
-def _given(verb: Verb, words: Sequence[str]) -> dict[str, Any]:
+def given_arguments(verb: Verb, words: Sequence[str]) -> dict[str, Any]:
     """The arguments by name. The machine checks them."""
     kinds = {each.name: each.kind for each in verb.arguments}
     given: dict[str, Any] = {}
     for word in words:
         name, sign, text = word.partition("=")
+        last = next(reversed(given), "")
         if not sign:  # the next of its arguments
             name, text = next((each for each in kinds if each not in given), ""), word
+        if not name and kinds.get(last) is ArgumentKind.TIME and not isinstance(given[last], str):  # its unit: 10 min
+            given[last] = f"{given[last]} {word}"
+            continue
         if not name or name in given:
-            raise OptionError(f"{verb.name}: {word!r} is not NAME=VALUE, once for each argument")
+            raise OptionError(f"{verb.name}: {word!r} is one argument too many")
         given[name] = text if kinds.get(name) is ArgumentKind.CHOICE else _value(text)
     return given
 

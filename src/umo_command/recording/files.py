@@ -58,6 +58,8 @@ def export(file: Path, target: Path, wanted: ValueSelection) -> int:
     from umo.recording.recording import Recording
     from umo.recording.tables import recording_export
 
+    if found := [path for path in wanted.paths if Path(path).suffix in recording_export.SUFFIXES]:
+        raise OptionError(f"{found[0]} is no path of the machine; the file to write is given by --out {found[0]}")
     if target.suffix == ".parquet" and find_spec("pyarrow") is None:
         raise OptionError(f"Parquet needs pyarrow: {how_to_install('analysis')}")
     with Recording(file) as recording, OneLine(err) as line:

@@ -72,7 +72,7 @@ def run(
         str | None,
         typer.Option(
             "--record",
-            metavar="\\[FILE.mcap]",
+            metavar="[FILE.mcap]",
             help="Record the exact values of every period in this file; default: recording.mcap in runs/... (see umo "
             "recording make).",
         ),

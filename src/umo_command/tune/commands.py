@@ -82,7 +82,7 @@ def kept(
 
 @command(
     epilog="Examples: umo tune law furnace zones.3 --relay 10%  |  umo tune law furnace zones.3 --step 10% --within 50"
-    "  |  umo tune law furnace zones.3 --relay 10% --at '5 min' --peak 300  |  umo tune law furnace zones.3 --file "
+    "  |  umo tune law furnace zones.3 --relay 5% --at '3 min' --peak 300  |  umo tune law furnace zones.3 --file "
     "trace.csv --from '2 min'  |  umo tune law ztheta z --moves '20 mm'  |  umo tune law ztheta z --file run.mcap",
     status="0 gains were found; 1 the experiment or the machine failed; 2 a mistake, or no gains can be found, "
     "see stderr; 130 Ctrl-C: the old output is restored, and the law is in control",
@@ -186,13 +186,15 @@ def law(
 def recipe(
     station: StationName,
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="The recipe that the running station takes next.")
+        str | None,
+        typer.Argument(metavar="[NAME]", help="The recipe of all batches that begin from now on."),
     ] = None,
     take: Take = False,
 ) -> int:
-    """List the recipes of a station with their values, or choose one for the next batch of the running station.
+    """List the recipes of a station with their values, or choose one for the running station.
 
-    The chosen recipe is read and checked now. The machine checks its values again, and uses it for the next batch.
+    The chosen recipe is read and checked now. The machine checks its values again, and uses it for all batches that
+    begin from now on, also in later runs, until another one is chosen or its action follow_plan is called.
     """
     from umo.process.station import find
     from umo_command.tune.recipe_list import choose_recipe, show_recipes

@@ -11,7 +11,7 @@ import numpy as np
 
 from umo.duration import duration
 from umo.objects.presentation.run_facts import clock_text
-from umo.operation.alarms.alarm_states import AlarmState
+from umo.operation.alarms.alarm_states import PUT_AWAY, AlarmState
 from umo.operation.alarms.declaration import Priority
 from umo.operation.alarms.engine import RESULTS
 
@@ -56,6 +56,9 @@ class AlarmOfRun:
     """s for which it was active, of the times that have ended."""
     first: float = 0.0
     last: ActiveSpan | None = None
+    was_put_away: bool = False
+    """True while it is shelved or out of service, and was active before: if it is active afterwards, that is the same
+    time."""
     state: AlarmState = AlarmState.NORMAL
 
     def active_s(self, now: float) -> float:
@@ -106,7 +109,9 @@ class AlarmLog:
             for row in np.flatnonzero(_IS_ACTIVE[before] & ~_IS_ACTIVE[after]).tolist():
                 self._clear(self.alarms[row])
             for row in np.flatnonzero(after != before).tolist():
-                self.alarms[row].state = AlarmState(int(after[row]))
+                alarm, was_active = self.alarms[row], _IS_ACTIVE[before[row]]
+                alarm.state = AlarmState(int(after[row]))
+                alarm.was_put_away = alarm.state in PUT_AWAY and bool(was_active or alarm.was_put_away)
 
     @property
     def raised(self) -> list[AlarmOfRun]:
@@ -122,8 +127,9 @@ class AlarmLog:
     def _raise(self, alarm: AlarmOfRun) -> None:
         alarm.last = ActiveSpan(alarm.path, self.now)
         alarm.first = alarm.first if alarm.raised else self.now
-        alarm.raised += 1
-        self.number += 1
+        if not alarm.was_put_away:
+            alarm.raised += 1
+            self.number += 1
         self.spans.append(alarm.last)
 
     def _clear(self, alarm: AlarmOfRun) -> None:

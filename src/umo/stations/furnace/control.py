@@ -163,10 +163,10 @@ class Furnace(
     async def heat_up(self, peak: float, ramp: float) -> None:
         """Heat up to the profile with its highest temperature `peak` (degC), at `ramp` (K/s); HeatingError if it takes
         more than a minute longer than that."""
-        if not (100.0 <= peak <= self.hottest and 0.1 <= ramp <= 4.0):
-            raise RangeError(
-                f"peak must be 100 to {self.hottest:g} degC, not {peak:g}, and ramp 0.1 to 4 K/s, not {ramp:g}"
-            )
+        if not 100.0 <= peak <= self.hottest:
+            raise RangeError(f"peak must be 100 to {self.hottest:g} degC, not {peak:g}")
+        if not 0.1 <= ramp <= 4.0:
+            raise RangeError(f"ramp must be 0.1 to 4 K/s, not {ramp:g}")
         self._clear()
         self.say("heating up", done=0)
         places = np.linspace(0.0, 1.0, len(self.zones)) if len(self.zones) > 1 else np.array([0.5])
