@@ -95,7 +95,7 @@ class Terminal(Attach):
         words += [f"{name}={value}" for name, value in arguments.items()]
         place, rest = do_verb._path_of(verb, words)
         actions = {each["path"]: each for each in self.station.reader.layout.actions}
-        given = arguments_of(actions[place], rest) if place in actions else do_verb._given(verb, rest)
+        given = arguments_of(actions[place], rest) if place in actions else do_verb.given_arguments(verb, rest)
         return await asyncio.to_thread(lambda: self.station.carry_out(verb, place, given))
 
 

@@ -98,7 +98,7 @@ def test_an_alarm_that_came_and_went_has_its_count(tmp_path: Path, monkeypatch: 
         assert (path, state, raised) == ("full", AlarmState.NORMAL, 25)
         assert (first, last) == (pytest.approx(0.001), pytest.approx(0.049))
         listed = {option: CliRunner().invoke(app, ["alarm", "list", "vat", *option]) for option in ((), ("--raised",))}
-        assert listed[()].stdout == "no alarm\n"
+        assert listed[()].stdout == "no alarm is active; `umo alarm list --all` lists all 1\n"
         assert "full" in (shown := listed["--raised",].stdout) and "normal" in shown and "25 since 0.001 s" in shown
 
 
@@ -110,6 +110,11 @@ def test_umo_alarms_lists_them(reader: Reader) -> None:
     shown = CliRunner().invoke(app, ["alarm", "list"]).stdout
     assert "unacknowledged" in shown
     assert "too full" in shown
+
+
+def test_all_alarms_that_a_machine_declares_can_be_listed(reader: Reader) -> None:
+    rows = json.loads(CliRunner().invoke(app, ["alarm", "list", "--all", "--json"]).stdout)
+    assert [(row["path"], row["state"]) for row in rows] == [("full", "unacknowledged"), ("empty", "normal")]
 
 
 @pytest.mark.parametrize(

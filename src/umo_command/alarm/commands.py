@@ -36,12 +36,17 @@ command = group(
 )
 
 
-@command("list", epilog="Examples: umo alarm list  |  umo alarm list plant  |  umo alarm list plant --raised")
+@command(
+    "list",
+    epilog="Examples: umo alarm list  |  umo alarm list plant  |  umo alarm list plant --raised  |  "
+    "umo alarm list --all",
+)
 def list_(
     station: OneRunning = None,
     raised: Annotated[
         bool, typer.Option("--raised", help="Also list alarms that were raised in this run and are normal now.")
     ] = False,
+    every: Annotated[bool, typer.Option("--all", help="List every alarm that the machine declares.")] = False,
     as_json: Json = False,
 ) -> None:
     """List the alarms of a running station that are not normal.
@@ -50,7 +55,7 @@ def list_(
     """
     from umo_command.alarm.listing import list_alarms
 
-    list_alarms(station, as_json, raised)
+    list_alarms(station, as_json, raised, every)
 
 
 @command(epilog="Examples: umo alarm history plant")

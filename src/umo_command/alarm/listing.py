@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 
-from umo.clients.remote import RemoteStation
 from umo.objects.presentation.run_facts import clock_text
 from umo.operation.alarms import alarm_file
+from umo.process.frames import RunReader
 from umo.process.frames.alarm_list import AlarmRow
 from umo.process.frames.search import station_name
 from umo.text import printable, time_of_day
@@ -17,22 +17,23 @@ MAX_SHOWN = 200
 """Changes of the history that are shown, the last ones."""
 
 
-def list_alarms(name: str | None, as_json: bool, raised: bool) -> None:
-    """List the alarms that are not normal. `raised`: those too that are normal and were raised."""
-    with RemoteStation(attach(name)) as station:
-        _list(station, as_json, raised)
+def list_alarms(name: str | None, as_json: bool, raised: bool, every: bool) -> None:
+    """List the alarms that are not normal. `raised`: those too that are normal and were raised; `every`: all."""
+    with attach(name) as reader:
+        _list(reader, as_json, raised, every)
 
 
-def _list(station: RemoteStation, as_json: bool, raised: bool) -> None:
-    rows = station.raised_alarms if raised else station.alarms
+def _list(reader: RunReader, as_json: bool, raised: bool, every: bool) -> None:
+    rows = reader.alarms(reader.latest(), raised, every)
     if as_json:
         out.print_json(json.dumps([_data(row) for row in rows]), ensure_ascii=True)
         return
-    if not station.reader.layout.alarms:
-        out.print(f"{station.reader.about['station']} declares no alarms")
+    if not reader.layout.alarms:
+        out.print(f"{reader.about['station']} declares no alarms")
         return
     if not rows:
-        out.print("no alarm was raised" if raised else "no alarm")
+        count = len(reader.layout.alarms)
+        out.print(f"no alarm {'was raised' if raised else 'is active'}; `umo alarm list --all` lists all {count}")
         return
     table = plain_table()
     for heading in ("alarm", "state", "priority", "since", "raised", "text"):

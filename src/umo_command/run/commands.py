@@ -25,8 +25,8 @@ command = HelpPanel("Run")
 
 
 @command(
-    epilog="Examples: umo run ztheta  |  umo run ztheta --parts 2 --turn 45  |  umo run ztheta -w modbus  |  "
-    "umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
+    epilog="Examples: umo run ztheta  |  umo run furnace --realtime  |  umo run ztheta --parts 2 --turn 45  |  "
+    "umo run ztheta -w modbus  |  umo run ztheta --fault 'z.encoder stuck at 5 s'  |  umo run ztheta --help",
     status="0 the application has returned; 1 the machine, a device or code failed; 2 a mistake, nothing ran; 3 "
     "an actuator is not at its default; 4 runs/ cannot be written: nothing ran, or only the record failed; "
     "124 --until ended the run; 130 Ctrl-C ended it; 128 plus N: the signal with the number N ended it",

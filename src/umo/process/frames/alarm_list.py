@@ -61,15 +61,16 @@ def alarm_rows(
     events: Iterable[Event],
     occurrences: Iterable[tuple[float, float, float]],
     raised: bool = False,
+    every: bool = False,
 ) -> list[AlarmRow]:
-    """The alarms that are not normal, with `raised` also those that were raised in this run. The order: unacknowledged
-    ones first, then by priority, the newest first; normal ones last."""
+    """The alarms that are not normal, with `raised` also those that were raised in this run, with `every` all. The
+    order: unacknowledged ones first, then by priority, the newest first; normal ones last."""
     last = {event.path: event for event in events if event.asked == ALARM}
     numbered = zip(entries, states, occurrences, strict=True)
     rows = [
         _row(entry, AlarmState(n), last.get(entry["path"]))._replace(**_occurred(*when))
         for entry, n, when in numbered
-        if n in _NOT_NORMAL or (raised and when[0] > 0)
+        if every or n in _NOT_NORMAL or (raised and when[0] > 0)
     ]
     return sorted(rows, key=_order)
 

@@ -209,13 +209,13 @@ class RunReader(ABC):
         paths = (str(entry["path"]) for entry, state in states if state == EquipmentState.FAULT)
         return {path: told.get(path, "its reason is no longer kept") for path in paths}
 
-    def alarms(self, frame: Any, raised: bool = False) -> list[AlarmRow]:
+    def alarms(self, frame: Any, raised: bool = False, every: bool = False) -> list[AlarmRow]:
         """The alarms that are not normal at a frame: what is to be acknowledged first, then by priority. `raised`: also
-        those that are normal and were raised in this run, if this is known (`occurrences`)."""
-        if frame is None or not (raised or frame["alarms"].any()):
+        those that are normal and were raised in this run, if this is known (`occurrences`). `every`: all others."""
+        if frame is None or not (raised or every or frame["alarms"].any()):
             return []
         events = (each.event for each in self.events())
-        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences(), raised)
+        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences(), raised, every)
 
     def unit_states(self, frame: Any) -> dict[str, str]:
         """The states of parts at a frame (`umo.operation`), by the paths of their state machines."""
