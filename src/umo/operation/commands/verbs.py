@@ -182,8 +182,8 @@ ACKNOWLEDGE = Verb(
     role=Role.OPERATE, of_many=True,
 )  # fmt: skip
 CLEAR = Verb(
-    "clear", "End the faults of equipment: what had failed is initialised again.", _clear, Names.EQUIPMENT,
-    role=Role.OPERATE, of_many=True,
+    "clear", "End the faults of equipment and initialise what had failed. In automatic mode an application that waits "
+    "for this goes on at once: the machine may move.", _clear, Names.EQUIPMENT, role=Role.OPERATE, of_many=True,
 )  # fmt: skip
 ACKNOWLEDGE_ALARM = _of_alarms(
     "acknowledge alarm", "Acknowledge alarms: confirm that they were seen.", Operation.ACKNOWLEDGE, Role.OPERATE

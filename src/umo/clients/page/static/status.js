@@ -46,7 +46,7 @@ export function faultsOf(faults) {
 
 /** The button that clears a fault. @param {string} path @param {() => void} onclick */
 export function clearing(path, onclick) {
-  const title = `End the fault of ${inSentence(path)}: what had failed is initialised again`;
+  const title = `End the fault of ${inSentence(path)} and initialise what had failed; the machine may move`;
   return el("button", { className: "clear", textContent: "Clear", title, "aria-label": `Clear ${inSentence(path)}`, onclick });
 }
 
