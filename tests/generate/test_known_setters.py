@@ -332,6 +332,7 @@ def test_a_container_that_may_be_changed_is_found(line: str, told: str) -> None:
         ("class Other:\n    def __init__(self, names):\n        self.names = names", ".names"),
         ("@dataclass\nclass Other:\n    names: list[str] = field(default_factory=list)", ".names"),
         ("from .base import TABLE\nTABLE.clear()", "TABLE"),
+        ("from .base import *\nTABLE.clear()", "TABLE"),
         ("class Other:\n    def setup(self, m):\n        m.names.append(1)", ".names"),
         ("class Other:\n    def work(self):\n        self.names += [1]", ".names"),
         ("class Other:\n    def setup(self):\n        self.put = lambda: self.names.append(1)", ".names"),

@@ -89,7 +89,8 @@ class _Places:
             if not self._only_reads(node):
                 yield ChangedPlace(f".{node.attr}", before if fills else "")
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
-            fills = not in_function and node.id not in self._imported and self._is_filled(node)
+            imported = node.id in self._imported or "*" in self._imported  # `from x import *`: any name may be of x
+            fills = not in_function and not imported and self._is_filled(node)
             if not self._only_reads(node) and not fills:
                 yield ChangedPlace(node.id)
         elif isinstance(node, ast.Name) and not in_function and not self._only_reads(node):
