@@ -70,7 +70,7 @@ def _waiting(name: str, reader: RunReader, frame: Any) -> list[Step]:
 def _running(name: str) -> list[Step]:
     return [
         (f"umo show values {name}", "its values, live; `umo show page --open`: in a browser"),
-        (f"umo do {name}", "everything that it can be told: mode, actions, stop"),
+        (f"umo do {name}", "the commands that it accepts: mode, actions, stop"),
         (f"umo show why {name}", "why a period was late, and the last faults"),
     ]
 

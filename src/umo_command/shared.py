@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import re
@@ -158,13 +159,22 @@ class HelpPanel:
         self, name: str | None = None, *, epilog: str, status: str = USUAL_STATUS, **options: Any
     ) -> Callable[[F], F]:
         end = f"{epilog}\n\nExit status: {status}"
-        register = self.group.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
+        text = options.pop("help", None)
 
         def command(work: F) -> F:
+            about = paragraphs(text or work.__doc__ or "")
+            register = self.group.command(
+                name, cls=Subcommand, epilog=end, rich_help_panel=self._title, help=about, **options
+            )
             register(wraps(work)(lambda **given: guarded(partial(work, **given))))
             return work
 
         return command
+
+
+def paragraphs(text: str) -> str:
+    """A docstring with a line for each paragraph: the terminal breaks the lines."""
+    return "\n\n".join(" ".join(each.split()) for each in inspect.cleandoc(text).split("\n\n"))
 
 
 def group(

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from tools.command_line import EXIT_STATUS, PAGE, leaves, page
 from umo.exit_status import ExitStatus
+from umo_command import shared
 from umo_command.app import app
 from umo_command.old_names import OLD_NAMES, OldName, current
 from umo_command.shared import COMMANDS, keep_only
@@ -214,3 +215,9 @@ def test_the_page_of_exit_statuses_names_every_status() -> None:
     rows = [line.split("|")[1].strip() for line in EXIT_STATUS.read_text("utf-8").splitlines() if line.startswith("| ")]
     for status in ExitStatus:
         assert str(status) in rows
+
+
+def test_a_paragraph_of_a_docstring_is_one_line_of_the_help() -> None:
+    assert (
+        shared.paragraphs("Run it.\n\n    It runs,\n    until it ends.\n    ") == "Run it.\n\nIt runs, until it ends."
+    )

@@ -52,11 +52,16 @@ class Loops:
         for loop in self._known[:1]:
             self._on(loop, loop.path)  # what is imported and kept for this takes long at the first time
 
+    @property
+    def paths(self) -> list[str]:
+        """The paths of the laws that can be tuned."""
+        return [each.path for each in self._known]
+
     def at(self, place: str) -> FoundLoop:
         """The loop at this path; PathError names the nearest one, or those among which it does not choose."""
         if (named := self._named(place)) is not None:
             return named
-        known = [each.path for each in self._known]
+        known = self.paths
         there = f"; there are: {some(known)}" if known else "; the machine has none that can be tuned"
         node = self._objects.get(place)
         if node is None:

@@ -100,8 +100,12 @@ def law(
     ],
     path: Annotated[
         str,
-        typer.Argument(metavar="LAW", help="Path of a law, of its sensor or actuator, or of the part that it is for."),
-    ],
+        typer.Argument(
+            metavar="[LAW]",
+            help="Path of a law, of its sensor or actuator, or of the part that it is for; without it the laws are "
+            "listed.",
+        ),
+    ] = "",
     relay: Annotated[
         str | None,
         typer.Option(metavar="AMPLITUDE", help="Relay experiment: such as 10% of the actuator's range, or '2 V'."),

@@ -17,8 +17,11 @@ from umo.commissioning.tuning.measured_response import MeasuredResponse
 from umo.commissioning.tuning.plain_result import as_data, finite, settings_of
 from umo.commissioning.tuning.recorded_response import recorded_response
 from umo.commissioning.tuning.tuning_result import FASTER, TuningResult, tuned, tuned_axis
+from umo.cycle.law_loops import Loops
 from umo.errors import FramesError, OptionError
 from umo.objects import numbers_of
+from umo.objects.laws import laws_in
+from umo.objects.presentation.rows import families, folded
 from umo.process.frames import Reader
 from umo.process.frames.search import find_elsewhere, meant_by, several_runs
 from umo.process.job import Job, Plan
@@ -29,7 +32,7 @@ from umo_command.console import err, out, say
 from umo_command.do.commanding import hinting, leased
 from umo_command.progress_line import OneLine
 from umo_command.show.stations import readers
-from umo_command.station_options import parse
+from umo_command.station_options import machine_with, parse
 from umo_command.tune.told import SettingsReport, settings_report, tables_of
 from umo_command.values import check_picture, difference, number
 
@@ -82,7 +85,9 @@ class TuningOrder:
 
 
 def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str]) -> int:
-    """Find the gains, and print them; the exit status."""
+    """Find the gains, and print them; the exit status. Without a place, list the laws."""
+    if not place:
+        return _list_laws(station, order, options)
     order.check()
     if find_spec("scipy") is None:
         raise OptionError(f"umo tune law needs scipy: {how_to_install('tune')}")
@@ -112,6 +117,18 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
 
         save_tuning_plot(results[-1], order.picture, f"umo tune law {station} {place}")
         err.print(f"plot: {order.picture}", soft_wrap=True)
+    return 0
+
+
+def _list_laws(station: str, order: TuningOrder, options: Sequence[str]) -> int:
+    """Print the laws of a station, those of a list in one line."""
+    found = find(station)
+    machine = machine_with(found, parse(found, order.wiring, options))
+    paths = Loops(machine, laws_in(machine)).paths
+    for places in families(paths).values():
+        out.print(folded([paths[place] for place in places]), markup=False, soft_wrap=True)
+    if not paths:
+        out.print(f"{found.name} has no law that can be tuned", markup=False)
     return 0
 
 
