@@ -152,7 +152,7 @@ def test_an_axis_is_tuned_from_its_moves_with_feed_forward_and_friction(
 
 def test_without_a_law_the_laws_are_listed() -> None:
     assert invoke("tune", "law", "furnace").stdout == "heating[0..39]\n"
-    assert invoke("tune", "law", "furnace", "--zones=2").stdout == "heating[0..1]\n"
+    assert invoke("tune", "law", "furnace", "--zones", "2").stdout == "heating[0..1]\n"
 
 
 @pytest.mark.parametrize(

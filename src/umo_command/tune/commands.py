@@ -180,7 +180,10 @@ def law(
         relay, step, moves, file, start, stop, at, hysteresis, within, cycles, lasting, chosen, derivative, sensor,
         actuator, wiring, picture, as_json, take, cascade,
     )  # fmt: skip
-    return work(station, path, order, context.args)
+    options = context.args
+    if path.startswith("-"):  # an option of the station, and no law
+        path, options = "", [path, *options]
+    return work(station, path, order, options)
 
 
 @command(
