@@ -1,4 +1,4 @@
-"""`umo` alone: what runs here, and what comes next."""
+"""`umo` alone: shows the running stations and the next steps."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .console import out
 from .show.stations import show_stations, standing
 
 Step = tuple[str, str]
-"""A command, and what it does."""
+"""A command, with a description."""
 STEPS = 3
 
 
 def show_home() -> None:
-    """Print the stations that run, and the three steps that fit the place and what runs."""
+    """Print the stations that run, and the three next steps that fit the folder and the running stations."""
     show_stations()
     table = Table.grid(padding=(0, 3))
     found = search.readers()  # `show_stations` has named those that cannot be read
@@ -35,7 +35,7 @@ def show_home() -> None:
 
 
 def next_steps(folder: Path, found: Sequence[RunReader], stopped: list[Ended]) -> list[Step]:
-    """Three steps: first what waits for somebody, then what there is to see and to do."""
+    """Return three steps: first those that wait for somebody, then those that show or do something."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
@@ -61,7 +61,7 @@ def _waiting(name: str, reader: RunReader, frame: Any) -> list[Step]:
 def _running(name: str) -> list[Step]:
     return [
         (f"umo show values {name}", "its values, live; `umo show page --open`: in a browser"),
-        (f"umo do {name}", "everything that it can be told: mode, actions, stop"),
+        (f"umo do {name}", "its commands: mode, actions, stop"),
         (f"umo show why {name}", "why a period was late"),
     ]
 

@@ -123,4 +123,4 @@ def test_a_mistake_in_a_command_of_alarms_is_told_in_a_line(reader: Reader, word
 
 def test_without_a_history_it_is_said(reader: Reader) -> None:
     for name in ("vat", str(reader.about["pid"])):
-        assert "no history of alarms of vat" in CliRunner().invoke(app, ["alarm", "history", name]).stdout
+        assert "there is no history of the alarms of vat" in CliRunner().invoke(app, ["alarm", "history", name]).stdout
