@@ -11,7 +11,8 @@ UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 def byte_size(size: object, least: int) -> int:
-    """A size in bytes. DeclarationError for anything that is none, or less than `least`, a whole number of kB."""
+    """Return a size in bytes. DeclarationError if the text is not a size, not a whole number of kB, or less than
+    `least`."""
     match = _TEXT.fullmatch(size) if isinstance(size, str) else None
     if match is None:
         raise DeclarationError(f"{size!r} is not a size such as '200 MB'; units: {', '.join(UNITS)}")

@@ -1,7 +1,7 @@
 """The digits of a number. `presentation.js` of the page has the same rules; a test compares the two.
 
 A value with a resolution gets as many digits after the point as distinguish its raw values, or up to two more if the
-resolution is then exact (0.25), and never an exponent. What has none gets six significant digits.
+resolution is then exact (0.25), and never an exponent. A value without a resolution gets six significant digits.
 """
 
 from __future__ import annotations
@@ -14,29 +14,31 @@ from math import floor, inf, isfinite, log10
 NO_VALUE = "-"
 SIGNIFICANT_DIGITS = 6
 SURE_DIGITS = 15
-"""Digits that every float has: others follow only where it is written to the last bit."""
+"""Number of digits that every float has; more follow only if it is written to the last bit."""
 MAX_DIGITS = 99
-"""Digits after the point, at most: a browser can show 100, and one more is looked at."""
+"""Largest number of digits after the point: a browser can show 100, and one more is examined."""
 FEW_STEPS = 1e4
-"""Steps of a scale from 0 that six significant digits distinguish."""
+"""Number of steps of a scale from 0 that six significant digits distinguish."""
 MIN_POWER, MAX_POWER = -4, 9
 """Powers of ten from which on, and up to which, six significant digits are shown without an exponent."""
 MAX_FIXED = 1e21
-"""Size from which on no digits after the point are shown, as in a browser."""
+"""Magnitude from which on no digits after the point are shown, as in a browser."""
 DRIFT_SHARE = 1e-12
-"""Share of the resolution: a difference that does not add up to a step within 2**32 steps."""
+"""Difference, as a share of the resolution, that does not add up to one step within 2**32 steps."""
 CLEAR_SHARE = 1e-5
-"""Share of the resolution by which a digit is smaller: no rounding error of a float decides which raw value is next."""
+"""Share of the resolution by which a digit must be smaller, so that no rounding error of a float decides which raw
+value is nearest."""
 MORE_DIGITS = 2
-"""Digits beyond those needed, at most, so that a short resolution is not rounded."""
+"""Largest number of digits beyond those needed, so that a short resolution is not rounded."""
 OFFSET_SHARE = 0.49
-"""Share of a digit by which the value of raw 0 may miss a multiple of it: more may be rounded up or down."""
+"""Share of a digit by which the value of raw 0 may differ from a multiple of the digit; a larger difference may be
+rounded up or down."""
 
 
 @lru_cache(maxsize=4096)
 def digits_of(resolution: float, zero_offset: float = 0.0) -> int:
-    """Digits after the point that distinguish the values of two adjacent raw integers, up to 99: the text stands for
-    one raw integer. `zero_offset`: the value of raw 0."""
+    """Number of digits after the point, up to 99, that distinguish the values of two adjacent raw integers, so that a
+    text stands for one raw integer. `zero_offset`: the value of raw 0."""
     step = abs(resolution)
     digits = min(max(0, floor(-log10(step))), MAX_DIGITS)
     while digits < MAX_DIGITS and not _tells_apart(10.0**-digits, step, zero_offset):
@@ -57,7 +59,7 @@ def _is_exact(step: float, digits: int) -> bool:
 
 
 def number_text(value: float, digits: int | None = None) -> str:
-    """Return a number with this number of digits after the point; None: six significant digits. `-` if it is not
+    """Return a number with this number of digits after the point; None means six significant digits. `-` if it is not
     finite."""
     if not isfinite(value):
         return NO_VALUE
@@ -79,7 +81,7 @@ def scale_texts(levels: Sequence[float]) -> list[str]:
 
 
 def setting_text(value: float) -> str:
-    """A number that is set, with all digits that a float surely has; an integer with all that it has."""
+    """The text of a setting, with all digits that a float reliably has; for an integer, with all its digits."""
     return f"{value:.{SURE_DIGITS}g}" if isinstance(value, float) else str(value)
 
 
@@ -87,8 +89,8 @@ _WITH_POINT = re.compile(r"(?<![\w.])-?(\d+\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
 
 def with_short_numbers(text: str) -> str:
-    """A text in which a number has more digits than a float surely has (0.30000000000000004), such as a result as
-    JSON, with the digits that a number by itself is shown with (0.3). For people: programs take the text as it is."""
+    """A text in which a number has more digits than a float surely has (0.30000000000000004), such as a result in JSON,
+    with the digits that are shown for a single number (0.3). For human readers; programs use the text as it is."""
     return _WITH_POINT.sub(lambda found: number_text(float(found[0])) if _is_long(found[1]) else found[0], text)
 
 

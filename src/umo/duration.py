@@ -1,4 +1,5 @@
-"""Durations, read and written. Read is a number of seconds, or a text such as "20 ms", "0.2 seconds", "1e-3 s"."""
+"""Parses and formats durations. A duration is a number of seconds, or a text such as "20 ms", "0.2 seconds", "1e-3
+s"."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from umo.errors import DeclarationError
 TIME_TOLERANCE = 1e-9
 """Tolerance in s when times are compared: the machine's time is a sum of periods, each with a rounding error."""
 MAX_RUN = 1e10
-"""s that a run can have lasted: 300 years."""
+"""Longest possible duration of a run in s: 300 years."""
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_]+)\s*")
 _PER_SECOND = {
     **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e9),
@@ -40,8 +41,8 @@ def seconds(duration: str | float) -> float:
 
 
 def seconds_of_setting(duration: str | float) -> float:
-    """The same of a setting: a whole number of 1 or more has a unit, as `period = 50` is in ms for one and in s for
-    another; 50.0 is in s. DeclarationError with both."""
+    """The same for a setting. A whole number from 1 on needs a unit, because `period = 50` could mean ms or s; 50.0 is
+    in s. DeclarationError with both."""
     found = seconds(duration)
     if found >= 1 and isinstance(duration, int):
         raise DeclarationError(f'{duration!r} has no unit: write "{duration} ms" or "{duration} s"')
@@ -58,7 +59,7 @@ def _of_text(text: str) -> float:
 
 
 def duration(seconds: float) -> str:
-    """`250 µs`, `2.5 ms`, `90 s`: six significant digits."""
+    """Format a duration with six significant digits: `250 µs`, `2.5 ms`, `90 s`."""
     size = abs(seconds)
     if size == 0 or size >= 1:
         return f"{number_text(seconds)} s"
@@ -66,7 +67,7 @@ def duration(seconds: float) -> str:
 
 
 def lasting(seconds: float) -> str:
-    """`12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for what no run has lasted."""
+    """Format the time that a run has lasted: `12 s`, `3 min`, `2 h 05 min`, `3 d 4 h`; `?` for an impossible one."""
     if not -MAX_RUN < seconds < MAX_RUN:
         return "?"
     minutes, hours, days = seconds / 60, seconds / 3600, seconds / 86400

@@ -58,12 +58,13 @@ from umo.text import (
 )
 
 FAILURES = (Exception, SystemExit)
-"""Errors of a driver's call: a SystemExit would end the program as if all were well."""
+"""Exceptions that count as failures of a driver's call. SystemExit is one, because it would end the program without an
+error."""
 
 
 class UmoError(Exception):
     """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor.
-    What is echoed in a message is cut (`umo.text.cut_words`)."""
+    Long texts echoed in a message are cut (`umo.text.cut_words`)."""
 
     def __init__(self, *args: object) -> None:
         super().__init__(*(cut_words(each) if isinstance(each, str) else each for each in args))
@@ -81,9 +82,8 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has ended the run of a machine, code of the user's that did not end by itself, or code that ran before
-    there was a machine.
-    `number`: that of the signal. `result`: what the run has produced so far."""
+    """A signal has ended the run of a machine, user's code that did not end by itself, or code that ran before there
+    was a machine. `number`: that of the signal. `result`: what the run has produced so far."""
 
     def __init__(self, what: str, number: int, result: Any = None) -> None:
         super().__init__(what)
@@ -118,7 +118,7 @@ class WiringError(UmoError, ValueError):
 
 
 class RecipeError(UmoError, ValueError):
-    """A recipe is refused; `mistakes` lists all that is wrong, with file and line where they are known."""
+    """A recipe is refused; `mistakes` lists all mistakes, with file and line if known."""
 
     def __init__(self, message: str, mistakes: Sequence[Mistake] = ()) -> None:
         super().__init__("\n".join([message, *map(str, mistakes)]) if mistakes else message)
@@ -136,7 +136,7 @@ class ChannelError(WiringError):
         forms = list(forms)
         self.text = text
         near = did_you_mean(text, (form for form in forms if not _PLACEHOLDER.search(form)))
-        super().__init__(f"no channel {text!r}{near}; the forms are: {', '.join(forms)}")
+        super().__init__(f"there is no channel {text!r}{near}; the forms are: {', '.join(forms)}")
 
 
 class RangeError(UmoError, ValueError):
@@ -148,7 +148,7 @@ class StateError(UmoError, TypeError):
 
 
 class OptionError(UmoError, TypeError):
-    """An option of a run is missing, has a value of a wrong type, or is taken by nobody."""
+    """An option of a run is missing, has a value of a wrong type, or is not used by anything."""
 
 
 class PathError(UmoError, LookupError):
@@ -164,10 +164,10 @@ class Failure(NamedTuple):
 
     path: str
     channel: str
-    """Text of the channel; "-": it is not one object that failed, but the driver or the application."""
+    """Text of the channel; "-" if not a single object failed, but the driver or the application."""
     cause: str
     driver: str = ""
-    """Name in the wiring and devices of the driver: `box (modbus tcp 127.0.0.1:502)`."""
+    """Name of the driver in the wiring, and its devices: `box (modbus tcp 127.0.0.1:502)`."""
 
     def __str__(self) -> str:
         return _together([self])
@@ -223,8 +223,8 @@ class StopError(DriverError):
 
 
 class BadInput(UmoError, RuntimeError):
-    """A control law read a sensor whose quality it does not accept, or code the state of a sensor that has none: it was
-    never read (`why`). For a Vector: the first, and how many others."""
+    """A control law has read a sensor whose quality it does not accept, or code has read the state of a sensor that was
+    never read (`why`). For a Vector: the first sensor, and the number of others."""
 
     def __init__(self, path: str, quality: object, others: int = 0, *, why: str = "") -> None:
         more = f", and {others} more of the Vector {'is' if others == 1 else 'are'} not accepted" if others else ""
@@ -234,7 +234,7 @@ class BadInput(UmoError, RuntimeError):
 
 
 class Interlocked(UmoError, RuntimeError):
-    """An interlock with effect="stop" inhibits the actuator: only its default may be written; nothing was changed."""
+    """An interlock with effect="stop" inhibits the actuator: only its default may be written. Nothing was changed."""
 
     def __init__(self, path: str, reason: str) -> None:
         super().__init__(f"{path} is interlocked: {reason}")
@@ -243,8 +243,9 @@ class Interlocked(UmoError, RuntimeError):
 
 
 class CommandRefused(UmoError, RuntimeError):
-    """A client's command was refused: nobody or another client has the lease, or the mode does not allow it; nothing
-    was changed. Or what it held has ended, as by an interlock, a fault of its equipment, or another client."""
+    """A client's command was refused: it needs the lease, another client has the lease, or the mode does not allow it;
+    nothing was changed. Also raised if a hold of the client has ended, because of an interlock, a fault of its
+    equipment, or another client."""
 
 
 class LeaseHeld(CommandRefused):
@@ -268,11 +269,11 @@ class TimeExpired(TaskFailed, TimeoutError):
 
 
 class EquipmentFault(TaskFailed):
-    """The equipment is in fault (its `path`, the `reason`): what was under way in it has ended, and nothing can be
-    started before `clear`."""
+    """The equipment is in fault (its `path`, the `reason`): its sequences and motions have ended, and nothing can be
+    started in it before `clear`."""
 
     def __init__(self, path: str, reason: str | Callable[[], str]) -> None:
-        """A function puts the reason into words when it is asked for: that may call code of the user's."""
+        """If `reason` is a function, it is called when the text is needed, because it may call the user's code."""
         super().__init__(path, reason)
         self.path = path
         self._reason = reason
@@ -312,14 +313,15 @@ class Cancelled(BaseException):
 
 
 def text_of(error: BaseException) -> str:
-    """The one text of an exception, in one line. One of umo, of the operating system or of a device explains itself;
-    any other comes from a mistake in code: its type is before its text, the place where it was raised behind it."""
+    """Return the text of an exception in one line. An exception of umo, of the operating system or of a device explains
+    itself. Any other one comes from a mistake in code, so its type precedes the text, and the place where it was raised
+    follows."""
     return text_later(error)()
 
 
 def text_later(error: BaseException) -> Callable[[], str]:
-    """A function that gives this text. It calls code of the user's (`__str__`), which may take its time; the place is
-    taken now, so the error may lose its frames before."""
+    """Return a function that makes the text of an exception later, since that calls the user's code (`__str__`), which
+    may be slow. The place is determined now, so the error may lose its frames before."""
     return partial(_text_of, error, raised_at(error))
 
 
@@ -340,10 +342,12 @@ def _nearest_attribute(error: AttributeError) -> str:
 
 
 def forget_frames(error: BaseException) -> None:
-    """Drop the frames that an error and what led to it keep; for an error whose text has been taken and that ends here.
+    """Drop the frames that an error and its causes refer to, when the text of the error is known and it is not raised
+    again.
 
-    A frame that holds an exception of its own traceback is a circle, which only the garbage collector frees, and that
-    is off while a machine runs. An error that a frame is still handling, such as the end of the run, keeps its own.
+    A frame that holds an exception of its own traceback forms a circle of references, which only the garbage collector
+    frees, and that is off while a machine runs. An error that a frame is still handling, such as the end of the run,
+    keeps its own.
     """
     with suppress(BaseException):  # an exception of the user's may refuse anything
         trace = error.__traceback__
@@ -354,8 +358,8 @@ def forget_frames(error: BaseException) -> None:
 
 
 def cause_of_failure(error: BaseException) -> str:
-    """The cause of a failed call, for an error that ends here: it is left without its frames, since a channel may stay
-    broken for a day."""
+    """Return the text of the cause of a failed call. The error loses its frames, because a channel may stay broken for
+    a day."""
     cause = text_of(error)
     forget_frames(error)
     return cause

@@ -1,4 +1,5 @@
-"""The exit statuses of `umo` and of a run. One that a signal has ended has 128 and its number; 130 is Ctrl-C."""
+"""The exit statuses of `umo` and of a run. A run that a signal has ended has 128 plus the number of the signal; 130 is
+Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ class ExitStatus(IntEnum):
     UNREACHED = 3
     """An actuator is not at its default."""
     NOT_RECORDED = 4
-    """The run is not recorded, or not as a whole; of `umo recording replay`: identical as far as the recording goes."""
+    """The run is not recorded, or not as a whole; for `umo recording replay`: identical up to the end of the
+    recording."""
     TIME_OVER = 124
     """A run has reached its time limit, as with timeout(1)."""

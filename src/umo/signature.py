@@ -1,4 +1,4 @@
-"""Signatures and annotations of the user's functions and classes, and which of their types a text can give."""
+"""Signatures and annotations of the user's functions and classes, and the types whose values can be given as text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 JSON = (int, float, str, bool, inspect.Parameter.empty)
-"""Types whose values need no conversion from JSON; `empty`: a parameter of which nothing is known, given as text."""
+"""Types whose values need no conversion from JSON; and `empty`, for a parameter without a known type, which is given as
+text."""
 
 
 def signature_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
@@ -35,7 +36,7 @@ def parameters_of(function: Callable[..., Any], skip: int = 0) -> dict[str, insp
 
 @cache
 def hints_of(cls: Any) -> dict[str, Any]:
-    """The annotated type of each attribute of a class and of its bases, with what `Annotated` adds; a text where it
+    """The annotated type of each attribute of a class and of its bases, with the additions of `Annotated`; a text if it
     cannot be evaluated (a class declared inside a function, a type that is imported for type checkers only)."""
     hints: dict[str, Any] = {}
     for base in reversed(cls.__mro__):
@@ -49,7 +50,8 @@ def hints_of(cls: Any) -> dict[str, Any]:
 
 
 def evaluated(annotation: Any, names: Any, more: Any = None, extras: bool = False) -> Any:
-    """The type, `extras`: with what `Annotated` adds; the annotation as it is if it cannot be evaluated."""
+    """Return the type of an annotation; with `extras`, including the additions of `Annotated`. If it cannot be
+    evaluated, the annotation itself."""
     holder = SimpleNamespace(__annotations__={"it": annotation})
     try:
         return get_type_hints(holder, dict(names), dict(more or {}), include_extras=extras)["it"]
@@ -58,14 +60,14 @@ def evaluated(annotation: Any, names: Any, more: Any = None, extras: bool = Fals
 
 
 def without_none(kind: Any) -> Any:
-    """`int | None` is int; of other unions the first."""
+    """Return the type without None: int for `int | None`; for other unions the first type."""
     if get_origin(kind) in (Union, UnionType):
         return next((each for each in get_args(kind) if each is not NoneType), str)
     return kind
 
 
 def item_of(kind: Any) -> Any:
-    """The type of one value of a sequence; the type itself of anything else."""
+    """Return the type of the values of a sequence; any other type is returned unchanged."""
     kind = without_none(kind)
     origin = get_origin(kind)
     if isinstance(origin, type) and issubclass(origin, Sequence) and get_args(kind):
@@ -83,14 +85,15 @@ def choices_of(kind: Any) -> list[Any]:
 
 
 def is_plain(kind: Any) -> bool:
-    """True if a text can give values of this type."""
+    """True if values of this type can be given as text."""
     item = item_of(kind)
     choices = choices_of(item)
     return item in (*JSON, Path) or (bool(choices) and all(isinstance(choice, int | float | str) for choice in choices))
 
 
 def is_converted(kind: Any) -> bool:
-    """True if values of this type are made of JSON: an Enum, a Path, a tuple; or are some values only: a Literal."""
+    """True if values of this type are converted from JSON (an Enum, a Path, a tuple), or only some values are allowed
+    (a Literal)."""
     return is_plain(kind) and without_none(kind) not in JSON
 
 

@@ -1,10 +1,10 @@
 """Two-state types: the paper's `binary_enum` (Listing 1), one type for each pair of names.
 
-A two-state type names two states and carries no level; which state is the electrical 1 is said where an
-object is declared (`one=`), as in the paper. A state has no truth value, so `if sensor.read():` is an error:
-write `if sensor.read() is OnOff.ON:`. It is compared with states of its own type and with None; with a state of another
-type, a number or a text `==` raises TypeError, as would `in` and `case` of a `match`. `is` cannot raise: `umo check`
-and type checkers find it (decision 83).
+A two-state type names two states and carries no level; which state is the electrical 1 is set in the declaration of an
+object (`one=`), as in the paper. A state has no truth value, so `if sensor.read():` is an error: write `if
+sensor.read() is OnOff.ON:`. It is compared with states of its own type and with None; with a state of another type, a
+number or a text `==` raises TypeError, as would `in` and `case` of a `match`. `is` cannot raise: `umo check` and type
+checkers find it (decision 83).
 """
 
 from __future__ import annotations
@@ -58,17 +58,17 @@ class TwoState(Enum):
 
 
 def is_plain(given: object) -> bool:
-    """True if it is a number, a text or a state: what no object is equal to, and no state of another type."""
+    """True if a value is a number, a text or a state, to which no object, and no state of another type, is equal."""
     return isinstance(given, Enum | int | float | str | bytes | Number)
 
 
 def shown(given: object) -> str:
-    """Return a compared value for a message: a state as it is written."""
+    """Return a compared value for a message: a state in the form of source code."""
     return f"{type(given).__name__}.{given.name}" if isinstance(given, Enum) else cut_repr(given)
 
 
 def comparisons(states: type[TwoState], meant: object, what: str = "") -> str:
-    """Return what to write instead: comparisons with the state that has this name, otherwise with each."""
+    """Return what to write instead: a comparison with the state that has this name, or comparisons with each state."""
     name = str(getattr(meant, "name", meant)).upper()
     named = [name] if name in states.__members__ else list(states.__members__)
     return " or ".join(f"`{what}is {states.__name__}.{each}`" for each in named)

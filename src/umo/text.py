@@ -1,4 +1,4 @@
-"""Words for messages: the nearest known name, when and where an exception was raised."""
+"""Words for messages: the nearest known name, and the time and place of an exception."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 COMPARED_NAMES = 2000
-"""Number of known names that are compared at most: more take too long for a message."""
+"""Largest number of known names that are compared; comparing more would take too long for a message."""
 LIBRARY = os.path.dirname(os.__file__) + os.sep
 """The folder of Python's own modules."""
 INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
@@ -31,7 +31,7 @@ MAX_NAMES = 2
 
 
 class Moment(str):
-    """A note on the exception that ended a run: when, on the machine's clock."""
+    """A note with the time, on the machine's clock, of the exception that ended a run."""
 
     __slots__ = ()
 
@@ -41,8 +41,8 @@ class Moment(str):
 
 
 def str_of(error: BaseException) -> str:
-    """`str(error)`, whatever its `__str__` does; where a limit of the operating system is the cause, with the command
-    that shows and raises it."""
+    """Return `str(error)`, even if its `__str__` fails; if a limit of the operating system is the cause, add the
+    command that shows and raises the limit."""
     try:
         text = str(error)
     except BaseException:
@@ -55,24 +55,24 @@ def _is_out_of_descriptors(error: BaseException) -> bool:
 
 
 def add_note(error: BaseException, note: str) -> None:
-    """`error.add_note(note)`, whatever that does."""
+    """Call `error.add_note(note)`, and ignore its failure."""
     with suppress(BaseException):
         error.add_note(note)
 
 
 def in_a_line(text: str) -> str:
-    """Its lines, with "; " between them."""
+    """Join the lines of a text with "; "."""
     return "; ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
 def reason_of(error: Exception) -> str:
-    """The text of the operating system for an error, as a part of a sentence."""
+    """Return the text of the operating system for an error, as a part of a sentence."""
     text = getattr(error, "strerror", None) or str(error)
     return text[:1].lower() + text[1:]
 
 
 def in_brackets(*words: str) -> str:
-    """` (one, other)`; words that are empty are left out."""
+    """Return words in brackets, such as ` (one, other)`, without the empty ones."""
     text = ", ".join(filter(None, words))
     return f" ({text})" if text else ""
 
@@ -86,12 +86,12 @@ class CodePlace(NamedTuple):
 
 
 def place_of(error: BaseException) -> str:
-    """The place at which an exception was raised, as `place_among` gives it."""
+    """Return the place at which an exception was raised, in the form of `place_among`."""
     return shown_place(raised_at(error))
 
 
 def raised_at(error: BaseException) -> CodePlace | None:
-    """Return the same as data, which is formatted when it is shown."""
+    """Return the place at which an exception was raised as data, which is formatted when it is shown."""
     found = users = None
     try:
         trace = error.__traceback__
@@ -111,15 +111,16 @@ def raised_at(error: BaseException) -> CodePlace | None:
 
 
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
-    """`control.py:41 in control`: the innermost of some frames (the outermost is first) that belongs neither to umo nor
-    to Python; one of an installed package only if there is no other. Empty if there is none."""
+    """Return the place, such as `control.py:41 in control`, of the innermost of these frames (the outermost is first)
+    that belongs neither to umo nor to Python. A frame of an installed package counts only if there is no other. Empty
+    if there is none."""
     found = [frame for frame in frames if not is_own(frame[0])]
     users = [frame for frame in found if not _is_installed(frame[0])]
     return shown_place(CodePlace(*(users or found)[-1]) if found else None)
 
 
 def shown_place(place: CodePlace | None) -> str:
-    """A place as `control.py:41 in control`; "" for none."""
+    """Format a place as `control.py:41 in control`; "" for None."""
     if place is None:
         return ""
     line = f"{shown_path(place.file)}:{place.line}"
@@ -127,13 +128,13 @@ def shown_place(place: CodePlace | None) -> str:
 
 
 def is_users(file: str) -> bool:
-    """True if a file of code is the user's: not of umo, of Python or of an installed package."""
+    """True if a file of code belongs to the user: not to umo, Python or an installed package."""
     return not is_own(file) and not _is_installed(file)
 
 
 @lru_cache(maxsize=1000)
 def is_own(file: str) -> bool:
-    """True if a file of code is umo's or Python's own."""
+    """True if a file of code belongs to umo or Python."""
     if file.startswith((UMO, COMMAND)):
         return not file.startswith(STATIONS)
     return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))
@@ -145,7 +146,7 @@ def _is_installed(file: str) -> bool:
 
 
 def shown_path(file: str) -> str:
-    """A path, relative to the current folder where that is shorter."""
+    """Return a path, relative to the current folder if that is shorter."""
     try:
         return _relative(file, os.getcwd())
     except (OSError, ValueError):  # the folder is gone; another drive
@@ -159,30 +160,30 @@ def _relative(file: str, folder: str) -> str:
 
 
 def some(names: Sequence[str]) -> str:
-    """`a, b and 38 others`; up to three are all named."""
+    """Return a short list, such as `a, b and 38 others`; up to three names are shown in full."""
     if len(names) <= MAX_NAMES + 1:
         return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
     return f"{', '.join(names[:MAX_NAMES])} and {others(len(names) - MAX_NAMES)}"
 
 
 def count_of(number: int, noun: str) -> str:
-    """`1 period`, `3,741 periods`."""
+    """Return a number with its noun, such as `1 period` or `3,741 periods`."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def others(count: int) -> str:
-    """`1 other`, `38 others`."""
+    """Return the number of others, such as `1 other` or `38 others`."""
     return f"{count} other{'s' * (count != 1)}"
 
 
 def printable(text: str) -> str:
-    """Without control characters: a terminal obeys them. For every text in one line that comes from another process,
-    from a file or over a network."""
+    """Return a text without control characters, which a terminal would obey. To be used for every text in one line that
+    comes from another process, from a file or over a network."""
     return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
-    """A local time from the s since 1970 that another process has sent, also if that is not a valid time."""
+    """Return the local time for s since 1970 from another process, even if the number is not a valid time."""
     try:
         return time.strftime(form, time.localtime(seconds))  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError, OSError):
@@ -190,8 +191,8 @@ def time_of_day(seconds: object, form: str = "%Y-%m-%d %H:%M:%S") -> str:
 
 
 def options_in(doc: str) -> dict[str, str]:
-    """The words of the section "Options:" of a docstring for each name: `host, port: the device`, and lines that are
-    indented further."""
+    """Return the text for each name in the section "Options:" of a docstring: `host, port: the device`, and lines that
+    are indented further."""
     found: dict[str, str] = {}
     names: list[str] = []
     for line in inspect.cleandoc(doc).partition("\nOptions:\n")[2].splitlines():
@@ -212,7 +213,7 @@ _SEARCHES = ContextVar("searches", default=True)
 
 @contextmanager
 def without_search() -> Iterator[None]:
-    """Messages that the block makes do not name similar names: the client looks for them."""
+    """Return a context in which messages do not suggest similar names, because the client looks for them."""
     before = _SEARCHES.set(False)
     try:
         yield
@@ -221,7 +222,7 @@ def without_search() -> Iterator[None]:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The nearest of the known names, as text to append to a message; empty if none is similar, and within
+    """Return the nearest of the known names as text to append to a message; empty if none is similar, or within
     `without_search`."""
     if not _SEARCHES.get():
         return ""
@@ -232,7 +233,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 READ_WORDS = frozenset(("state", "value", "get", "get_value"))
 """Names by which the value of an object is asked for."""
 WRITE_WORDS = frozenset(("write", "set", "set_value", "put", "on", "off", "open", "close"))
-"""Names of functions that write a value, in other libraries and in common words."""
+"""Names of functions that write a value, in other libraries and in common speech."""
 
 
 def near_attribute(name: str, known: Collection[str]) -> str:
@@ -246,14 +247,14 @@ def near_attribute(name: str, known: Collection[str]) -> str:
 
 
 MAX_WORD = 80
-"""Number of characters of a word in a message at most, or of a name in a path."""
+"""Largest number of characters of a word in a message, or of a name in a path."""
 _LONG_WORD = re.compile(rf"[^\s/]{{{MAX_WORD + 1},}}")
 _TAIL = 20
 """Number of characters at the end of a word that are left where it is cut: quotation marks and brackets among them."""
 
 
 def cut_words(text: str) -> str:
-    """A message whose words are not longer than `MAX_WORD`: what it echoes may be anything that a user wrote."""
+    """Return a message with its words cut to `MAX_WORD` characters, because it may repeat any text of a user."""
     if len(text) <= MAX_WORD:
         return text
     return _LONG_WORD.sub(lambda found: f"{found[0][: MAX_WORD - _TAIL - 3]}...{found[0][-_TAIL:]}", text)
@@ -263,7 +264,7 @@ MAX_REPR = 60
 
 
 def cut_repr(given: object) -> str:
-    """Return a wrong value for a message: its `repr` in one line, cut; its type if it has none."""
+    """Return a wrong value for a message: its `repr` in one line, cut; its type if `repr` fails."""
     try:
         text = " ".join(repr(given).split())
     except BaseException:  # it is of the user's, or an int with more digits than Python prints

@@ -1,4 +1,4 @@
-"""The lines of the keys in a text of TOML, which Python's parser does not tell. Asked for where a mistake is told."""
+"""Finds the lines of the keys in a TOML text, which Python's parser does not report. Used only to report a mistake."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 LONGEST = 200
-"""Lines of one value at most: behind a longer one no key has a line."""
+"""Largest number of lines of one value; no line is known for the keys after a longer value."""
 _QUOTES = re.compile("[\"']")
 
 
 def lines_of(text: str) -> dict[str, int]:
-    """The line of each key and table, the first if there are several, by its path without quotation marks, such as
-    `wire.z.motor.channel`. `text` is right: it was read before."""
+    """Return the line of each key and table (the first if there are several) by its path without quotation marks, such
+    as `wire.z.motor.channel`. `text` must be valid TOML."""
     found: dict[str, int] = {}
     table, statement, first = "", "", 1
     for number, line in enumerate(text.split("\n"), 1):
@@ -37,8 +37,8 @@ def lines_of(text: str) -> dict[str, int]:
 
 
 def line_of(key: str, lines: Mapping[str, int]) -> int | None:
-    """The line of a key as a message names it, such as `wire."z.motor".channel`; of one that is missing, that of the
-    nearest table around it. It is None if there is none."""
+    """Return the line of a key in the form of a message, such as `wire."z.motor".channel`; for a missing key, the line
+    of the nearest table around it. None if there is no such table."""
     path = _QUOTES.sub("", key)
     while path and path not in lines:
         path = path.rpartition(".")[0]

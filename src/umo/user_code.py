@@ -1,8 +1,8 @@
 """The one way to call the user's code: whatever it raises or returns becomes an error with its place, and has no other
 effect.
 
-The user's code is what umo calls and did not write: observers, conditions, actions, properties, sequences that clean
-up, what a station declares. Decision 0022 lists the places.
+The user's code is all code that umo calls but that is not part of umo: observers, conditions, actions, properties,
+sequences that clean up, the declarations of a station. Decision 0022 lists the places.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from umo.errors import Cancelled, DeclarationError, Interrupted, TaskFailed, Umo
 from umo.text import CodePlace, did_you_mean, in_brackets, is_own, shown_place
 
 MAX_LENGTH = 2000
-"""Length of an error's text at most, characters."""
+"""Largest length of an error's text, in characters."""
 
 
 class Raised(NamedTuple):
@@ -31,10 +31,10 @@ class Raised(NamedTuple):
 
     kind: type[BaseException]
     text: str
-    """`text_of` the exception."""
+    """The text of the exception (`text_of`)."""
 
     def __str__(self) -> str:
-        """The text, with the type in any case: a client raises the same error."""
+        """The text, with the type in any case, because a client raises the same error."""
         return f"{self.kind.__name__}: {self.text}" if issubclass(self.kind, UmoError) else self.text
 
 
@@ -42,8 +42,8 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
     """Call the user's code. Return its result and None; or None and the error that it raised, of any class.
 
     Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's own handler of SIGINT is installed.
-    While a machine is connected it is not: SIGINT asks the machine to stop, code that raises KeyboardInterrupt has
-    failed like any other, and the `Interrupted` of a further signal passes."""
+    While a machine is connected, that handler is not installed: SIGINT asks the machine to stop, a KeyboardInterrupt
+    counts as an error of the code that raises it, and the `Interrupted` of a further signal passes."""
     try:
         return call(*arguments), None
     except BaseException as error:
@@ -51,8 +51,8 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
 
 
 def told(error: BaseException) -> Raised:
-    """The words for an error that has just been caught. It releases the frames in which it was raised. A Ctrl-C is
-    raised again."""
+    """Return the error that has just been caught, as a `Raised`. It releases the frames in which it was raised. A
+    Ctrl-C is raised again."""
     if is_interrupt(error):
         raise error
     text = text_of(error)
@@ -61,7 +61,7 @@ def told(error: BaseException) -> Raised:
 
 
 def check_overrides(cls: type) -> None:
-    """DeclarationError for a sequence that overrides a plain method of umo, because nothing would await it."""
+    """Raise DeclarationError for a sequence that overrides a plain method of umo, because nothing would await it."""
     for number, owner in enumerate(cls.__mro__):
         for name, value in vars(owner).items():
             if not (isinstance(value, FunctionType) and value.__code__.co_flags & CO_COROUTINE):
@@ -81,21 +81,21 @@ def _is_plain(method: object) -> bool:
 
 
 def definition(function: Callable[..., Any]) -> CodePlace | None:
-    """The place of a function in the source; None: it is not written in Python."""
+    """Return the place of a function in the source, or None if it is not written in Python."""
     code = getattr(unwrap(function), "__code__", None)
     return None if code is None else CodePlace(code.co_filename, code.co_firstlineno, "<module>")
 
 
 def abstract_names(cls: type) -> frozenset[str]:
-    """The functions that are declared for its objects (`abstractmethod`) and that neither it nor a base has, as
-    `__abstractmethods__` of the classes of `abc`."""
+    """Return the abstract functions of a class (`abstractmethod`) that neither the class nor a base defines, like
+    `__abstractmethods__` of a class of `abc`."""
     known = {name for base in cls.__bases__ for name in getattr(base, "_abstract", ())}
     known |= {name for name, value in vars(cls).items() if getattr(value, "__isabstractmethod__", False)}
     return frozenset(name for name in known if getattr(getattr(cls, name, None), "__isabstractmethod__", False))
 
 
 def incomplete(cls: type, names: Collection[str]) -> DeclarationError:
-    """The error for an object of a class that lacks these functions."""
+    """Return the error for an object of a class that lacks these functions."""
     base = next(each for each in reversed(cls.__mro__) if min(names) in vars(each))
     kinds = cls.__mro__[: cls.__mro__.index(base)]
     own = {name for kind in kinds for name, value in vars(kind).items() if isinstance(value, FunctionType | property)}
@@ -113,7 +113,7 @@ def class_place(cls: type) -> CodePlace | None:
 
 
 def check_acts_at_once(what: str, function: Any) -> None:
-    """DeclarationError for a sequence where a plain function is called: a condition would always be true."""
+    """Raise DeclarationError for a sequence in place of a plain function: as a condition it would always be true."""
     if iscoroutinefunction(function):
         place = in_brackets(shown_place(definition(function)))
         raise DeclarationError(f"{what} is a sequence; it must act at once: `def`, not `async def`{place}")
@@ -121,8 +121,8 @@ def check_acts_at_once(what: str, function: Any) -> None:
 
 @contextmanager
 def raise_as(kind: type[UmoError], what: str) -> Iterator[None]:
-    """Turn what the block raises into an error of this kind, `what` first: for declarations, outside of a run. umo's
-    errors and a Ctrl-C pass."""
+    """Return a context that turns exceptions into an error of this kind whose text begins with `what`. For
+    declarations, outside of a run. Errors of umo and a Ctrl-C pass unchanged."""
     try:
         yield
     except BaseException as error:
@@ -132,14 +132,15 @@ def raise_as(kind: type[UmoError], what: str) -> Iterator[None]:
 
 
 def refuse_exit(error: BaseException, what: str) -> None:
-    """Turn what is no Exception into a TaskFailed: a SystemExit would end the whole run, `sys.exit(0)` as a success. A
-    Ctrl-C, and the Cancelled of a sequence, stay."""
+    """Turn a BaseException that is not an Exception into a TaskFailed, because a SystemExit would end the whole run,
+    and `sys.exit(0)` would even count as a success. A Ctrl-C, and the Cancelled of a sequence, stay unchanged."""
     if not isinstance(error, Exception | Cancelled) and not is_interrupt(error):
         raise TaskFailed(f"{what} raised {text_of(error)}; it must end by returning or with an error") from error
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """True if an exception is the user's Ctrl-C, or another signal of his, and not raised by code."""
+    """True if an exception is the user's Ctrl-C, or the effect of another signal from the user, and was not raised by
+    code."""
     if isinstance(error, Interrupted):
         return True
     return (
@@ -150,8 +151,8 @@ def is_interrupt(error: BaseException) -> bool:
 
 
 def read_numbers(numbers: Iterable[tuple[str, Any, Any, str, Any]]) -> list[float]:
-    """The values of signals now: third and fourth are the owner and the name of the attribute. NaN for one that has no
-    value, or of which reading fails."""
+    """Return the present values of signals. The third and fourth item of each signal are the owner and the name of its
+    attribute. NaN stands for a signal that has no value or cannot be read."""
     values = []
     for _, _, owner, name, _ in numbers:  # not by `attempt`: a call for each in every period is too dear
         try:
@@ -164,9 +165,9 @@ def read_numbers(numbers: Iterable[tuple[str, Any, Any, str, Any]]) -> list[floa
 
 
 def as_json(result: Any, longest: int) -> str:
-    """A result as JSON in ASCII with at most this number of bytes. Objects in it that are no plain data become their
-    texts. A result that is too long, holds itself or numbers that are not finite becomes its text, which is cut and
-    says so."""
+    """Return a result as JSON in ASCII with at most this number of bytes. Objects in it that are not plain data become
+    their texts. A result that is too long, contains itself or has numbers that are not finite becomes its text, which
+    is cut, with a mark that it was cut."""
     text, error = attempt(partial(json.dumps, result, default=str, allow_nan=False))
     if error is None and len(text) <= longest:
         return str(text)
@@ -175,7 +176,8 @@ def as_json(result: Any, longest: int) -> str:
 
 
 def briefly(result: Any, longest: int) -> str:
-    """A wrong result in a few words, quick however large it is: a plain value as JSON, of anything else its type."""
+    """Describe a wrong result in a few words, quickly even if it is large: a plain value as JSON, anything else by its
+    type."""
     if result is None or isinstance(result, bool | int | float | str):
         return as_json(result, longest)
     return f"an object of the type {type(result).__name__}"

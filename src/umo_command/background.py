@@ -12,7 +12,7 @@ from umo.system.realtime import drop_realtime
 from umo.system.streams import limit_waits
 
 NICENESS = 15
-"""By how much their priority is below that of a usual program."""
+"""Niceness of these programs: their priority is lower than that of an ordinary program."""
 
 
 def step_back() -> None:
@@ -22,7 +22,8 @@ def step_back() -> None:
 
 
 async def until_stopped(work: Coroutine[Any, Any, object]) -> None:
-    """Work until it ends, or SIGINT or SIGTERM cancels it. A further one ends code that does not end."""
+    """Work until it ends, or SIGINT or SIGTERM cancels it. A further signal stops code that does not react to the
+    first."""
     serving = asyncio.ensure_future(work)
     loop = asyncio.get_running_loop()
     with asked_by_signals(lambda: loop.call_soon_threadsafe(serving.cancel)), suppress(asyncio.CancelledError):

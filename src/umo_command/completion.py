@@ -34,7 +34,7 @@ def completing(words: Callable[[typer.Context, str], Iterable[str]]) -> Callable
 
 @completing
 def stations(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Folders of stations, folders on the way to one, and the stations that ship or are installed."""
+    """Return folders of stations, folders on the way to one, and the stations that ship or are installed."""
     from umo.process.station import shipped
     from umo.system.packages import MARK, registered
 
@@ -47,7 +47,7 @@ def stations(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def running(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Names of the stations that run; where several of a name do, their pids."""
+    """Return the names of the stations that run; if several have the same name, their pids."""
     names: list[str] = []
     for about in (reader.about for reader in _readers()):
         names += [str(about["pid"])] if about["station"] in names else [str(about["station"])]
@@ -61,7 +61,7 @@ def stations_and_running(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def wirings(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """The wirings of the station that was named, and files."""
+    """Return the wirings of the named station, and files."""
     from umo.process.station import find
 
     with suppress(Exception):
@@ -83,7 +83,7 @@ def running_and_recordings(ctx: typer.Context, incomplete: str) -> Iterable[str]
 
 @completing
 def paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Objects, signals and numbers of the station that was named, or of the only one that runs."""
+    """Return the objects, signals and numbers of the named station, or of the only one that runs."""
     with _machine(ctx) as reader:
         if reader is not None:
             return [*reader.paths, *reader.signals, *reader.tunables()]
@@ -95,7 +95,7 @@ def paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def running_and_paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """A station, if it is the first word, or paths of it."""
+    """Return stations for the first word, and paths of the station for the others."""
     words = ctx.params.get("words") or []
     ctx.params |= {"station": words[0]} if words else {}
     return paths(ctx, incomplete) if words else [*running(ctx, incomplete), *paths(ctx, incomplete)]
@@ -117,7 +117,7 @@ def faces(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def numbers(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """The tunable numbers of a running station."""
+    """Return the tunable numbers of a running station."""
     with _machine(ctx) as reader:
         return [] if reader is None else reader.tunables()
 

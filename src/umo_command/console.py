@@ -1,4 +1,4 @@
-"""The two consoles, by which all text reaches the terminal. What is piped is not cut to 80 columns, and brackets in a
+"""The two consoles, by which all text reaches the terminal. Piped text is not cut to 80 columns, and brackets in a
 user's names are not markup.
 
 Texts come from other processes and users too: names of stations and devices, records, holders of a lease, errors. None
@@ -22,7 +22,7 @@ PIPE_WIDTH = 160
 
 
 class PrintableConsole(Console):
-    """A console that shows control characters of a text as `?`: a terminal would obey them."""
+    """A console that shows control characters of a text as `?`: because a terminal would obey them."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
@@ -43,12 +43,12 @@ out, err = _console(stderr=False), _console(stderr=True)
 
 
 def plain_table() -> Table:
-    """A table without a frame, with a line below its headings."""
+    """Return a table without a frame, with a line below its headings."""
     return Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
 
 
 def say(text: str, style: str = "") -> None:
-    """A message of umo on stderr, in a line of its own. What it echoes is cut."""
+    """Print a message of umo on stderr, in a line of its own. Long words in it are cut."""
     if err.is_terminal:
         err.file.write(CLEAR_LINE)
     err.print(f"umo: {cut_words(text)}", style=style, soft_wrap=True)

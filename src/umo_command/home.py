@@ -1,4 +1,4 @@
-"""`umo` alone: what runs here, and what comes next."""
+"""`umo` alone: shows the running stations and the next steps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .run.long_runs import newest, recorded
 from .show.stations import show_stations, standing
 
 Step = tuple[str, str]
-"""A command, and what it does."""
+"""A command, with a description."""
 STEPS = 3
 
 
@@ -41,8 +41,8 @@ def show_home() -> None:
 def next_steps(
     folder: Path, found: Sequence[RunReader], stopped: Sequence[Ended] = (), failed: Sequence[str] = ()
 ) -> list[Step]:
-    """Three steps: first what waits for somebody, then what there is to see and to do. `failed`: the stations of runs
-    that failed."""
+    """Return three steps: first those that wait for somebody, then those that show or do something. `failed`: the
+    stations of runs that failed."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())
@@ -70,7 +70,7 @@ def _waiting(name: str, reader: RunReader, frame: Any) -> list[Step]:
 def _running(name: str) -> list[Step]:
     return [
         (f"umo show values {name}", "its values, live; `umo show page --open`: in a browser"),
-        (f"umo do {name}", "the commands that it accepts: mode, actions, stop"),
+        (f"umo do {name}", "its commands: mode, actions, stop"),
         (f"umo show why {name}", "why a period was late, and the last faults"),
     ]
 

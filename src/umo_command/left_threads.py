@@ -1,4 +1,4 @@
-"""The end of a command whose application has left threads: Python waits for those that are no daemons, unsaid."""
+"""Ends a command whose application has left threads: Python waits silently for those that are not daemons."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable, some
 
 THREAD_TIMEOUT = 1.0
-"""Time in s after which it is told that the command waits for threads: those of executors end by themselves."""
+"""Time in s after which a notice says that the command waits for threads: those of executors end by themselves."""
 
 
 def prepare_end(status: int) -> None:
@@ -35,13 +35,13 @@ def prepare_end(status: int) -> None:
 
 
 def left_threads() -> list[threading.Thread]:
-    """The threads that keep this process from ending."""
+    """Return the threads that keep this process from ending."""
     threads = [each for each in threading.enumerate() if each is not threading.main_thread() and not each.daemon]
     return [each for each in threads if each.is_alive()]
 
 
 def tell_threads(patience: float = THREAD_TIMEOUT) -> None:
-    """Print which threads are left after this time in s, if any."""
+    """Print the threads that are left after this time in s, if any."""
     threading.Event().wait(patience)
     if left := left_threads():
         frames = sys._current_frames()

@@ -1,5 +1,5 @@
-"""The names that commands had before they came into groups. They work in this version, with a line on stderr that says
-the new ones; this file goes with the next."""
+"""The names that commands had before they came into groups. They work in this version, with a line on stderr that names
+the new command; the next version removes this file."""
 
 from __future__ import annotations
 
@@ -123,5 +123,5 @@ def _option(names: Mapping[str, str], word: str) -> str:
 
 
 def name_of(command: CommandInfo) -> str:
-    """The name by which a command is called."""
+    """Return the name by which a command was called."""
     return command.name or get_command_name(getattr(command.callback, "__name__", ""))

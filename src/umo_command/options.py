@@ -1,4 +1,5 @@
-"""The arguments and options that several commands have, each declared once: one name for one thing, everywhere."""
+"""The arguments and options that several commands have, each declared once, so that the same thing has the same name
+everywhere."""
 
 from __future__ import annotations
 
@@ -32,12 +33,12 @@ def duration_of(text: str | float) -> float:
 
 
 def time_option(*names: str, help: str, may_be_0: bool = False) -> Any:
-    """An option that takes a time: its value is in s."""
+    """Return an option that takes a time; its value is in s."""
     return typer.Option(*names, metavar="TIME", parser=time_of if may_be_0 else duration_of, help=help)
 
 
 def size_of(text: str | int) -> int:
-    """A size in bytes, of a text such as "20 GB"; 1 MB at least."""
+    """Return a size in bytes from a text such as "20 GB"; 1 MB at least."""
     try:
         return byte_size(text, 10**6)
     except DeclarationError as error:
@@ -50,7 +51,7 @@ def out_option(metavar: str, help: str) -> Any:
 
 
 def running_argument(metavar: str, help: str) -> Any:
-    """An argument that names a running station."""
+    """Return an argument that names a running station."""
     return typer.Argument(metavar=metavar, help=help, autocompletion=completion.running)
 
 

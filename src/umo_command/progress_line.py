@@ -1,7 +1,7 @@
 """The progress display of a run.
 
-It is drawn from within the loop, as the loop's process holds no other thread, so it has to be
-cheap: a line of plain text takes about 3 us, a picture of rich's live display 320 us and now and then 1.3 ms.
+It is drawn from within the loop, because the loop's process has no other thread. So it has to be cheap: a line of plain
+text takes about 3 us, but a picture of rich's live display takes 320 us and occasionally 1.3 ms.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from umo.system.streams import CLEAR_LINE
 from umo.text import printable
 
 PICTURE_PAUSE = 0.1
-"""s of wall-clock time between two pictures."""
+"""Wall-clock time in s between two pictures."""
 BAR_WIDTH = 24
 
 
@@ -40,7 +40,7 @@ class OneLine:
             self._write(CLEAR_LINE)
 
     def show(self, seconds: float, text: str, share: float | None) -> None:
-        """The time, a bar for the share that is done, and a text."""
+        """Show the time, a bar for the completed share, and a text."""
         if self._is_due(text):
             self._draw(seconds, text, share)
 

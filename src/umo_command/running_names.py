@@ -19,12 +19,12 @@ COMMANDS = {
     ALARM: "umo alarm list {name}",
     ACTION: "umo do {name} call {path}",
 }
-"""The command that is for each of them, where it is not `umo device get`."""
+"""The command for each kind of these names, if it is not `umo device get`."""
 
 
 def object_of(machine: Compound, path: str, name: str) -> Any:
-    """Return the object at a path of a machine that does not run. PathError if there is none, with the meaning of the
-    path while the station runs, or the nearest path. `name`: of the station."""
+    """Return the object at a path of a machine that does not run. If there is none, raises PathError with the meaning
+    that the path has while the station runs, or with the nearest path. `name`: the name of the station."""
     try:
         return find(machine, path)
     except PathError as error:
@@ -55,8 +55,8 @@ def _names_of(machine: Compound) -> Mapping[str, str]:
 
 
 def not_an_object(path: str, layout: Any, name: str) -> str:
-    """Return what a path of a running station is, if it is an action or an alarm, with the command for it; otherwise
-    empty."""
+    """If a path of a running station is an action or an alarm, return a text that says so and names its command;
+    otherwise return an empty text."""
     for what, entries in ((ACTION, layout.actions), (ALARM, layout.alarms)):
         if any(each["path"] == path for each in entries):
             return f"{path} is {what}: `{COMMANDS[what].format(name=name, path=path)}`"

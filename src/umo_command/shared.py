@@ -35,8 +35,8 @@ NEGATIVE = re.compile(r"-\.?\d")
 
 
 class Subcommand(TyperCommand):
-    """Takes negative numbers as values: the parser would look for an option `-0`, and for `-h` in "-5 1/h". The value
-    of --record may be left out: only FILE.mcap is one."""
+    """Takes negative numbers as values, for which the parser would look for an option `-0`, or `-h` in "-5 1/h". The
+    value of --record may be left out: only a word FILE.mcap is its value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         args = [
@@ -87,7 +87,8 @@ class CommandLine(TyperGroup):
 
 
 def in_a_line(error: Any) -> str:
-    """ "umo show page: no such option: --prot (did you mean '--port'?); `umo show page --help` shows what it takes"."""
+    """Return a usage error in one line, such as "umo show page: no such option: --prot (did you mean '--port'?); `umo
+    show page --help` shows what it takes"."""
     context = error.ctx
     where = "umo" if context is None else context.command_path
     text = plain(" ".join(error.format_message().split()).rstrip("."))
@@ -118,7 +119,7 @@ def _hint(where: str, text: str, context: Any) -> str:
 
 
 def options_of_command(context: Any) -> list[str]:
-    """The options of a command by its context, as they are written: `--until`."""
+    """Return the options of a command as the user writes them, such as `--until`, from its context."""
     return [each for parameter in context.command.params for each in parameter.opts if each[:1] == "-"]
 
 
@@ -149,7 +150,7 @@ def keep_only(words: Sequence[str], group: typer.Typer = app) -> None:
 
 class HelpPanel:
     """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses, and whose errors
-    are told as by `guarded`. A command returns its exit status, or None for 0."""
+    are reported as by `guarded`. A command returns its exit status, or None for 0."""
 
     def __init__(self, title: str, group: typer.Typer = app) -> None:
         """`group`: the command whose subcommands they are."""
@@ -180,7 +181,7 @@ def paragraphs(text: str) -> str:
 def group(
     name: str, panel: str, text: str, examples: str, parent: typer.Typer = app, cls: type[TyperGroup] = CommandLine
 ) -> HelpPanel:
-    """A command with commands below it, in a panel of the help of `parent`. It makes these, as a `HelpPanel` does."""
+    """A command with subcommands, in a panel of the help of `parent`. Like a `HelpPanel`, it makes its subcommands."""
     made = typer.Typer(cls=cls, rich_markup_mode="rich", context_settings=HELP)
     end = f"Examples: {examples}\n\nExit status: 0 done; the help of each command has the others"
     parent.add_typer(made, name=name, help=text, epilog=end, rich_help_panel=panel)
@@ -188,8 +189,8 @@ def group(
 
 
 def guarded(work: Callable[[], int | None]) -> None:
-    """Print any error in one or two lines on stderr and exit. Status 2: a user's mistake. 1 or 3: a device failed.
-    1 with file and line: any other exception. 130: Ctrl-C before a machine was started."""
+    """Print any error in one or two lines on stderr and exit. The status is 2 for a mistake of the user, 1 or 3 if a
+    device failed, 1 (with file and line) for any other exception, and 130 for Ctrl-C before a machine was started."""
     from umo.process.outcome import message_of, status_of
     from umo_command.console import say
 
@@ -219,7 +220,7 @@ def _about_file(error: OSError | UnicodeError) -> str:
 
 
 def import_from_here() -> None:
-    """Modules of the current folder are found, and first."""
+    """Make Python find modules in the current folder, before all others."""
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
 
@@ -231,7 +232,7 @@ def finite(value: float | None) -> float | None:
 
 
 def interrupt_once(number: int, frame: FrameType | None) -> None:
-    """A handler: the first signal raises KeyboardInterrupt as Ctrl-C does, later ones interrupt nothing."""
+    """Handle a signal: the first one raises KeyboardInterrupt as Ctrl-C does, later ones have no effect."""
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt(signal_name(number))

@@ -40,7 +40,7 @@ class Option:
     """"machine", "application", or the type of the driver."""
     required: bool = False
     about: str = ""
-    """Line in the section "Options:" of its taker's docstring."""
+    """Its line in the section "Options:" of the docstring of the function or class that takes it."""
 
     @property
     def flag(self) -> str:
@@ -48,7 +48,7 @@ class Option:
 
     @property
     def metavar(self) -> str:
-        """Value of the option as the help shows it."""
+        """Placeholder for the value of the option in the help."""
         if self.kind is bool:
             return ""
         item = item_of(self.kind)
@@ -64,8 +64,8 @@ class Option:
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
-    """Options of the machine and of the application first; others of the same name are given the same value. Without
-    `application` only those of the machine and the drivers."""
+    """Return the options, first those of the machine and of the application; further options of the same name get the
+    same value. Without `application`, return only the options of the machine and the drivers."""
     found = {option.name: option for option in options_of_machine(station)}
     if application and station.main is not None:
         found = {option.name: option for option in _of_function(station.main, "application", skip=1)} | found
@@ -76,12 +76,12 @@ def options_of(station: Station, wiring: str | None, *, application: bool = True
 
 
 def options_of_machine(station: Station) -> list[Option]:
-    """Parameters of `machine` that a text can give."""
+    """Return the parameters of `machine` whose value can be given as text."""
     return _of_function(station.make, "machine")
 
 
 def machine_with(station: Station, given: Mapping[str, Any]) -> Compound:
-    """The machine with those of the options that its function takes."""
+    """Return the machine, made with those options that its function takes."""
     return station.machine(**arguments_for(station.make, "machine", given))
 
 
@@ -93,21 +93,21 @@ def parse(
     *,
     application: bool = True,
 ) -> dict[str, Any]:
-    """Return the values of a station's options. OptionError for unknown ones. `command`: the options of the command
-    itself, one of which may have been meant."""
+    """Return the values of a station's options. Raises OptionError for unknown options. `command`: the options of the
+    command itself, which an error may suggest."""
     options = options_of(station, wiring, application=application)
     return values_of(station.name, options, arguments, command)
 
 
 def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
-    """Options of a driver that a text can give."""
+    """Return the options of a driver whose value can be given as text."""
     return [_option(each, name, cls) for each in parameters_of(cls).values() if is_plain(each.annotation)]
 
 
 def values_of(
     name: str, options: Sequence[Option], arguments: Sequence[str], command: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return the values of these options of a station or a driver. OptionError for unknown ones."""
+    """Return the values of these options of a station or a driver. Raises OptionError for unknown options."""
     given, others = _parse(name, options, arguments)
     if others:
         raise OptionError(_unknown(name, options, others[0], command))
@@ -115,7 +115,7 @@ def values_of(
 
 
 def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
-    """Return the machine with these options. OptionError for unknown ones."""
+    """Return the machine with these options. Raises OptionError for unknown options."""
     machine, others = machine_and_words(station, arguments)
     if others:
         raise OptionError(_unknown(station.name, (), others[0]))
@@ -123,7 +123,8 @@ def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
 
 
 def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compound, list[str]]:
-    """The machine with the options among the arguments, and the other arguments; OptionError if one is an option."""
+    """Return the machine, made with the options among the arguments, and the other arguments. Raises OptionError if one
+    of these is an option."""
     options = options_of_machine(station)
     given, others = _parse(station.name, options, arguments)
     for argument in others:
@@ -162,7 +163,7 @@ def _unknown(taker: str, options: Sequence[Option], argument: str, command: Sequ
 
 
 def help_panel(station: Station, wiring: str | None, *, application: bool = True) -> Panel:
-    """A table of a station's options, as `--help` shows those of umo."""
+    """Return a table of a station's options, in the form that `--help` uses for those of umo."""
     table = Table.grid(padding=(0, 2))
     for option in options_of(station, wiring, application=application):
         shown = f"[default: {_shown(option.default)}]" if option.default not in (None, ()) else ""

@@ -17,8 +17,8 @@ TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
 def number(name: str, text: str, unit: str) -> float:
-    """A number, or a number with a unit such as "80 mm", in `unit`; an integer stays one, as a float would change it
-    beyond 2**53. RangeError if it is not a number, or not finite."""
+    """Return a number, given alone or with a unit such as "80 mm", in `unit`. An integer stays an integer, because a
+    float would change it beyond 2**53. Raises RangeError if it is not a number or not finite."""
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
         raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
@@ -41,7 +41,7 @@ def difference(name: str, text: str, unit: str) -> float:
 
 
 def state(name: str, text: str, states: Sequence[str]) -> str:
-    """The name of a state, in capital letters or small ones; StateError if it is not one."""
+    """Return the state with a name in capital or small letters. Raises StateError if there is none."""
     if text in states:
         return text
     for each in states:
@@ -51,7 +51,7 @@ def state(name: str, text: str, states: Sequence[str]) -> str:
 
 
 def argument(path: str, about: dict[str, Any], text: str) -> Any:
-    """An argument of an action, as its declaration describes it."""
+    """Return an argument of an action, converted as the declaration describes it."""
     name, kind = f"{path}: {about['name']}", about["kind"]
     if kind in ("number", "integer"):
         return number(name, text, about["unit"])
@@ -65,7 +65,7 @@ def argument(path: str, about: dict[str, Any], text: str) -> Any:
 
 
 def check_file(option: str, file: Path | None) -> None:
-    """RangeError if nothing can be written there: before anything runs."""
+    """Raise RangeError if the file cannot be written; checked before anything runs."""
     if file is None:
         return
     if file.is_dir() or not file.parent.is_dir():
@@ -75,6 +75,6 @@ def check_file(option: str, file: Path | None) -> None:
 
 
 def check_picture(path: Path | None) -> None:
-    """OptionError unless a file for a plot is a .png."""
+    """Raise OptionError unless a file for a plot is a .png."""
     if path is not None and path.suffix != ".png":
         raise OptionError(f"{path.name}: a plot is a .png")

@@ -1,4 +1,4 @@
-"""The words of the command line, carried out in this process."""
+"""Carries out the words of the command line in this process."""
 
 import sys
 

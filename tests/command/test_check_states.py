@@ -115,7 +115,9 @@ def modules_as_before() -> Iterator[None]:
         yield
 
 
-OF_READY = "is a state of PassFail, and never OpenClosed.OPEN: write `is PassFail.PASS` or `is PassFail.FAIL`"
+OF_READY = (
+    "is a state of PassFail, and is never equal to OpenClosed.OPEN: write `is PassFail.PASS` or `is PassFail.FAIL`"
+)
 
 
 def test_a_state_of_another_type_is_found(tmp_path: Path) -> None:
@@ -127,29 +129,29 @@ def test_a_state_of_another_type_is_found(tmp_path: Path) -> None:
 
 
 NEVER_EQUAL = [
-    ("m.valve.read() is OnOff.ON", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
+    ("m.valve.read() is OnOff.ON", "`m.valve.read()` is a state of OpenClosed, and is never equal to OnOff.ON"),
     ("m.valve.pending is OnOff.ON", "`m.valve.pending` is a state of OpenClosed"),
-    ("m.valve.read() is True", "never True: write `is OpenClosed.OPEN` or `is OpenClosed.CLOSED`"),
-    ("m.valve.read() == 'open'", "never 'open': write `is OpenClosed.OPEN`"),
-    ("1 == m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never 1"),
-    ("OnOff.ON is m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
+    ("m.valve.read() is True", "never equal to True: write `is OpenClosed.OPEN` or `is OpenClosed.CLOSED`"),
+    ("m.valve.read() == 'open'", "never equal to 'open': write `is OpenClosed.OPEN`"),
+    ("1 == m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and is never equal to 1"),
+    ("OnOff.ON is m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and is never equal to OnOff.ON"),
     ("m.ready.read() in (OpenClosed.OPEN, PassFail.PASS)", "`m.ready.read()` " + OF_READY),
     ("m.ready.read() not in {OpenClosed.OPEN}", "`m.ready.read()` " + OF_READY),
     ("m.zones[0].lamp.read() is OpenClosed.OPEN", "`m.zones[0].lamp.read()` is a state of OnOff"),
-    ("m.named['a'].lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
-    ("m.nearest.lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
+    ("m.named['a'].lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and is never equal to OpenClosed.OPEN"),
+    ("m.nearest.lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and is never equal to OpenClosed.OPEN"),
     ("[z for z in m.zones if z.lamp.read() is PassFail.PASS]", "`z.lamp.read()` is a state of OnOff"),
     ("await until(lambda: m.ready.read() is OpenClosed.OPEN)", "`m.ready.read()` " + OF_READY),
     ("m.valve is OpenClosed.OPEN", "an object, not its state: write `m.valve.read() is OpenClosed.OPEN`"),
     ("m.ready == 1", "not its state: write `m.ready.read() is PassFail.PASS` or `m.ready.read() is PassFail.FAIL`"),
-    ("m.ready.read() is m.valve.read()", "a state of PassFail, and what it is compared with one of OpenClosed"),
+    ("m.ready.read() is m.valve.read()", "a state of PassFail and is compared with a state of OpenClosed"),
     ("3 < m.level", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
     ("0 <= m.level.read() <= m.level <= 5", "`m.level` is an object, not its value: write `m.level.read() <= 5`"),
     ("m.level > 3", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
     ("1 if m.ready else 0", "`m.ready` is an object, which is always true: write `m.ready.read() is ...`"),
     ("1 if not m.level else 0", "`m.level` is an object, which is always true: write `m.level.read() > ...`"),
     ("m.level is 3.5", "`m.level` is an object, not its value: write `m.level.read() == 3.5`"),
-    ("m.level.read() is PassFail.PASS", "`m.level.read()` is a number, and never PassFail.PASS"),
+    ("m.level.read() is PassFail.PASS", "`m.level.read()` is a number, and is never equal to PassFail.PASS"),
     (
         "1 if m.ready.read() else 0",
         "neither true nor false: write `m.ready.read() is PassFail.PASS` or `m.ready.read()",
@@ -178,7 +180,7 @@ def test_the_cases_of_a_match_are_looked_at(tmp_path: Path) -> None:
         "match m.ready.read():\n    case PassFail.PASS | OpenClosed.OPEN:\n        pass\n    case True:\n        pass"
     )
     found = told(made(tmp_path / "cell", code))
-    assert [re.search(r"never (\S+):", each)[1] for each in found] == ["OpenClosed.OPEN", "True"]  # type: ignore[index]
+    assert [re.search(r"never equal to (\S+):", each)[1] for each in found] == ["OpenClosed.OPEN", "True"]  # type: ignore[index]
 
 
 @pytest.mark.parametrize(
@@ -332,7 +334,7 @@ def test_the_values_of_a_mapping_are_looked_at_and_its_keys_are_not(tmp_path: Pa
 def test_the_states_in_a_tuple_of_a_match_are_looked_at(tmp_path: Path) -> None:
     code = "match (m.ready.read(), m.valve.read()):\n    case (PassFail.PASS, PassFail.PASS):\n        pass"
     (found,) = told(made(tmp_path / "cell", code))
-    assert "`m.valve.read()` is a state of OpenClosed, and never PassFail.PASS" in found
+    assert "`m.valve.read()` is a state of OpenClosed, and is never equal to PassFail.PASS" in found
 
 
 def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path, umo: Callable[..., Result]) -> None:

@@ -275,7 +275,7 @@ def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Pa
     control = tank / "control.py"
     control.write_text(re.sub(r" +@action.*\n|, tunable=True", "", control.read_text()))
     assert said(umo("check", "tank", "-w", "simulated")).startswith("ok: ")
-    assert "5 objects on 1 driver, period 50 ms not looked at: modbus" in said(umo("check", "tank"))
+    assert "5 objects on 1 driver, period 50 ms not checked: modbus" in said(umo("check", "tank"))
     assert "period 2 ms, 16 actions, 5 tunable numbers" in said(umo("check", "conveyor"))
 
 
@@ -296,7 +296,7 @@ def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None
 def test_check_says_which_wirings_it_looked_at_and_looks_at_all_on_demand(umo, tank: Path) -> None:
     result = umo("check", "tank")
     assert result.exit_code == 0
-    assert result.stdout.splitlines()[1] == "not looked at: modbus (-w NAME, or --all)"
+    assert result.stdout.splitlines()[1] == "not checked: modbus (-w NAME, or --all)"
     broken = tank / "wiring" / "broken.toml"
     broken.write_text((tank / "wiring" / "simulated.toml").read_text().replace('"adc:level"', '"adc:levl"'))
     assert umo("check", "tank").exit_code == 0

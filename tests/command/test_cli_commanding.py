@@ -180,11 +180,11 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["do", "convejor", "mode"], "'convejor' is not running (did you mean 'conveyor'?)"),
         (
             ["do", "conveyor", "acknowledge", "sorter.bolt"],
-            "no object or signal 'sorter.bolt' (did you mean 'sorter.belt'?) in conveyor",
+            "there is no object or signal 'sorter.bolt' (did you mean 'sorter.belt'?) in conveyor",
         ),
         (
             ["do", "conveyor", "clear", "*.setpont"],
-            "no object or signal '*.setpont' (did you mean 'sorter.belt.setpoint'?)",
+            "there is no object or signal '*.setpont' (did you mean 'sorter.belt.setpoint'?)",
         ),
         (
             ["device", "set", "conveyor", "sorter.entry", "COVERED"],

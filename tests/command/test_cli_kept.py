@@ -121,8 +121,8 @@ def test_one_value_is_forgotten_and_the_others_stay(press: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["tune", "kept", "pres"], "nothing is kept of pres"),
-        (["tune", "kept", "press", "-w", "modbus"], "nothing is kept of press with the wiring modbus"),
+        (["tune", "kept", "pres"], "no values are kept of pres"),
+        (["tune", "kept", "press", "-w", "modbus"], "no values are kept of press with the wiring modbus"),
         (["tune", "kept", "press", "--forget", "coun"], "'coun' is not kept (did you mean 'count'?)"),
     ],
 )

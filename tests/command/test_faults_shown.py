@@ -178,12 +178,14 @@ def test_clear_takes_paths_and_patterns_and_says_what_it_cleared(umo: Umo, start
         assert result.stdout == "".join(f"cleared: reactors.{number}\n" for number in cleared)
         for more in ([], words):
             assert umo("do", "plant", "clear", *more).stdout.endswith("nothing was in fault\n")
-    assert umo("do", "plant", "clear", "timer").stdout == "timer: in no equipment\n"
+    assert umo("do", "plant", "clear", "timer").stdout == "timer: not in any equipment\n"
     fail(umo, started, 0, 2)
     assert umo("do", "plant", "clear").stdout == "cleared: reactors.0 and reactors.2\n"
     result = umo("do", "plant", "clear", "reactors.*", "reactor.*.heater")
     assert result.exit_code == 2
-    assert "no object or signal 'reactor.*.heater' (did you mean 'reactors.*.heater'?) in plant" in said(result)
+    assert "there is no object or signal 'reactor.*.heater' (did you mean 'reactors.*.heater'?) in plant" in said(
+        result
+    )
 
 
 @pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")

@@ -290,8 +290,8 @@ def test_umo_runs_lists_and_prunes(umo: Umo, runs: Path) -> None:
     assert "stopped by ann, umo do STATION stop (pid 3)" in shown
     assert "press" not in shown
     assert "removed: 2 runs" in umo("recording", "runs", "--keep-runs", "1").stdout
-    assert umo("recording", "runs", "nobody").stdout == "no run of nobody in runs/\n"
-    assert umo("recording", "runs", "prss").stdout == "no run of prss in runs/ (did you mean 'press'?)\n"
+    assert umo("recording", "runs", "nobody").stdout == "there is no run of nobody in runs/\n"
+    assert umo("recording", "runs", "prss").stdout == "there is no run of prss in runs/ (did you mean 'press'?)\n"
 
 
 def test_a_run_removes_the_oldest_of_its_station_when_asked(umo: Umo, tank: Path) -> None:

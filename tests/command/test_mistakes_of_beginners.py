@@ -351,7 +351,10 @@ def test_a_wiring_that_is_no_toml_is_told_what_was_meant(tmp_path: Path, text: s
         ("[wire.valve]\ndriver = 'simulated'\ninverted = 'no'", ':3: wire."valve".inverted: must be true or false'),
         ("[drivers.a]\ntype = 'modbus'\nhots = 'box'\n[wire]\nvalve.driver = 'a'", ":3: drivers.a.hots: unknown key"),
         ("[drivers.a]\ntype = 'simulated'\ntimeout = 50\n[wire]\nvalve.driver = 'a'", '50 has no unit: write "50 ms"'),
-        ("[wire]\nvalve.driver = 'simulated'\n[parameters]\nspede = 1", ":4: parameters.'spede': no such parameter"),
+        (
+            "[wire]\nvalve.driver = 'simulated'\n[parameters]\nspede = 1",
+            ":4: parameters.'spede': there is no such parameter",
+        ),
     ],
 )
 def test_a_mistake_in_a_wiring_is_told_with_the_line_of_its_key(tmp_path: Path, text: str, words: str) -> None:

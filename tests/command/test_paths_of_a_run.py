@@ -87,7 +87,7 @@ def test_a_misspelt_path_is_told_with_the_nearest_of_all_that_there_is(
     umo: Umo, press: Path, path: str, near: str
 ) -> None:
     hint = f" (did you mean {near!r}?)" if near else ""
-    assert said(umo("device", "get", "press", path)) == f"umo: no object {path!r} in Press{hint}"
+    assert said(umo("device", "get", "press", path)) == f"umo: there is no object {path!r} in Press{hint}"
 
 
 @pytest.fixture

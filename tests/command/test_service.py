@@ -87,7 +87,7 @@ def test_options_of_the_run_are_not_given_twice(umo: Umo, tank: Path) -> None:
         (("tank", "--kep", "3"), "tank has no option --kep (did you mean 'keep'?)"),
         (("tank", "--acknowledge"), "--acknowledge: a service must not acknowledge an unsafe end by itself"),
         (("tank", "--fault", "level stuck at 1 s"), "--fault: faults are injected by hand"),
-        (("tank", "--fresh"), "--fresh: each start would put the kept values away"),
+        (("tank", "--fresh"), "--fresh: each start would move the kept values aside"),
         (("tank", "--keep", "much"), "'--keep': 'much' is not a size"),
         (("tank", "--until", "soon"), "--until"),
         (("tank", "--no-record", "--keep-runs", "3"), "leave out --no-record"),
@@ -182,7 +182,7 @@ def test_a_machine_that_stands_stopped_is_told_and_its_start_has_a_status_that_i
     record.begin(False)
     record.stopped("its guardian was killed", ["pump"])
     result = umo("new", "service", "tank", "-w", "modbus")
-    assert "it will not start: stands stopped: tank (modbus), not reached: pump" in result.stderr
+    assert "it cannot start while these devices stand stopped: tank (modbus), not reached: pump" in result.stderr
     status = umo("run", "tank", "-w", "modbus", "--no-plot").exit_code
     assert str(int(status)) in section(result.stdout)["RestartPreventExitStatus"].split()
     assert not (tank.parent / "runs").exists()

@@ -162,7 +162,7 @@ def test_watch_takes_objects_and_compounds() -> None:
     with running():
         result = umo("show", "values", "press", "moter")
         assert result.exit_code == 2
-        assert "no object or signal 'moter'" in said(result)
+        assert "there is no object or signal 'moter'" in said(result)
 
 
 def test_watch_takes_paths_alone_where_one_station_runs() -> None:
@@ -362,7 +362,7 @@ def test_paths_name_objects_compounds_and_patterns_each_once(wanted: list[str], 
 
 @pytest.mark.parametrize("missing", ["zone", "zones.*.*.*", "zones.2", ""])
 def test_a_path_that_names_nothing_is_refused(missing: str) -> None:
-    with pytest.raises(PathError, match="no object or signal"):
+    with pytest.raises(PathError, match="there is no object or signal"):
         chosen(["zones.0.t", "zones.1.t"], [missing], "press")
 
 

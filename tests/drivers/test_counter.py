@@ -198,7 +198,11 @@ def test_a_missing_counter_names_those_that_exist(devices: Make) -> None:
     devices("counter0", "left")
     devices("counter10", "right")
     for device, message in (
-        ("lift", r"^no counter 'lift' \(did you mean 'left'\?\); there are: counter0 \(left\), counter10 \(right\)$"),
+        (
+            "lift",
+            r"^there is no counter 'lift' \(did you mean 'left'\?\); "
+            r"there are: counter0 \(left\), counter10 \(right\)$",
+        ),
         ("/dev/null", "/dev/null is not a counter; there are: counter0"),
     ):
         driver = Counter(device=device)

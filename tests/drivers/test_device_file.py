@@ -21,7 +21,7 @@ def test_a_missing_device_names_those_that_exist(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     path = str(tmp_path / "ttyUSB0")
     text = explained(path, failing(errno.ENOENT))
-    assert text.startswith(f"no device {path}")
+    assert text.startswith(f"there is no device {path}")
     assert text.endswith(f"there are: {tmp_path}/ttyUSB2, {tmp_path}/ttyUSB10")
     assert "ttyACM0" not in text
 

@@ -641,7 +641,7 @@ def test_any_text_is_a_fault_or_a_declaration_error(text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("hight stuck", r"no object or driver 'hight' \(did you mean 'height'\?\)"),
+        ("hight stuck", r"there is no object or driver 'hight' \(did you mean 'height'\?\)"),
         ("heights.* stuck", "no object of the machine matches 'heights.*'"),
         ("height stuk at 1 s", r"no kind 'stuk' \(did you mean 'stuck'\?\); the kinds are: stuck, noise"),
         ("height", r"is not PATH KIND \[amount\] \[at TIME\] \[for TIME\]"),
@@ -655,7 +655,7 @@ def test_any_text_is_a_fault_or_a_declaration_error(text):
         ("height noise much", 'write for example "5 mm", or "5" for raw steps'),
         ("height drift 3 mm", 'write for example "5 mm/s", or "5/s" for raw steps'),
         ("height bit flip 16", "'16' is not a bit of channel 'height': 0 to 15"),
-        ("height disconnect 3", "disconnect has no amount, not '3'"),
+        ("height disconnect 3", "disconnect takes no amount, but has '3'"),
         ("height drop-out 3 mm", "is not a share"),
         ("height out of range -1 mm", "a distance from the range must be above 0"),
         ("height stuck 1e308 m", "'1e308 m' is not a level"),

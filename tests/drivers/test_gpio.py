@@ -111,7 +111,9 @@ def test_a_missing_chip_is_an_error_when_it_is_opened_and_not_before(tmp_path: P
     assert list(driver.devices()) == [f"gpio {path}"]
     pytest.importorskip("gpiod")
     for _ in range(2):
-        with pytest.raises(DriverError, match=rf"^no device {path}; (this computer has no GPIO chip|there are: )"):
+        with pytest.raises(
+            DriverError, match=rf"^there is no device {path}; (this computer has no GPIO chip|there are: )"
+        ):
             driver.open()
         driver.close()
     with pytest.raises(DriverError, match="not open"):

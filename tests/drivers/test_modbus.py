@@ -363,7 +363,7 @@ AT_READ = [
     ("unit=2", "an answer of unit 2 in place of 1"),
     ("transaction=1", "an answer to transaction 3 in place of 2"),
     ("transaction=-2", "an answer to transaction 0 in place of 2"),
-    ("transaction=-1", "an answer to transaction 1 in place of 2, and no other within 50 ms"),
+    ("transaction=-1", "an answer to transaction 1 in place of 2, and no other answer came within 50 ms"),
     ("garbage", "the received data is not Modbus"),
 ]
 READING = [f"input:{i}" for i in range(4)]

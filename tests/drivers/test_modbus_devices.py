@@ -163,7 +163,7 @@ def test_a_call_that_ends_before_says_so_and_the_connection_stays(start: Start, 
     driver, peer = start(boot_time="2 s")
     driver.timeout = 0.5
     for _ in range(2):
-        with pytest.raises(DriverError, match=r"the device takes requests in (2|1\.9\d+) s"):
+        with pytest.raises(DriverError, match=r"the device takes requests again in (2|1\.9\d+) s"):
             read(driver, "holding:1")
     clock.slept.append(2.0)
     driver.timeout = PATIENT

@@ -115,7 +115,7 @@ def test_without_spidev_the_error_says_what_to_install(monkeypatch):
 
 @needs_spidev
 def test_a_device_that_is_not_there_is_an_error_of_one_line():
-    with pytest.raises(DriverError, match=r"^no device /dev/spidev250\.0[^\n]*$"):
+    with pytest.raises(DriverError, match=r"^there is no device /dev/spidev250\.0[^\n]*$"):
         Spi(bus=250).open()
 
 

@@ -26,7 +26,9 @@ from umo.states import OnOff
 def test_a_keyword_that_there_is_not_is_refused_with_the_nearest(keyword: str, near: str) -> None:
     with pytest.raises(DeclarationError) as caught:
         type("Press", (Compound,), {}, **{keyword: ("motor",)})
-    assert f"class Press: no class keyword {keyword!r}{near}; there are: stop_order, max_period" in str(caught.value)
+    assert f"class Press: there is no class keyword {keyword!r}{near}; there are: stop_order, max_period" in str(
+        caught.value
+    )
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,7 @@ def test_an_object_is_not_compared_in_place_of_its_value(path: str, other: Any) 
         (lambda m: m.motor == PassFail.PASS, "write `motor.read() == ...`"),
         (lambda m: m.valve == 0, "write `valve.read() is OnOff.OFF`"),
         (lambda m: m.valve > 0, "write `valve.read() is OnOff.OFF`"),
-        (lambda m: m > 3, "a Bench has none: compare that of an object in it (timer, motor and 3 others)"),
+        (lambda m: m > 3, "a Bench has no value: compare the value of an object in it (timer, motor and 3 others)"),
         (lambda m: sorted([m.motor, m.encoder]), "compares an object, not a value"),
     ],
 )

@@ -250,7 +250,7 @@ def test_a_stop_order_of_unknown_objects_is_an_error_at_declaration():
     class Stops(Compound, stop_order=("moter",)):
         motor: DigitalActuator
 
-    with pytest.raises(PathError, match=r"^stop_order: no object .* \(did you mean 'motor'"):
+    with pytest.raises(PathError, match=r"^stop_order: there is no object .* \(did you mean 'motor'"):
         Stops(motor=actuator())
 
 

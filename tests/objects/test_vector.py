@@ -82,7 +82,7 @@ def test_all_or_nothing_under_limits_raise(box, bad):
     machine = field()
     with connect(machine, wired(machine, box)) as m:
         motors(m).write(1.0)
-        with pytest.raises(RangeError, match=r"lanes\.2\.motor: .* 1 of 4 values refused, none taken"):
+        with pytest.raises(RangeError, match=r"lanes\.2\.motor: .* 1 of 4 values are refused, and none is used"):
             motors(m).write([5.0, 5.0, bad, 5.0])
         assert [lane.motor.pending for lane in m.lanes] == [1.0] * 4
 

@@ -152,8 +152,8 @@ def test_what_cannot_be_done_is_refused_with_the_state(rig: Rig) -> None:
     assert rig.ann.do("acknowledge alarm", "tanks.0.full").text == (
         "CommandRefused: tanks.0.full is normal: it cannot be acknowledged"
     )
-    assert rig.ann.do("acknowledge alarm").text == '"no alarm there can be acknowledged"'
-    assert rig.ann.do("shelve", "tanks.0.fall", 60.0).text == ("PathError: no alarm 'tanks.0.fall'")
+    assert rig.ann.do("acknowledge alarm").text == '"none of these alarms can be acknowledged"'
+    assert rig.ann.do("shelve", "tanks.0.fall", 60.0).text == ("PathError: there is no alarm 'tanks.0.fall'")
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0, True, "10 mi", "8 d", float("nan"), float("inf"), 1e9, [], 10**400])
@@ -176,7 +176,7 @@ def test_arguments_that_a_verb_does_not_have_are_refused(rig: Rig, do: str) -> N
     rig.ann.do("lease")
     assert rig.ann.do(do, "tanks.0", 1.0).text == f"RangeError: {do} takes no value"
     answer = rig.ann.do(do, "tanks.0", arguments={"tme": 1.0})
-    assert answer.text == f"RangeError: {do} has no argument 'tme': it takes none"
+    assert answer.text == f"RangeError: {do} has no argument 'tme': it takes no arguments"
 
 
 def test_a_shelved_alarm_is_not_told_until_it_is_unshelved(rig: Rig) -> None:

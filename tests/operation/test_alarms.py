@@ -167,7 +167,7 @@ def test_a_shelf_ends_by_its_time_and_the_alarm_comes_back(rig: Rig) -> None:
     assert rig.state("full") is S.SHELVED
     rig.periods()
     assert rig.state("full") is S.UNACKNOWLEDGED
-    assert rig.told[-2] == ("full", "normal (high): too full; its time is over", "")
+    assert rig.told[-2] == ("full", "normal (high): too full; its shelving time has ended", "")
 
 
 def test_a_state_of_an_actuator_and_of_a_sensor(with_alarms: Any) -> None:

@@ -150,7 +150,7 @@ def check_without_lease(name: str, mode: Mode, lease: str, refusal: str) -> None
             elif verb is STOP:
                 assert text.startswith("done")
             elif not way.tells_life and verb is WRITE:
-                assert text.endswith("does not tell that")
+                assert text.endswith("transmits none")
             else:
                 assert text == refusal, (role, verb.name)
 

@@ -145,7 +145,7 @@ def test_per_is_a_unit() -> None:
     ids=lambda drive: type(drive).__name__,
 )
 def test_a_path_that_is_not_there_is_named_with_the_body_and_the_nearest_one(drive: Any) -> None:
-    assert wrong(drive) == "twin: body 'ram': no object or signal 'rm' (did you mean 'ram'?)"
+    assert wrong(drive) == "twin: body 'ram': there is no object or signal 'rm' (did you mean 'ram'?)"
 
 
 def test_a_state_that_is_not_there_is_named_with_those_that_are() -> None:
@@ -267,7 +267,7 @@ def test_faults_of_a_mujoco_model_are_named(arm: str, tmp_path: Path, monkeypatc
         Twin.from_mujoco(arm, {"lft": "ram"})
     with pytest.raises(DeclarationError, match="'ball' of the MuJoCo model is neither a slide nor a hinge"):
         Twin.from_mujoco(arm, {"ball": "ram"})
-    with pytest.raises(DeclarationError, match="no such file"):
+    with pytest.raises(DeclarationError, match="there is no file"):
         Twin.from_mujoco(tmp_path / "none.xml", {})
     with pytest.raises(DeclarationError, match="cannot be read"):
         Twin.from_mujoco("<mujoco><nonsense/></mujoco>", {})
@@ -355,7 +355,7 @@ def test_a_declaration_that_does_not_fit_is_told_to_the_page(umo: Callable[..., 
     )
     layout = layout_of(find(place).machine())
     assert describe(SimpleNamespace(is_elsewhere=False, own_twin=partial(twin_of, layout, place)), None) == {
-        "error": "twin: body 'x': no object or signal 'nothing'"
+        "error": "twin: body 'x': there is no object or signal 'nothing'"
     }
 
 

@@ -143,4 +143,4 @@ def test_the_unit_of_a_time_may_be_a_word_of_its_own(words: list[str]) -> None:
 
 def test_without_a_history_it_is_said(reader: Reader) -> None:
     for name in ("vat", str(reader.about["pid"])):
-        assert "no history of alarms of vat" in CliRunner().invoke(app, ["alarm", "history", name]).stdout
+        assert "there is no history of the alarms of vat" in CliRunner().invoke(app, ["alarm", "history", name]).stdout

@@ -150,8 +150,8 @@ WRONG = {
     "a bool for a number": (entries(count=True), "count", "True is not a number"),
     "no member": (entries(speed="FASTER"), "speed", "'FASTER' is not one of SLOW, FAST (did you mean 'FAST'?)"),
     "a number for a member": (entries(colour=3), "colour", "3 is not one of"),
-    "renamed": (entries(lenght=3.0), "lenght", "there is no kept number of this name (did you mean 'length'?)"),
-    "kept no longer": (entries(gone=4.0), "gone", "there is no kept number of this name"),
+    "renamed": (entries(lenght=3.0), "lenght", "there is no kept number with this name (did you mean 'length'?)"),
+    "kept no longer": (entries(gone=4.0), "gone", "there is no kept number with this name"),
     "none": (entries(count=None), "count", "it had no value"),
     "a list": (entries(law__integral=[1]), "law.integral", "[1] is not a number"),
     "not accepted by its law": (entries(law__integral=9.0), "law.integral", "9 is not possible"),
@@ -178,8 +178,8 @@ def test_each_value_that_is_not_taken_is_an_event_and_the_first_ones_are_said() 
         said = list(kept_values.tell(connection))
         events = [event for event in connection.machine.events if "its kept value is not taken" in event.text]
     assert [event.path for event in events] == [f"old_{number}" for number in range(7)]
-    assert said[0].startswith("the kept value of old_0 is not taken: there is no kept number of this name")
-    assert (len(said), said[-1]) == (6, "2 more kept values are not taken: the events of the run tell which")
+    assert said[0].startswith("the kept value of old_0 is not taken: there is no kept number with this name")
+    assert (len(said), said[-1]) == (6, "2 more kept values are not taken: the events of the run name them")
 
 
 def test_the_values_that_a_run_begins_with_are_said() -> None:

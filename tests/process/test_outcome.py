@@ -188,4 +188,6 @@ def test_the_table_of_a_run_shows_times_as_everything_else_does() -> None:
 
 def test_a_run_that_was_stopped_before_it_started_does_not_say_that_its_outputs_are_at_their_defaults() -> None:
     assert Outcome(stopped_by=2, driven=True).outputs == "every actuator is at its default"
-    assert Outcome(stopped_by=2).outputs.startswith("it had not started: its outputs are as they were")
+    assert Outcome(stopped_by=2).outputs.startswith(
+        "the run had not started: the outputs that it had reached are at their defaults"
+    )

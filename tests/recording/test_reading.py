@@ -130,7 +130,7 @@ def test_without_xarray_load_says_what_to_install(recorded: Path, monkeypatch: p
 
 
 def test_mistakes_are_named_and_leave_no_file(recorded: Path, tmp_path: Path) -> None:
-    with pytest.raises(PathError, match="no object or signal 'part9'"):
+    with pytest.raises(PathError, match="there is no object or signal 'part9'"):
         written(recorded, tmp_path / "run.csv", "part9")
     with pytest.raises(RangeError, match="later"):
         written(recorded, tmp_path / "run.csv", start=2.0, stop=1.0)

@@ -128,7 +128,7 @@ def test_many_faults_of_one_pattern_are_one() -> None:
     assert found == [
         (
             'wire."zones.*.fan".channel',
-            "zones.2.fan: no channel 'register:40' (did you mean 'register:0'?); the forms are: register:0",
+            "zones.2.fan: there is no channel 'register:40' (did you mean 'register:0'?); the forms are: register:0",
         ),
         ('wire."zones.*.fan".minimum', "zones.0.fan: is for digital objects; this one is binary (and 1 more)"),
     ]
@@ -152,7 +152,7 @@ def test_parameters_take_patterns_which_single_names_outrank() -> None:
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"zones.*.gian": 2.0}, "no such parameter (did you mean 'zones.*.gain'?)"),
+        ({"zones.*.gian": 2.0}, "there is no such parameter (did you mean 'zones.*.gain'?)"),
         ({"zones.*.gain": 2.0, "*.0.gain": 3.0}, "zones.0.gain is set by 'zones.*.gain' as well"),
         ({"zones.*.gain": "high"}, "'high' is not a number"),
     ],

@@ -100,7 +100,7 @@ def test_an_object_without_a_line_is_a_fault():
 def test_an_unknown_driver_names_the_nearest():
     key, message = one_fault(bench(), simulated(bench(), motor={"driver": "simulatd"}))
     assert key == 'wire."motor".driver'
-    assert message.startswith("no driver 'simulatd' (did you mean 'simulated'?); known: ")
+    assert message.startswith("there is no driver 'simulatd' (did you mean 'simulated'?); known: ")
 
 
 def test_a_driver_declared_in_the_file_may_be_the_nearest_too():
@@ -156,7 +156,7 @@ def test_a_channel_that_its_driver_does_not_know():
     wiring["drivers"] = {"card": {"type": CARD, "host": "here"}}
     assert one_fault(bench(), wiring) == (
         'wire."motor".channel',
-        "no channel 'outt' (did you mean 'out'?); the forms are: out, in, wide",
+        "there is no channel 'outt' (did you mean 'out'?); the forms are: out, in, wide",
     )
 
 
@@ -619,7 +619,7 @@ def test_an_unknown_parameter(key):
     wiring = simulated(machine())
     wiring["parameters"] = {key: 1.0}
     where, message = one_fault(machine(), wiring)
-    assert (where, message.startswith("no such parameter")) == (f"parameters.{key!r}", True)
+    assert (where, message.startswith("there is no such parameter")) == (f"parameters.{key!r}", True)
 
 
 def test_an_unknown_parameter_names_the_nearest():

@@ -26,13 +26,13 @@ from umo.text import cut_repr, some
 from umo.user_code import told
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
-"""Quality that is accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The
-setpoint is within the range, and the axis within `following_error` of it."""
+"""Quality that is accepted for a referenced encoder, because at an end of its range an axis may stand slightly outside.
+The setpoint is within the range, and the axis within `following_error` of it."""
 STANDSTILL_SHARE = 1 / 20
-"""Share of `stall` by which an axis advances at least, or it stands still."""
+"""Least advance of an axis, as a share of `stall`; with less it stands still."""
 RETURN_WINDOWS = 2.0
-"""Distance from where an axis was left, in windows, within which it may continue: one for the motion back, and one for
-the digits with which the position is shown."""
+"""Distance from where an axis was left, in windows, within which it may continue: one window for the motion back, and
+one for rounding of the shown position."""
 
 
 class SearchResult(Enum):
@@ -48,13 +48,13 @@ class SearchResult(Enum):
 
 
 class Interruption(Enum):
-    """How a motion continues when the axis is free: planned again or not, and from which position."""
+    """How a motion continues after an interruption: whether it is planned again, and from which position."""
 
     NONE = "none"
     WAITED = "waited"
-    """From the setpoint: the sequence that moves the axis has waited and continues."""
+    """The sequence that moves the axis has waited and continues: the motion starts from the setpoint."""
     INHIBITED = "inhibited"
-    """From where the axis then stands: an interlock has inhibited it."""
+    """An interlock has inhibited the axis: the motion starts from its present position."""
 
 
 # An attribute of an Enum is a call.
@@ -66,14 +66,14 @@ class Motion:
     """One motion, from its beginning to its end."""
 
     state: AxisState
-    """The state in which it is carried out."""
+    """The state of the axis during the motion."""
     by: Task | None = None
-    """The sequence that has begun a jog; None: another caller has."""
+    """The sequence that has begun a jog, or None if another caller began it."""
     awaited: bool = False
     """True if a sequence awaits its end."""
     was_disabled: bool = False
-    """True if it ends because something else has disabled the axis: an error of the sequence that awaits it, but no
-    fault."""
+    """True if it ends because the axis was disabled from elsewhere, which is an error of the awaiting sequence, but not
+    a fault."""
 
 
 class Homing(Protocol):
@@ -107,9 +107,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
     range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it continues to its target
     from the present position. An axis without a motion then stays where it is. A `move_to` that is cancelled
-    decelerates to standstill. A motion that fails is a fault where the axis is equipment: in manual mode, and where its
-    class says so (`class Slide(ServoAxis, equipment=True)`). Homing that fails or is cancelled disables the axis. The
-    numbers are read by `setup`; later change those of `profile` and, of a servo axis, `servo`.
+    decelerates to standstill. A motion that fails is a fault if the axis is equipment: in manual mode, and if its class
+    declares it (`class Slide(ServoAxis, equipment=True)`). Homing that fails or is cancelled disables the axis. The
+    numbers are read by `setup`; later, change those of `profile` and, for a servo axis, of `servo`.
     """
 
     encoder: DigitalSensor
@@ -172,7 +172,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         duration=lambda axis: Range("s", 0.0, 3600.0),  # here, as a unit needs pint, which is not imported with umo
     )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """Move to a position, jerk-limited, at this speed at most and in `duration` s at least. It ends when the
+        """Move to a position with limited jerk, at most at this speed, and in at least `duration` s. It ends when the
         encoder has arrived.
 
         RangeError if the position is outside the encoder's range, BadInput if the encoder is not referenced, AxisError
@@ -188,8 +188,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @action(velocity=lambda axis: Range(_per_second()(axis), -axis.velocity, axis.velocity), release="halt")
     def jog(self, velocity: float) -> None:
-        """Move at this velocity (units per s) until the next call; 0: `halt`. A referenced axis stops at the end of its
-        range. Busy during another motion, RangeError for NaN and infinity."""
+        """Move at this velocity (units per s) until the next call; 0 means `halt`. A referenced axis stops at the end
+        of its range. Busy during another motion, RangeError for NaN and infinity."""
         if not isfinite(velocity):
             raise RangeError(f"{self._path}: {velocity} is not a velocity")
         if not velocity:
@@ -202,8 +202,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._begin(Motion(AxisState.CONTINUOUS_MOTION, by=self._machine.current_task))
 
     def halt(self) -> None:
-        """End a jog, also one that something else has begun: decelerate to standstill. An axis that is not enabled, or
-        does something else, goes on so."""
+        """End a jog, whoever began it: decelerate to standstill. An axis that is not enabled, or in another motion, is
+        not affected."""
         if self._state is AxisState.CONTINUOUS_MOTION:
             self._halt()
 
@@ -260,8 +260,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return AxisState.STOPPING if stops else self._state
 
     def shown_state(self) -> AxisState:
-        """The state that others see, of the axis's own: a `state` of a subclass is asked by nobody but the program. An
-        error, as with a `profile` that is none, is ERROR_STOP."""
+        """The state shown to clients, computed by the axis itself; a `state` of a subclass is read only by the program.
+        An error, such as an invalid `profile`, gives ERROR_STOP."""
         try:  # not by `attempt`: a call for each in every period is too dear
             return self._seen_state()
         except BaseException as error:
@@ -269,8 +269,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             return AxisState.ERROR_STOP
 
     def describe_axis(self) -> Mapping[str, Any]:
-        """The axis as plain data: its states, the paths of what belongs to it, its limits in units of the encoder and
-        s."""
+        """The axis as plain data: its states, the paths of its objects, its limits in units of the encoder and s."""
         path, encoder = self._path, self.encoder
         return {
             "path": path,
@@ -295,7 +294,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @property
     def reading(self) -> float:
-        """The encoder's value, also if it is not referenced."""
+        """The encoder's value, even if it is not referenced."""
         return value_of(self.encoder, HOMING)
 
     async def search(
@@ -307,8 +306,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         reach: float | None = None,
     ) -> SearchResult:
         """Move at a velocity until the condition is true, the reading jumps by more than `jump` in a period, the axis
-        stands still, or it was driven for the distance `reach` (default: three times the range of the encoder). Then
-        the motion continues, except at a standstill."""
+        stands still, or it was driven for the distance `reach` (default: three times the range of the encoder). The
+        motion continues afterwards, except at a standstill."""
         if reach is None:
             reach = 3 * (self.encoder.maximum - self.encoder.minimum)
         if isnan(jump) or isnan(reach):
@@ -341,13 +340,13 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         return SearchResult.CONDITION
 
     def reference(self, at: float | None = None) -> None:
-        """The encoder is referenced; with `at`, its last reading is this position."""
+        """Mark the encoder as referenced; with `at`, its last reading is this position."""
         before = self.reading
         self.encoder.referenced(at=at)
         self._shift(self.reading - before)
 
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """Move to a position, also beyond the range. It ends when the encoder has arrived. AxisError if it does not."""
+        """Move to a position, even beyond the range. It ends when the encoder has arrived. AxisError if it does not."""
         end = self.now + duration  # after an interruption only what is left of the duration counts
         motion = self._motion
         try:
@@ -420,7 +419,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._state, self._motion, self._interrupted = _DISABLED, None, Interruption.NONE
 
     def check_target(self, position: float) -> None:
-        """RangeError for a position that `move_to` refuses."""
+        """Check a target. RangeError if `move_to` would refuse it."""
         low, high = self.encoder.minimum, self.encoder.maximum
         if not low <= position <= high:
             raise RangeError(f"{self._path}: {measure(position, self.encoder.units)} is outside {span(low, high)}")
@@ -588,7 +587,8 @@ class LeftMotion:
         self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
         by = None if self._motion is None else self._motion.by
         self._by = None if by is None or by.done else by
-        """The sequence that jogs, and ends the jog; None: it was begun by what has ended, or is not a sequence."""
+        """The sequence that jogs, and ends the jog, or None if the jog was begun by a caller that has ended or is not a
+        sequence."""
         quality, searched = axis.encoder.quality, self.state is AxisState.HOMING
         self._referenced = quality is not Quality.UNREFERENCED and not (searched and quality is Quality.BAD)
         rests = self.state is _STANDSTILL and not axis._moves()
@@ -652,13 +652,13 @@ class LeftMotion:
                 axis._replan, axis._interrupted = self._replan, Interruption.WAITED
 
     def is_lost(self) -> bool:
-        """True if a sequence still awaits its motion, which a fault has ended that was cleared."""
+        """True if a sequence still awaits its motion, which ended because of a fault that has been cleared."""
         return self._motion is not None and self._motion.awaited and self._axis.cycle.fault is None
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:
-    """Move several axes, `(axis, position)` each, so that they start and arrive together. TypeError for what is no such
-    pair, ValueError for an axis that is given twice: none moves then."""
+    """Move several axes, `(axis, position)` each, so that they start and arrive together. TypeError for anything else
+    than such pairs, ValueError for an axis given twice; then none moves."""
     for each in moves:
         if not isinstance(each, tuple | list) or len(each) != 2 or not isinstance(each[0], Axis):
             raise TypeError(f"move_together() takes pairs such as `(axis, 80.0)`, not {cut_repr(each)}")

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class AxisState(IntEnum):
-    """The numbers stand in frames."""
+    """States of an axis. Their numbers are stored in frames."""
 
     DISABLED = 0
     """The axis does not follow a setpoint; its actuators are at their defaults."""
@@ -32,9 +32,9 @@ FOLLOWED_BY: Mapping[AxisState, tuple[AxisState, ...]] = {
     _S.DISCRETE_MOTION: (_S.STANDSTILL, _S.DISABLED),
     _S.CONTINUOUS_MOTION: (_S.CONTINUOUS_MOTION, _S.STANDSTILL, _S.DISABLED),
 }
-"""The states that may follow a state. Two are not entries: STOPPING is STANDSTILL while the setpoint still moves, which
-the profile knows, so any motion may follow; ERROR_STOP is DISABLED while its equipment is in fault, which that knows. A
-motion that was left and continues returns to its state from STANDSTILL."""
+"""The states that may follow a state. Two states are not stored: STOPPING is STANDSTILL while the profile's setpoint
+still moves, so any motion may follow; ERROR_STOP is DISABLED while the equipment is in fault. A motion that was left
+and continues returns to its state from STANDSTILL."""
 
 ACTIONS: Mapping[AxisState, str] = {
     _S.HOMING: "home",

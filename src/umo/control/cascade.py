@@ -31,7 +31,7 @@ class Cascade(PID):
     low: float
     """The lowest setpoint of the inner law, in the units of its sensor."""
     high: float
-    """The highest one."""
+    """The highest setpoint of the inner law."""
 
     def check_settings(self) -> None:
         """Check the settings as `PID.check_settings`. `low` and `high` must be finite, and `low` below `high`."""
@@ -49,8 +49,8 @@ class Cascade(PID):
         return {"": (self.sensor, self.inner)}
 
     def control(self, setpoint: float, *, feed_forward: float = 0.0, dt: float, accept: Accept = ()) -> bool:
-        """One period of `dt` s of both laws: read, compute, read, compute, write. False if the inner law was limited,
-        or its actuator is inhibited.
+        """Carry out one period of `dt` s of both laws: read, compute, read, compute, write. Returns False if the inner
+        law was limited, or its actuator is inhibited.
 
         `feed_forward` is added to the setpoint of the inner law. The errors are those of `Servo.control`; after one the
         integrals are what they were before.

@@ -1,4 +1,4 @@
-"""The settings of control laws, checked in one way where they are declared and where they are set from outside."""
+"""The settings of control laws, checked in the same way when they are declared and when they are set from outside."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def check_numbers(
     above_0: Iterable[str] = (),
     arrays: bool = False,
 ) -> None:
-    """DeclarationError for an attribute that is not a number of its kind; `arrays`: or an array of such numbers.
-    `above_0` may be infinite, the others may not."""
+    """Check settings. DeclarationError for an attribute that is not a number of its kind, or, with `arrays`, an array
+    of such numbers. `above_0` may be infinite, the others may not."""
     rules: tuple[tuple[Iterable[str], Callable[[Any], Any], str], ...] = (
         (finite, np.isfinite, "a finite number"),
         (not_negative, lambda numbers: np.isfinite(numbers) & (numbers >= 0), "finite and not below 0"),

@@ -1,25 +1,26 @@
-"""Excitations of a loop: what is written to its output during an experiment, and when it is over. Pure numbers."""
+"""Excitations of a loop: the values written to its output during an experiment, and its end. Computations on plain
+numbers."""
 
 from __future__ import annotations
 
 from math import inf, isfinite, sqrt
 
 MOST_KEPT = 256
-"""Measurements that are kept to see whether a step has settled."""
+"""Number of measurements kept to detect whether a step has settled."""
 FEWEST_KEPT = 48
 SETTLED_SHARE = 0.02
 """Change over the last third of a step, as a share of its whole change, below which it has settled."""
 SMALLER = 0.5
-"""Share of the amplitude in the last part of an experiment: whether the process is linear shows with a third level."""
+"""Share of the amplitude in the last part of an experiment; this third level shows whether the process is linear."""
 MAX_TURN_TIME = 4.0
-"""Times of the longest half cycle that the smaller amplitude may take to turn the measurement."""
+"""Longest time for the smaller amplitude to turn the measurement, as a multiple of the longest half cycle."""
 NOISE_FACTOR = 10.0
 """Hysteresis of a relay in standard deviations of the noise."""
 
 
 class Baseline:
-    """The loop before the experiment: means of output and measurement, and the noise. The law has refused what is not
-    finite."""
+    """The loop before the experiment: means of output and measurement, and the noise. All are finite, because the law
+    refuses other numbers."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -35,13 +36,13 @@ class Baseline:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the measurement, from one to the next."""
+        """Standard deviation of the measurement from one sample to the next."""
         return sqrt(self._squares / 2.0 / (self.count - 1)) if self.count > 1 else 0.0
 
 
 class RelaySwitching:
-    """Up and down around the old output, whenever the measurement leaves a band around the old measurement. In the last
-    cycles it goes up by a smaller amplitude, as long as that turns the measurement."""
+    """Switches the output up and down around the old one, whenever the measurement leaves a band around the old
+    measurement. In the last cycles it goes up by a smaller amplitude, as long as that turns the measurement."""
 
     def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:
         """`rising`: whether a larger output makes the measurement rise."""
@@ -82,7 +83,7 @@ class RelaySwitching:
 
 
 class StepChange:
-    """A step on the old output until the measurement has settled, then a smaller one for as long."""
+    """Adds a step to the old output until the measurement has settled, then a smaller step for the same time."""
 
     def __init__(self, base: Baseline, amplitude: float) -> None:
         self.base, self.amplitude = base, amplitude
@@ -138,7 +139,8 @@ def _mean(values: list[float]) -> float:
 
 
 def room_for(base: Baseline, amplitude: float, low: float, high: float, both: bool) -> float:
-    """The largest amplitude of this sign that fits between the bounds, `both`: on both sides of the old output."""
+    """The largest amplitude of this sign that fits between the bounds, or, with `both`, on both sides of the old
+    output."""
     up, down = high - base.output, base.output - low
     room = min(up, down) if both else up if amplitude > 0.0 else down
     return max(room, 0.0) if isfinite(room) else inf

@@ -2,8 +2,8 @@
 
 The experiment takes the place of `step` of the law for its duration: the law still reads, checks quality, limits and
 writes through the command stage, under its interlocks. However it ends, the next output of the law is the old one; then
-the law is in control, with the integral that it had. It is an action (`umo.objects.action`): the lease, dead-man
-control, modes and faults of equipment end it as any other.
+the law is in control, with the integral that it had. It is an action (`umo.objects.action`), and ends like any other
+with the lease, dead-man control, modes and faults of equipment.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from umo.objects.presentation.value_text import measure
 BASE_TIME, BASE_STEPS = 1.0, 20
 """Least time in s, and least number of steps, for which the law is observed before the experiment."""
 MAX_IDLE_PERIODS = 3
-"""Steps that the law may leave out until it counts as switched off."""
+"""Number of steps that the law may leave out before it counts as switched off."""
 LONGEST = 86_400.0
-"""s that an experiment can last, at most."""
+"""Longest time in s of an experiment."""
 WITHIN_SHARE = 0.1
-"""Share of the sensor's range by which the measurement may move, if nothing else is said."""
+"""Share of the sensor's range by which the measurement may move, by default."""
 
 
 class LoopExperiments:
@@ -40,7 +40,7 @@ class LoopExperiments:
         self._base = Baseline()
         self._excitation: RelaySwitching | StepChange | None = None
         self._plan: Callable[[Baseline, float, float], RelaySwitching | StepChange] | None = None
-        """Makes the excitation from the baseline, and the bounds of the output; None: no experiment."""
+        """Makes the excitation from the baseline, and the bounds of the output, or None without an experiment."""
         self._ended = self._failed = ""
         self._idle = 0
         """Looks at the law without a step of it."""
@@ -85,20 +85,20 @@ class LoopExperiments:
         cycles: int = 5,
         duration: float = 600.0,
     ) -> dict[str, Any]:
-        """Excite the loop around its present output. 0: `hysteresis` by the noise, `within` a tenth of the sensor's
-        range.
+        """Excite the loop around its present output. With 0, `hysteresis` is computed from the noise, and `within` is a
+        tenth of the sensor's range.
 
         Returns the old output and measurement, the noise, the time at which the excitation began and ended, and the
-        share of it in which the inner law of a cascade was at its limit.
-        RangeError without room for the amplitude, or if the measurement leaves `within`; CommandRefused if the law does
-        not act, or if its actuator is inhibited or written by somebody else; Busy during another experiment. Laws whose
-        output is the setpoint of this one hold it for so long.
+        share of it in which the inner law of a cascade was at its limit. RangeError without room for the amplitude, or
+        if the measurement leaves `within`; CommandRefused if the law does not act, or if its actuator is inhibited or
+        written by somebody else; Busy during another experiment. Laws whose output is the setpoint of this law hold it
+        during the experiment.
         """
         self._outer = self._loop.outer
         if any(each.is_taken for each in (self._loop, *self._outer)):
             raise Busy(f"{self._path}: an experiment is in progress")
         if not amplitude or (kind == "relay" and amplitude < 0.0):
-            raise RangeError(f"{self._path}: the amplitude of a {kind} is not {number_text(amplitude)}")
+            raise RangeError(f"{self._path}: the amplitude of a {kind} cannot be {number_text(amplitude)}")
         self._within = within or WITHIN_SHARE * self._loop.measured_range or inf
         self._plan = lambda base, low, high: self._made(kind, amplitude, hysteresis, cycles, base, low, high)
         self._base, self._excitation, self._driven = Baseline(), None, None
@@ -115,7 +115,7 @@ class LoopExperiments:
                     began = began if began != not_begun else self._part.now
                     self._part.cycle.progress(self._excitation.progress)
                     if self._part.now - began > duration:
-                        self._ended = "its time was over"
+                        self._ended = "its time limit was reached"
         finally:
             self.end()
         if self._failed:
@@ -126,7 +126,7 @@ class LoopExperiments:
         return {"ended": self._ended, **{name: round(value, 9) for name, value in {**seen, **ends}.items()}}
 
     def end(self) -> None:
-        """End the experiment: the old output, then the law."""
+        """End the experiment: restore the old output, then return control to the law."""
         if self._plan is None:
             return
         for each in self._outer:

@@ -17,26 +17,28 @@ from umo.states import TwoState
 
 @dataclass(kw_only=True)
 class IndexPulse:
-    """The circuit loads its counter at the encoder's index pulse, while it is enabled to.
+    """The circuit loads its counter at the encoder's index pulse, while that is enabled.
 
     The axis moves in `direction` until the reading jumps to `index`. If it meets the end stop first, it moves back
-    across the index: either it began beyond the index, or the count was right already and did not jump.
+    across the index: then it began beyond the index, or the count was already right and did not jump.
     """
 
     enable: BinaryActuator[Any]
-    """Actuator that lets the index pulse load the counter. It does so while it is not at its default."""
+    """Actuator that lets the index pulse load the counter. The pulse does so while the actuator is not at its
+    default."""
     index: float
     """Position of the index pulse."""
     stop: float
     """Position of the end stop in this direction."""
     jump: float
-    """Distance that the axis cannot move in a period: the counter was loaded, or wrapped."""
+    """Distance that the axis cannot move in one period; a larger change means that the counter was loaded, or
+    wrapped."""
     tolerance: float
-    """Distance from the true position within which one that is read is right."""
+    """Distance from the true position within which a reading counts as right."""
     clearance: float
     """Distance before the index at which homing ends."""
     direction: int = 1
-    """Direction of the search: +1: to larger readings, -1: to smaller ones."""
+    """Direction of the search: +1 for larger readings, -1 for smaller ones."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -84,8 +86,8 @@ class IndexPulse:
 
 @dataclass(kw_only=True)
 class HomeSwitch:
-    """A switch is active at one end of the axis. The reference is its edge, met slowly when the axis leaves it. It does
-    not matter that the switch bounces when it is met at search speed."""
+    """Homing on a switch that is active at one end of the axis. The reference is its edge, met slowly when the axis
+    leaves it. Bouncing of the switch when it is met at search speed does no harm."""
 
     switch: BinarySensor[Any]
     active: TwoState
@@ -125,7 +127,7 @@ class HomeSwitch:
 
 @dataclass(kw_only=True)
 class EndStop:
-    """A mechanical end stop is the reference. `stall` of the axis says when it stands there; `search_output` of a servo
+    """Homing on a mechanical end stop. `stall` of the axis determines when it stands there; `search_output` of a servo
     axis limits the force."""
 
     position: float

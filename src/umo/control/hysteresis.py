@@ -19,7 +19,8 @@ S = TypeVar("S", bound=TwoState)
 
 @dataclass
 class Hysteresis(Generic[S]):
-    """`raising` below `low`, the other state above `high` (both in the sensor's units), no change between."""
+    """Writes the state `raising` below `low` and the other state above `high` (both in the sensor's units), and does
+    not change the actuator in between."""
 
     sensor: DigitalSensor
     actuator: BinaryActuator[S]
@@ -32,8 +33,8 @@ class Hysteresis(Generic[S]):
         self.check_settings()
 
     def check_settings(self) -> None:
-        """DeclarationError unless `low` and `high` are finite and in this order, and `raising` is a state of the
-        actuator."""
+        """Check the settings. DeclarationError unless `low` and `high` are finite and in this order, and `raising` is a
+        state of the actuator."""
         check_numbers(self, finite=("low", "high"))
         if self.low > self.high:
             raise DeclarationError(f"Hysteresis: low {number_text(self.low)} is above high {number_text(self.high)}")
@@ -42,12 +43,12 @@ class Hysteresis(Generic[S]):
 
     @property
     def numbers(self) -> Mapping[str, Number]:
-        """Its bounds are shown."""
+        """The numbers that are shown: its bounds."""
         return dict.fromkeys(("low", "high"), Number(self.sensor.units, shown=True))
 
     def control(self, accept: Accept = ()) -> S:
-        """One period: read, compare, write. Returns the state that the actuator has accepted: its default while it is
-        inhibited. Raises BadInput like every control law, RangeError if a number is not finite."""
+        """Carry out one period: read, compare, write. Returns the state that the actuator has accepted: its default
+        while it is inhibited. Raises BadInput like every control law, RangeError if a number is not finite."""
         value, actuator = value_of(self.sensor, accept), self.actuator
         if self.low <= value <= self.high:
             state = actuator.pending

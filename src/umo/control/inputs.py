@@ -1,7 +1,6 @@
-"""Reading the inputs of control laws: the value of an object, or BadInput. The caller has no flag to check.
-
-GOOD is accepted, and STALE: an object is STALE only within the `max_age` that its integrator declared for holding a
-last value. BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call says what else it accepts.
+"""Reading the inputs of control laws: the value of an object, or BadInput. The caller has no flag to check. GOOD and
+STALE are accepted; an object is STALE only within the `max_age` that its integrator declared for holding a last value.
+BAD, OUT_OF_RANGE and UNREFERENCED are refused, unless the call accepts them explicitly.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ def value_of(
 ) -> float | FloatArray:
     """The sensor's value in its units, or the values of a Vector, as its `read` gives them.
 
-    BadInput if the quality is not accepted; of a Vector it names the first such object, and how many there are. Of a
-    Vector, objects for which the array `where` is False are not checked.
+    BadInput if the quality is not accepted; for a Vector it names the first such object, and their number. Objects of a
+    Vector for which the array `where` is False are not checked.
     """
     if isinstance(sensor, Vector):
         values = sensor.read()
@@ -53,7 +52,7 @@ def value_of(
 
 
 def state_of(sensor: BinarySensor[S], accept: Accept = ()) -> S:
-    """The sensor's state; BadInput if its quality is not accepted."""
+    """Return the sensor's state. BadInput if its quality is not accepted."""
     try:
         state = sensor.read()
     except AttributeError:

@@ -11,7 +11,7 @@ from umo.objects.laws import laws_of
 
 
 class ActuatorOutput:
-    """An actuator."""
+    """The output of a loop that is an actuator."""
 
     def __init__(self, actuator: DigitalActuator) -> None:
         self._actuator = actuator
@@ -21,11 +21,11 @@ class ActuatorOutput:
 
     @property
     def told(self) -> dict[str, Any]:
-        """Its range, of a setpoint the inner law and its sensor."""
+        """Return its range and, for a setpoint, the inner law and its sensor."""
         return told_range(self.range)
 
     def bounds(self, limit: float) -> tuple[float, float]:
-        """Its range, within this distance from its default."""
+        """Return its range, limited to this distance from its default."""
         (low, high), default = self.range, self._actuator.default
         return max(low, default - limit), min(high, default + limit)
 
@@ -45,7 +45,8 @@ class ActuatorOutput:
 
 
 class SetpointOutput:
-    """The setpoint of an inner law, within the limits of the outer one (`umo.control.cascade`)."""
+    """The output of a loop that is the setpoint of an inner law, within the limits of the outer one
+    (`umo.control.cascade`)."""
 
     def __init__(self, part: Compound, outer: Any) -> None:
         self._inner = inner = outer.inner
@@ -69,7 +70,7 @@ class SetpointOutput:
 
     @property
     def limited(self) -> bool:
-        """True if the inner law was limited last: it does not follow its setpoint then."""
+        """True if the inner law was limited in its last step, so that it does not follow its setpoint."""
         return bool(self._inner.limited)
 
     @property
@@ -77,7 +78,7 @@ class SetpointOutput:
         return float(self._inner.setpoint)
 
     def write(self, value: float) -> None:
-        """The next `control` of the outer law gives it, and nothing else does."""
+        """Store the setpoint, which only the next `control` of the outer law passes on."""
 
 
 LoopOutput = ActuatorOutput | SetpointOutput
@@ -91,7 +92,7 @@ def output_of(part: Compound, law: Any, end: Any) -> LoopOutput | None:
 
 
 def outer_laws(part: Compound, law: Any) -> list[Any]:
-    """The laws of the machine whose output is the setpoint of this one, which is of this part."""
+    """The laws of the machine whose output is the setpoint of this one, which belongs to this part."""
     outer = (each for _, each in _laws_around(part) if getattr(each, "inner", None) is law)
     return list({id(each): each for each in outer}.values())
 

@@ -13,11 +13,12 @@ from umo.objects import Compound, DigitalSensor
 
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 Next = Callable[[float, float, float, float, float], float | None]
-"""From the law's output, the measurement, the period in s and the bounds: the output instead; None: the law's."""
+"""Function that returns another output, given the law's output, the measurement, the period in s and the bounds, or
+None for the law's own output."""
 
 
 class ControlLoop(Protocol):
-    """One loop, with its sensor and its output if the law knows them."""
+    """One loop, with its sensor and its output if the law names them."""
 
     sensor: DigitalSensor | None
     output: LoopOutput | None
@@ -28,26 +29,26 @@ class ControlLoop(Protocol):
 
     @property
     def measured_range(self) -> float:
-        """The width of the sensor's range; 0: it is not known."""
+        """The width of the sensor's range, or 0 if it is not known."""
 
     @property
     def resolution(self) -> float:
-        """The resolution of the sensor in its units; 0 if not known."""
+        """The resolution of the sensor in its units, or 0 if not known."""
 
     @property
     def is_taken(self) -> bool: ...
     @property
     def outer(self) -> list[ControlLoop]:
-        """The loops whose output is its setpoint."""
+        """The loops whose output is the setpoint of this loop."""
 
     def bounds(self, low: float, high: float) -> tuple[float, float]:
-        """The range of the output, without the slew rate: `low` and `high` are those of this period."""
+        """The range of the output, without the slew rate: `low` and `high` are the bounds in this period."""
 
     def take(self, next_: Next) -> None:
-        """Ask this for each output. The law's integral is held while it gives one."""
+        """Take the output of each step from this function. The law's integral is held while it returns one."""
 
     def give_back(self) -> None:
-        """The law is in control again."""
+        """Return control to the law."""
 
 
 class _Loop:

@@ -28,9 +28,9 @@ class PID:
         output = level.step(300.0, measured, dt, low=0.0, high=10.0)
 
     The derivative acts on the measurement, through a first-order filter. Anti-windup is conditional integration: while
-    the output is limited, the integral changes only towards the range (Astrom and Hagglund, Advanced PID Control,
-    2006, section 3.5). All times are in s. Gains do not depend on the sampling period, as long as it is short compared
-    with these times. Gains may be changed at any time; DeclarationError for such as `check_settings` refuses.
+    the output is limited, the integral changes only towards the range (Astrom and Hagglund, Advanced PID Control, 2006,
+    section 3.5). All times are in s. Gains do not depend on the sampling period, as long as it is short compared with
+    these times. Gains may be changed at any time; DeclarationError for values that `check_settings` refuses.
     """
 
     gain: float
@@ -55,7 +55,8 @@ class PID:
         self.check_settings()
 
     def check_settings(self) -> None:
-        """DeclarationError unless the gain is finite, the times are not negative and the integral time is above 0."""
+        """Check the settings. DeclarationError unless the gain is finite, the times are not negative and the integral
+        time is above 0."""
         check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",))
 
     def reset(self) -> None:
@@ -70,8 +71,8 @@ class PID:
         return {"setpoint": Number(shown=True), "error": Number(shown=True), **_times()}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """Its loops by the ends of their paths ("": the law itself), with their sensors and actuators, if it has
-        any; of an outer law with its inner one instead."""
+        """The loops of the law by the ends of their paths ("" for the law itself), with their sensors and actuators, if
+        it has any; an outer law has its inner law instead of an actuator."""
         return {"": ()}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
@@ -91,7 +92,7 @@ class PID:
         self._last, self.integral = measurement, integral
 
     def shift(self, distance: float) -> None:
-        """The origin of the measurement has moved by this distance: the derivative does not see it. RangeError if it is
+        """Move the origin of the measurement by this distance, without an effect on the derivative. RangeError if it is
         not finite."""
         if not isfinite(distance):
             raise RangeError(f"the measurement cannot be shifted by {distance!r}")
@@ -184,7 +185,7 @@ class VectorPID:
         return {"largest_error": Number(shown=True), **times}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
-        """The loops as in `PID.loops`, one for each calculated element."""
+        """The loops of the law, as in `PID.loops`, one for each calculated element."""
         return {str(number): () for number in range(self.error.size)}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:

@@ -36,7 +36,8 @@ class Segment(NamedTuple):
 
 
 MOST_SEGMENTS = 10
-"""Segments of a motion at most: two that bring what is beyond the limits within them, seven, and what follows."""
+"""Largest number of segments of a motion: two that bring the motion within the limits, seven to the target, and the
+last one."""
 _NONE = Segment(inf, 0.0, 0.0, 0.0, 0.0)
 """Stands for a segment that a motion does not have."""
 
@@ -61,8 +62,9 @@ def _padded(segments: list[Segment]) -> list[Segment]:
 class Profile:
     """A setpoint profile to a target position within these limits, advanced by one period per call.
 
-    A motion is followed as segments of constant jerk, the last of which does not end. One to a position is planned by
-    ruckig. One to a velocity, so also to standstill, is a formula: a controller brakes without ruckig."""
+    A motion is followed as segments of constant jerk, the last of which does not end. A motion to a position is planned
+    by ruckig. A motion to a velocity, such as to standstill, is computed by a formula, so that a controller can brake
+    without ruckig."""
 
     velocity: float
     """Largest speed, units per s."""
@@ -72,9 +74,10 @@ class Profile:
     """Largest jerk, units per s cubed."""
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
     segments: list[Segment] = field(default_factory=lambda: _padded([Segment(0.0, *[0.0] * 4)]), init=False, repr=False)
-    """The segments of the motion in progress; always `MOST_SEGMENTS`. One that starts at infinity ends them."""
+    """The segments of the motion in progress; always `MOST_SEGMENTS`. A segment that starts at infinity marks their
+    end."""
     origin: float = field(default=0.0, init=False, repr=False)
-    """The offset that is added to their positions."""
+    """The offset that is added to the positions of the segments."""
     elapsed: float = field(default=0.0, init=False)
     """Time since the motion began, s."""
     duration: float = field(default=0.0, init=False)
@@ -85,7 +88,7 @@ class Profile:
         self.check_settings()
 
     def check_settings(self) -> None:
-        """DeclarationError unless the limits are above 0."""
+        """Check the settings. DeclarationError unless the limits are above 0."""
         check_numbers(self, above_0=("velocity", "acceleration", "jerk"))
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
@@ -97,8 +100,8 @@ class Profile:
         self.elapsed = self.origin = self.duration = 0.0
 
     def shift(self, distance: float) -> None:
-        """The origin of the positions has moved: the setpoint changes by this distance, the motion continues.
-        RangeError if it is not finite."""
+        """Move the origin of the positions: the setpoint changes by this distance, and the motion continues. RangeError
+        if it is not finite."""
         if not isfinite(distance):
             raise RangeError(f"the distance of a shift must be finite, not {distance!r}")
         position, velocity, acceleration = self.setpoint
@@ -126,8 +129,9 @@ class Profile:
         return self._follow(plan, scale, f"to {target!r}")
 
     def at(self, velocity: float) -> float:
-        """Go over from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill. The
-        setpoint moves on at this velocity. Returns the duration in s until it is reached. RangeError for NaN."""
+        """Change from the current setpoint to a constant velocity, at most the largest speed; 0 means to standstill.
+        The setpoint then continues at this velocity. Returns the duration in s until it is reached. RangeError for
+        NaN."""
         jerk, limit = self.jerk, self.acceleration
         final = min(max(velocity, -self.velocity), self.velocity)
         limited = self.velocity > 0.0 and limit > 0.0 and jerk > 0.0 and isfinite(min(limit, jerk))
@@ -195,7 +199,7 @@ class Profile:
 
     @property
     def stops(self) -> bool:
-        """True if the setpoint stands, or comes to a standstill by itself."""
+        """True if the setpoint stands still, or comes to a standstill by itself."""
         last = self.segments[0]
         for each in self.segments:
             if each.start == inf:
@@ -204,8 +208,8 @@ class Profile:
         return not last.velocity
 
     def step(self, dt: float) -> Setpoint:
-        """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at
-        the velocity. `dt` must not be negative; RangeError if it is not finite."""
+        """Advance the profile by `dt` s and return the setpoint. After the end of the profile the setpoint stays at the
+        target, or continues at the velocity. `dt` must not be negative; RangeError if it is not finite."""
         before = self.elapsed
         elapsed = before + dt
         if not isfinite(elapsed):

@@ -23,8 +23,8 @@ class Servo(PID):
 
         self.servo = Servo(self.encoder, self.motor, gain=0.02, integral_time=0.1)
 
-    The output is limited to the range of the actuator and to what its slew rate allows in the period. The integral is
-    held while the actuator is inhibited.
+    The output is limited to the range of the actuator and to the change that its slew rate allows in the period. The
+    integral is held while the actuator is inhibited.
     """
 
     sensor: DigitalSensor
@@ -35,7 +35,7 @@ class Servo(PID):
     inertia: float = 0.0
     """Output for the setpoint's acceleration: actuator units for one sensor unit per second squared."""
     friction: float = 0.0
-    """Output that overcomes dry friction, actuator units; given with the sign of the setpoint's velocity."""
+    """Output that overcomes dry friction, actuator units; added with the sign of the setpoint's velocity."""
     limit: float = inf
     """Largest distance of the output from the actuator's default. Default: the range of the actuator."""
 
@@ -62,7 +62,8 @@ class Servo(PID):
         dt: float,
         accept: Accept = (),
     ) -> bool:
-        """One period of `dt` s: read, compute, write. False if the output was limited or the actuator is inhibited.
+        """Carry out one period of `dt` s: read, compute, write. Returns False if the output was limited or the actuator
+        is inhibited.
 
         Raises BadInput if the sensor's quality is not accepted, RangeError if a number is not finite. After an error
         the integral is what it was before.
@@ -97,12 +98,12 @@ class Servo(PID):
 
 @dataclass(eq=False)
 class VectorServo(VectorPID):
-    """A PID for each of many sensors, to as many actuators, in one calculation:
+    """PIDs from many sensors to as many actuators, in one calculation:
 
         self.heating = VectorServo(Vector(z.temperature for z in zones), Vector(z.heater for z in zones), gain=0.02)
 
-    The outputs are limited to the ranges of the actuators and to what their slew rates allow in the period. The
-    integrals of inhibited actuators are held.
+    The outputs are limited to the ranges of the actuators and to the changes that their slew rates allow in the period.
+    The integrals of inhibited actuators are held.
     """
 
     sensors: Vector[DigitalSensor]
@@ -131,7 +132,8 @@ class VectorServo(VectorPID):
     def control(
         self, setpoint: float | FloatArray, *, dt: float, accept: Accept = (), enabled: BoolArray | None = None
     ) -> bool:
-        """One period of `dt` s: read, compute, write. False if an output was limited or an actuator is inhibited.
+        """Carry out one period of `dt` s: read, compute, write. Returns False if an output was limited or an actuator
+        is inhibited.
 
         `setpoint` is an array of shape (n,) or one number for all. Raises BadInput if the quality of one of the sensors
         is not accepted, RangeError if a number is not finite; then nothing is written and the law is unchanged.

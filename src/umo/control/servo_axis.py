@@ -1,4 +1,4 @@
-"""A motor behind an amplifier, and a position sensor."""
+"""Servo axes: a motor behind an amplifier, with a position sensor."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ServoAxis(Axis, numbers=_numbers):
         )
 
     While the axis is not enabled, the motor is at its default. The gains are those of `Servo`. After missed periods the
-    motion is planned again from where the axis then is: it keeps its limits, and is later.
+    motion is planned again from the present position, so it keeps its limits and ends later.
     """
 
     motor: DigitalActuator

@@ -1,4 +1,4 @@
-"""A stepper motor behind a step and a direction output, and a position sensor."""
+"""Stepper axes: a stepper motor behind a step and a direction output, with a position sensor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from umo.states import Rotation, UpDown
 _DISABLED, _HOMING, _FREE = AxisState.DISABLED, AxisState.HOMING, Interruption.NONE  # an attribute of an Enum is a call
 
 MAX_CORRECTIONS = 3
-"""Largest number of times that a motion makes up lost steps."""
+"""Largest number of times that a motion compensates for lost steps."""
 
 
 class StepperAxis(Axis):
@@ -30,9 +30,9 @@ class StepperAxis(Axis):
         )
 
     CW increases the position. `window` is at least half a step. Lost steps that the encoder shows at the end of a
-    motion are made up. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. After
-    missed periods the motion is as much later: a stepper cannot catch up. If it would have made more than one step in
-    them, it stands still by then, and starts with a ramp.
+    motion are compensated. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. Missed
+    periods delay the motion, because a stepper cannot catch up. If it would have made more than one step in them, the
+    motor has stopped, and starts again with a ramp.
     """
 
     step: BinaryActuator[UpDown]

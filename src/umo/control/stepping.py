@@ -16,10 +16,8 @@ STEPS_PER_PERIOD = 0.4
 
 @dataclass
 class Stepping:
-    """Converts a position in steps (a real number) into step edges: a phase accumulator.
-
-    UP and DOWN last at least one period each. The direction output is stable for at least one period before UP.
-    CW counts up.
+    """Converts a position in steps (a real number) into step edges: it is a phase accumulator. UP and DOWN last at
+    least one period each. The direction output is stable for at least one period before UP. CW counts up.
     """
 
     step: BinaryActuator[UpDown]
@@ -27,11 +25,11 @@ class Stepping:
     count: int = field(default=0, init=False)
     """Sum of the steps sent, CW positive."""
     refused: bool = field(default=False, init=False)
-    """True if an interlock inhibits the outputs: this period's write was not taken."""
+    """True if an interlock inhibits the outputs: the write of this period was not accepted."""
 
     def control(self, position: float) -> bool:
-        """One period towards `position` in steps; True once it is within half a step and the output is DOWN. RangeError
-        if the position is not finite; then nothing is written."""
+        """Carry out one period towards `position` in steps. Returns True once it is within half a step and the output
+        is DOWN. RangeError if the position is not finite; then nothing is written."""
         due = position - self.count
         if due - due != 0.0:  # NaN, or infinite
             raise RangeError(f"{self.step.path}: {position} is not a position to step to")

@@ -1,7 +1,7 @@
 """The laws of a connected machine: which of them act in a period, and how they are called.
 
-A law is the `control` of a class that has its own. A parent's acts before those of its parts; those of equipment in
-fault do not act.
+A law is the `control` of a class that defines one. The law of a parent acts before those of its parts; laws of
+equipment in fault do not act.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def _idle(part: Node) -> None:
 
 
 class ActingLaws:
-    """The laws of one machine, dealt out to its rate groups."""
+    """The laws of one machine, distributed to its rate groups."""
 
     def __init__(self, root: Node, image: Image, equipment: Containment, turn: Turn) -> None:
         self._root, self._equipment = root, equipment
@@ -44,7 +44,7 @@ class ActingLaws:
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
         """The places of the laws of each equipment, by its id; made at its first fault since the laws were selected."""
         self.stale = False
-        """True if equipment was cleared, or has come into fault, since they were chosen."""
+        """True if equipment was cleared, or has come into fault, since the laws were chosen."""
 
     # Which laws act -----------------------------------------------------------------------------------
 
@@ -58,8 +58,8 @@ class ActingLaws:
         return self._of[id(part)]
 
     def choose(self) -> None:
-        """Distribute the laws, without those of equipment in fault. The lists are new: a law of cleared equipment does
-        not act in the period in progress."""
+        """Distribute the laws, without those of equipment in fault. The lists are new, so that a law of cleared
+        equipment does not act in the period in progress."""
         self.stale, self._places = False, {}
         for group in self.groups.all:
             group.laws = []
@@ -68,7 +68,7 @@ class ActingLaws:
                 self.groups.of(law.__self__).laws.append(law)  # type: ignore[arg-type]
 
     def let_idle(self, equipment: Equipment) -> None:
-        """Its laws are not called any more, also if they are being called one after another at this moment."""
+        """Stop calling the laws of equipment, even if the laws are being called at this moment."""
         if not self._places:
             for group in self.groups.all:
                 for number, law in enumerate(group.laws):
@@ -78,12 +78,12 @@ class ActingLaws:
             laws[number] = MethodType(_idle, laws[number].__self__)
 
     def replace(self, laws: Sequence[MethodType]) -> None:
-        """Other functions for the laws of the whole machine, each of the same object, in the same order."""
+        """Replace the laws of the whole machine by other functions, each of the same object, in the same order."""
         self._of[id(self._root)] = list(laws)
         self.choose()
 
     def leave_out(self, part: Node) -> None:
-        """The laws of this part are not called any more: a capability carries them out."""
+        """Stop calling the laws of this part, because a capability carries them out."""
         self._elsewhere.update(map(id, (part, *walk(part))))
         self._of.clear()
         self.choose()
@@ -95,7 +95,7 @@ class ActingLaws:
 
     @expects_errors
     def act(self, acting: Sequence[MethodType]) -> None:
-        """Call those of a group. What equipment contains of their errors keeps no other from acting."""
+        """Call the laws of a group. An error that equipment contains does not keep the other laws from acting."""
         turn, laws = self._turn, iter(acting)
         before = turn.law
         try:
@@ -136,7 +136,7 @@ class ActingLaws:
 
     @expects_errors
     def act_for(self, part: Node) -> None:
-        """Call those of a part, for a program with a loop of its own: what one raises ends this."""
+        """Call the laws of a part, for a program with a loop of its own. An error of one law ends the call."""
         turn = self._turn
         before = turn.law
         try:

@@ -1,8 +1,8 @@
 """Decides how often the reset of a machine is attempted.
 
-The rule is the same for the guardian, the control process and a worker that is left alone: if an attempt has reached an
-actuator that none had reached before, another attempt follows, also when the time is over. A device may begin to answer
-in the middle of the last attempt; without another one it would remain half driven."""
+The rule is the same for the guardian, the control process and a worker process without its machine: if an attempt has
+reached an actuator that none had reached before, another attempt follows, even when the time is over. A device may
+begin to answer in the middle of the last attempt; without another one it would remain half driven."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from collections.abc import Hashable, Iterable
 
 
 class Attempts:
-    """The results of the attempts so far. The number of attempts that reach something new is at most the number of
-    actuators."""
+    """The results of the attempts so far. At most as many attempts as there are actuators can reach something new."""
 
     def __init__(self) -> None:
         self._reached: set[Hashable] = set()

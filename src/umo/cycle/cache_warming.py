@@ -1,4 +1,4 @@
-"""Cache warming: what the thread does while it waits busily for its tick.
+"""Cache warming: the work of the thread while it waits busily for its tick.
 
 A period of 1 ms finds the processor's caches cold and takes several times as long as one that follows at once. So umo's
 own part of the period is carried out on a copy of the machine's objects, whose driver does nothing: sampled, read,
@@ -30,12 +30,12 @@ from umo.wiring.wired import Wire, Wired
 
 log = logging.getLogger("umo")
 COPIED_OBJECTS = 50
-"""Number of objects copied at most: a machine of thousands would not be through before its tick."""
+"""Largest number of objects copied: copying thousands would not end before the tick."""
 
 
 def wait_busily(wired: Wired, seconds: float) -> None:
     """If the timer of this connected machine runs in real time, wake its thread this time in s before each tick and
-    warm the caches; 0: at the tick."""
+    warm the caches; 0 means no busy waiting."""
     ticker = None if wired.timer_wire is None else getattr(bare(wired.timer_wire.driver), "ticker", None)
     if ticker is None:
         return
@@ -78,7 +78,7 @@ class CacheWarming:
         self._actuators: list[Any] = [item for item in synchronous if item.direction is Direction.OUTPUT]
 
     def __call__(self) -> None:
-        """Whatever goes wrong does not disturb the machine: from then on the caches are not warmed."""
+        """Warm the caches. An error does not affect the machine; from then on the caches are not warmed."""
         if self._sound:
             try:
                 self._period()

@@ -24,7 +24,7 @@ class Callees:
 
     def __init__(self, wires: Sequence[Wire]) -> None:
         self.of: Any = [wire.driver for wire in wires]
-        """By slot."""
+        """The callee of each object, by slot."""
         self.slots: dict[int, list[int]] = {}
         """The objects of each driver, by its id."""
         for slot, wire in enumerate(wires):
@@ -33,12 +33,12 @@ class Callees:
         self.written = True
         """True if writes are carried out."""
         self.watched: Callable[[Block, BlockTransfer], BlockTransfer] = lambda block, call: call
-        """Function that puts a watch around a block's transfer."""
+        """Function that wraps a block's transfer to watch it."""
         self._blocks: list[Block] = []
         self._outputs: list[Block] = []
 
     def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
-        """The blocks' `transfer` are the drivers' own, or those of who stands in their places."""
+        """Set the `transfer` of each block to that of its driver, or of the stand-in."""
         self._outputs = list(outputs)
         self._blocks = [*inputs, *self._outputs]
         for block in self._blocks:
@@ -68,7 +68,7 @@ class Callees:
             block.transfer = block.unwatched = refuse_write
 
     def end_absences(self) -> None:
-        """Make every call again, and let it wait: the machine stops."""
+        """Let every call reach its driver again and wait, because the machine stops."""
         self.away.end()
         self.away = NobodyAway()
 

@@ -48,8 +48,8 @@ from umo.objects import Compound, walk
 from umo.objects.laws import laws_in
 
 BY_KEYWORD = {"alarms": "umo.operation.alarms.alarming"}
-"""The module whose `attached(root)` gives the capability for a class keyword, or None: imported where a class has
-that."""
+"""The module whose `attached(root)` gives the capability for a class keyword, or None. The module is imported when a
+class has the keyword."""
 
 
 class Capability:
@@ -60,14 +60,15 @@ class Capability:
     are shown as its `numbers`."""
 
     def attach(self, machine: Any) -> None:
-        """`machine` (`umo.cycle.machine.ConnectedMachine`) is laid out: add to its phases. No driver was called yet."""
+        """`machine` (`umo.cycle.machine.ConnectedMachine`) is laid out, and no driver was called yet; add functions to
+        its phases."""
         raise NotImplementedError(f"{type(self).__name__}.attach")
 
     def begin(self) -> None:
         """Called when every object is initialised, before the first sample."""
 
     def end(self) -> None:
-        """The sequences are cancelled; nothing is reset yet."""
+        """Called when the sequences are cancelled, before anything is reset."""
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """This process must not use any device from now on: calls of devices are replaced by `instead`, which does not

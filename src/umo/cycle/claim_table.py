@@ -1,7 +1,7 @@
 """The claims of a machine: who drives each actuator (docs/decisions/0094-who-drives-an-output.md).
 
 A fault of its equipment or an interlock keeps an actuator at its default, a client has it alone, or else the program
-has it. The column `restrictions` says so to all who write, and belongs to this table.
+has it. The column `restrictions` shows this to all writers, and is set by this table only.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ class Command:
     written: float | None = None
     """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
     client: str = ""
-    """The client that has taken the actuator: the program cannot write it meanwhile."""
+    """The client that has taken the actuator, so that the program cannot write it."""
 
     @property
     def inhibition(self) -> Inhibition | None:
-        """The fault or interlock for which only the default may be sent."""
+        """The fault or interlock because of which only the default may be sent."""
         for each in self.faults:
             if each.reason is not None:
                 return each
@@ -65,7 +65,7 @@ class Command:
 
     @property
     def interlocked(self) -> str | None:
-        """The reason of that."""
+        """The reason of the inhibition."""
         return None if (found := self.inhibition) is None else found.reason
 
     @property
@@ -83,7 +83,7 @@ class Command:
         return self.interlocked or (reason_of_client(self.client) if self.client else None)
 
     def admits(self, value: float, source: Source) -> bool:
-        """True if a value may be taken now; Interlocked where an interlock is declared to stop the program."""
+        """True if a value may be taken now; Raises Interlocked if an interlock with the effect "stop" inhibits it."""
         if self.client and source is not Source.CLIENT:
             return False
         if value == self.default:
@@ -109,7 +109,7 @@ class Claims:
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
         self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
-        """The actuators in stop order."""
+        """The guarded actuators in stop order."""
         self.place = {slot: number for number, slot in enumerate(self.order)}
         """The place of each in this order."""
         self.inhibitions = inhibitions_of(root, image.slot_of, self.order)
@@ -122,11 +122,11 @@ class Claims:
         """The actuators of equipment: made beforehand, for its first fault."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
         self.by_slot = {command.slot: command for command in found if command.interlocks or command.expires < inf}
-        """The guarded actuators, as declared, and those that were taken by a client or inhibited by a fault since."""
+        """The guarded actuators, as declared, and those that a client has taken or a fault has inhibited since."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
         self.left: dict[object, dict[int, float]] = {}
-        """The values that waiting work has left on its actuators, by slot, for each part that lets work wait. A fault
+        """The values that waiting work has left on its actuators, by slot, for each part in which work waits. A fault
         of equipment ends the work in it, and removes these values."""
         self._asks_all = False
         """True if writes of free actuators pass the command stage too."""
@@ -171,8 +171,8 @@ class Claims:
         return not self._inhibiting_some(slots, [*self.inhibitions, *self._faults])
 
     def inhibiting(self, slots: frozenset[int], *, latched: bool = False) -> list[str]:
-        """Return the reasons of the interlocks that inhibit one of these, each once; `latched`: only of those that
-        latch."""
+        """Return the reasons of the interlocks that inhibit one of these actuators, each once; with `latched`, only
+        those of latched interlocks."""
         found = self._inhibiting_some(slots, self.inhibitions)
         asked = (each for each in found if each.interlock.latched or not latched)
         return list(dict.fromkeys(each.reason for each in asked if each.reason))
@@ -189,7 +189,7 @@ class Claims:
         return "" if command is None else command.client
 
     def take_for_client(self, slot: int, who: str) -> bool:
-        """Give the actuator to this client alone. False while it is inhibited."""
+        """Give the actuator to this client alone. Return False while it is inhibited."""
         command = self._known(slot)
         if command.interlocked is not None:
             return False
@@ -199,7 +199,7 @@ class Claims:
         return True
 
     def release_from_client(self, slots: Sequence[int]) -> None:
-        """The program may write these actuators again. Their defaults are sent, within their rates."""
+        """Let the program write these actuators again. Their defaults are sent, within their rates."""
         for slot in slots:
             self.by_slot[slot].client = ""
         self._taken_by_clients.difference_update(slots)
@@ -207,7 +207,7 @@ class Claims:
         self._image.settle(slots, ToDefault.SEND)
 
     def end_client(self, slot: int) -> None:
-        """The actuator is at its default: the hold of a client on it has ended, and the client is notified."""
+        """End the hold of a client on an actuator that is at its default, and notify the client."""
         if slot in self._taken_by_clients:
             self._taken_by_clients.discard(slot)
             self.by_slot[slot].client = ""
@@ -216,8 +216,8 @@ class Claims:
     # Interlocks and faults of equipment ----------------------------------------------------------------
 
     def interlocked(self, begun: Sequence[Inhibition]) -> None:
-        """These have begun to inhibit, or others have ceased to: what a client had taken of their actuators does not
-        come back by itself."""
+        """Note that these interlocks have begun to inhibit, or that others have ended. A client's hold on their
+        actuators is not restored by itself."""
         for each in begun:
             self._taken_by_clients.difference_update(each.slots)
             for slot in each.slots:
@@ -230,7 +230,7 @@ class Claims:
         return any(fault.held for fault in self._faults)
 
     def know(self, faults: Sequence[Inhibition]) -> None:
-        """The inhibitions that `inhibit` and `free` will be given; before the first period."""
+        """Set the inhibitions for later calls of `inhibit` and `free`; called before the first period."""
         self._faults, self._faults_of = list(faults), _by_slot(faults)
         for command in self.by_slot.values():
             command.faults = self._faults_of.get(command.slot, [])
@@ -240,8 +240,8 @@ class Claims:
         self._restrict()
 
     def hold(self, fault: Inhibition) -> None:
-        """From now on only the defaults of its actuators may be sent, even if a client has taken them: no fault around
-        them holds them yet."""
+        """From now on allow only the defaults of its actuators, even if a client has taken them. No fault around them
+        holds them yet."""
         fault.held, fault.reason = True, fault.interlock.reason
         number = self._numbers.get(fault.reason, len(self._numbers))
         known, restrictions, any_taken = self.by_slot, self._image.restrictions, bool(self._taken_by_clients)
@@ -258,13 +258,14 @@ class Claims:
                 del left[slot]
 
     def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
-        """The actuators of these, which are held, go to their defaults in stop order; those that failed, by slot."""
+        """Reset the actuators of these inhibitions, which are held, in stop order. Return those that failed, by
+        slot."""
         slots = sorted({slot for fault in faults for slot in fault.slots}, key=self.place.__getitem__)
         self._image.transfer.note_each(slots, Kind.INTERLOCKED)
         return self._image.settle(slots, ToDefault.RESET)
 
     def free(self, faults: Sequence[Inhibition]) -> None:
-        """Their actuators may be written again, unless an interlock inhibits them."""
+        """Allow writes to their actuators again, unless an interlock inhibits them."""
         for fault in faults:
             fault.held, fault.reason = False, None
         self._restrict([slot for fault in faults for slot in fault.slots])
@@ -277,7 +278,7 @@ class Claims:
         self._restrict()
 
     def _restrict(self, slots: Sequence[int] | None = None) -> None:
-        """Set the column `restrictions` of these actuators; None: of all."""
+        """Set the column `restrictions` of these actuators; None means all."""
         if slots is not None and len(slots) < ONE_BY_ONE:
             for slot in slots:
                 self._restrict_one(self._known(slot))
@@ -305,8 +306,8 @@ class Claims:
     @property
     def reasons(self) -> list[str]:
         """The reasons of interlocks, each once, in the order of their numbers, those of conditions that cannot be
-        evaluated, those of latched interlocks whose condition is over, and those of faults of equipment; more than fit
-        a byte share the last."""
+        evaluated, those of latched interlocks whose condition is over, and those of faults of equipment; reasons that
+        do not fit a byte share the last number."""
         interlocks = [each.interlock for each in self.inhibitions]
         over = [latched(each) for each in interlocks if each.latched]
         faults = (each.interlock.reason for each in self._faults)

@@ -28,11 +28,12 @@ class Clock:
         """Function that is called when the timer has returned, while the clock still shows the period before."""
 
     def read(self) -> float:
-        """The time in s of a reading that is made now."""
+        """Return the time in s for a reading that is made now."""
         return self.now
 
     def advance(self, missed: int) -> None:
-        """The timer was read: 0 after it blocked for one tick, otherwise the ticks that had already passed."""
+        """Advance after reading the timer. The reading is 0 after the timer blocked for one tick, otherwise the number
+        of ticks that had already passed."""
         self.on_tick()
         if missed:
             self.missed_in_all += missed
@@ -57,7 +58,7 @@ class WallClock(Clock):
         return self._source() - self._start
 
     def look(self) -> None:
-        """A period begins: `dt` is the time since the one before."""
+        """Begin a period: `dt` becomes the time since the previous one."""
         self.on_tick()
         now = self._source() - self._start
         self.number += 1

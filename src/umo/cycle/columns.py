@@ -1,7 +1,7 @@
 """The numbers of a process image: columns in one contiguous piece of memory, and the scales of its objects.
 
 Every column has a row for each object; an object's row is its slot. Columns are arrays, for blocks and Vectors; the
-image has a memoryview of each for single objects: Python reads these in a third of the time of numpy's items.
+image has a memoryview of each for single objects: Python reads its items in a third of the time of numpy's.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from umo.objects.scaling import IntArray
 from umo.wiring.wired import Wire
 
 FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
-"""Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the
-actuator has an expiry or is asynchronous; a client has taken the actuator. 1 to 253: the number of the reason for
-which it is inhibited."""
+"""Values of the column `restrictions`: a write goes directly into the image; the command stage checks it, because the
+actuator has an expiry or is asynchronous; a client has taken the actuator. 1 to 253 is the number of the reason of an
+inhibition."""
 LAST, NOW, UNSEEN, TOLD = 1, 2, 64, 128
-"""Bits of the column `written`: written in the period before; written since the values were sent last; the writer has
-changed by writing what was pending already, which was not looked at; two writers were told, and nobody looks at the
-writers of this actuator any more."""
+"""Bits of the column `written`: written in the period before; written since the values were sent last; another writer
+has written the value that was already pending, and was not examined; two writers were reported, so the writers of this
+actuator are no longer examined."""
 WIDE, NARROW = 7, 2
-"""Columns of 8 bytes a row and of 1 byte a row."""
+"""Columns with 8 bytes per row, and columns with 1 byte per row."""
 
 
 class Source(Enum):
@@ -44,10 +44,10 @@ class Columns:
     """The numbers that change while the machine runs.
 
     Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending`, the value written; `sent`
-    and `sent_raws`, a pair: what the driver was given last, or is given next; `raws`, `values`, `times`: what it has
-    accepted last; `stepped`, for those with a rate: the time of the last step, infinite while a reset is still to be
-    accepted; `restrictions`: whether the command stage is to be asked before a write (set by the
-    claims, `claim_table.py`).
+    and `sent_raws`, a pair: the value that the driver received last, or receives next; `raws`, `values`, `times`: the
+    value that it accepted last; `stepped`, for actuators with a slew rate: the time of the last step, infinite while a
+    reset is still to be accepted; `restrictions`: whether the command stage checks a write (set by the claims,
+    `claim_table.py`).
 
     `equipment`, `axes` and `alarms` have a row for each of these: the number of its state.
     """
@@ -67,7 +67,7 @@ class Columns:
         """Actuators: the identity of the code that has written them last."""
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
-        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`, in this order: what
+        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`, in this order, which
         a frame shows."""
 
 
@@ -85,16 +85,16 @@ class Scales:
         """The least and the greatest raw integer of an actuator."""
         exact = [wire.item.direction is Direction.INPUT or wire.exact for wire in wires]
         self.exact = np.array(exact, bool) & (np.maximum(np.abs(self.least), np.abs(self.greatest)) < 2.0**51)
-        """True if the raw integer nearest to any value of an actuator's range lies within these two, and is small
-        enough for floats near it to have fractions."""
+        """True if the raw integer nearest to any value of an actuator's range lies within `least` and `greatest`, and
+        is small enough that floats near it have fractions."""
         rates = (wire.item._slew_rate for wire in wires)
         self.rate = np.array([inf if rate is None else rate for rate in rates], float)
-        """The largest rate of an actuator in units per s; infinite: it is not limited."""
+        """The largest rate of an actuator in units per s; infinite if it is not limited."""
         values = (wire.item._default_value() if isinstance(wire.item, Actuator) else nan for wire in wires)
         self.defaults = np.array(list(values), float)
-        """The default of an actuator."""
+        """The default of each actuator."""
         self.default_raws = np.array([raw or 0 for raw in default_raws], np.int64)
-        """Raw integer of the default."""
+        """The raw integer of each default."""
         self.linearizations: list[Linearization | None] = [wire.linearization for wire in wires]
 
 
@@ -116,34 +116,34 @@ class Block:
         self.driver = driver
         self.channels = channels
         self.part = part
-        """Number of the part with a rate of its own (`Wired.rates`) to which its objects belong; below 0: to none."""
+        """Number of the part with a rate of its own (`Wired.rates`) to which its objects belong; below 0 if to none."""
         self.start = start
         self.stop = start + len(channels)
         self.slots = slice(start, self.stop)
         self.count = len(channels)
         self.raws = raws
         self.buffer = self.raws.view()
-        """Array that the driver is given: of inputs to fill, of outputs to read."""
+        """Array for the driver's transfer, which fills it for inputs and reads it for outputs."""
         self.buffer.flags.writeable = inputs
         self.view = self.buffer.data
-        """The same as a memoryview: between two of these a copy takes a third of numpy's time."""
+        """The same array as a memoryview; between two memoryviews a copy takes a third of numpy's time."""
         self.unread = np.full(self.count, UNREAD).data
         """Inputs: contents of the buffer before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.unwatched: Callable[[Any, IntArray], None]
-        """The same without a watch around it."""
+        """The same transfer without a watch around it."""
         self.was_moved: Callable[[int], object] | None = None
         """Called with the duration in ns of a transfer that was not made by `transfer`."""
         self.convert: Callable[[float], Sequence[tuple[int, float]]]
         """Inputs: takes the buffer to raws, values and, with the time given in s, times of the image. If any values are
         out of bounds, their (slot, value) pairs are returned and not kept, and the times are left to the caller."""
         self.give: Callable[[float, float], None]
-        """Outputs: fills the buffer with what is to be sent: what is pending, at the time given in s, as far as rates
-        allow in the time of this period, in s (0: since the last step)."""
+        """Outputs: fills the buffer with the pending values, limited by the slew rates; called with the time in s, and
+        the duration of this period in s (0 means since the last step)."""
         self.commit: Callable[[float], None]
-        """Outputs: what was given is at the hardware since the time given in s."""
+        """Outputs: note that the hardware has accepted the buffer at the given time in s."""
         self.conditioned: Any = None
-        """Inputs: the conversion by `umo.cycle.conditioning`; None: no sensor of the block is conditioned."""
+        """Inputs: the conversion by `umo.cycle.conditioning`, or None if no sensor of the block is conditioned."""
         self.unsettled: set[int] = set()
-        """Slots whose quality differs from the normal one: one set, which is never replaced."""
+        """Slots whose quality differs from the normal one, as one set that is never replaced."""

@@ -3,8 +3,8 @@
     source, range, interlock, expiry, then the image
 
 The object itself checks the range first. Only writes to actuators that are marked in the column `restrictions` come
-here: the claims (`claim_table.py`) own it, and say whether a write is taken. All other writes go straight into the
-image. The image limits the rate.
+here: the claims (`claim_table.py`) set this column, and decide whether a write is accepted. All other writes go
+straight into the image. The image limits the rate.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class CommandStage:
         self._by_slot = claims.by_slot
         self._watching: list[WriteWatch] = []
         self.noted: set[int] | None = None
-        """The actuators that were written since `note_writes`; None: they are not noted."""
+        """The actuators that were written since `note_writes`, or None if they are not noted."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """Handle a write within the range. Return True if the image accepts it, False if the actuator is inhibited."""
@@ -79,12 +79,12 @@ class CommandStage:
             return False
 
     def note_writes(self, yes: bool) -> None:
-        """Note in `noted` which actuators are written, by whomever; or no longer."""
+        """Start, or stop, to note in `noted` which actuators are written."""
         self.noted = set() if yes else None
         self._ask()
 
     def rest(self, slot: int) -> None:
-        """The actuator goes to its default."""
+        """Bring the actuator to its default."""
         if slot in self._by_slot:
             self._by_slot[slot].written = None
         if self._watching:
@@ -96,7 +96,7 @@ class CommandStage:
             _, error = attempt(watch, slot, value, source.value, taken)
             if error is not None:
                 self._watching.remove(watch)
-                text = f"a function that is told of writes has failed, and is called no more: {error.text}"
+                text = f"a function that observes writes has failed, and is no longer called: {error.text}"
                 self._image.events.add(Event(self._image.clock.now, "", text), logged=True)
 
     def watch(self, call: WriteWatch) -> None:

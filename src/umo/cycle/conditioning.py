@@ -1,8 +1,8 @@
 """Conditioning of sensors: rollover of a counter, filter, velocity, debounce.
 
-It happens where raw integers become values. It computes with the times of the readings, so it is correct after missed
-ticks, at any rate, and for a driver off the cycle. What was not read changes nothing. The raw integers stay those of
-the circuit."""
+It takes place when raw integers become values. It computes with the times of the readings, so it is correct after
+missed ticks, at any rate, and for a driver off the cycle. A missing reading changes nothing. The raw integers stay
+those of the circuit."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Conditioner:
     """The conditioning of one sensor."""
 
     velocity = 0.0
-    """Units per s; 0 before the second reading."""
+    """The velocity in units per s; 0 before the second reading."""
 
     def begin(self) -> None:
-        """The next reading is the first one: its circuit was initialised."""
+        """Start again with the next reading, because the circuit was initialised."""
 
     def count_of(self, raw: int) -> int:
-        """The raw integer, of a counter that rolls over its continuous count."""
+        """Return the raw integer, or the continuous count of a counter that rolls over."""
         return raw
 
     @property
@@ -42,19 +42,19 @@ class Conditioner:
         return value
 
     def value_of(self, value: float, time: float) -> float:
-        """The value of a reading within the range. A filter passes nothing on of a second one of the same time."""
+        """The value of a reading within the range. A filter ignores a second reading at the same time."""
         return value
 
     def shift(self, distance: float) -> None:
-        """The zero offset has changed by this distance."""
+        """Note that the zero offset has changed by this distance."""
 
     def leave(self) -> None:
-        """A reading out of the range is shown unfiltered; the filter starts again with the next one."""
+        """Leave the range: the reading is shown unfiltered, and the filter starts again with the next one."""
 
 
 class NumberConditioner(Conditioner):
     def __init__(self, sensor: Atomic, bits: int) -> None:
-        """`bits`: the width of the counter; 0: it does not roll over."""
+        """`bits`: the width of the counter, or 0 if it does not roll over."""
         self._filter, self._velocity_filter = sensor._filter, sensor._velocity
         self._half = 1 << bits >> 1
         self._no_readings()
@@ -149,7 +149,7 @@ def conditioner_of(wire: Wire) -> Conditioner | None:
 
 
 class ConditionedInputs:
-    """The conversion of a block with sensors that are conditioned. `refused` says whether a raw integer stands for an
+    """The conversion of a block with sensors that are conditioned. `refused` returns whether a raw integer means an
     invalid reading."""
 
     def __init__(
@@ -163,7 +163,7 @@ class ConditionedInputs:
         self._refused = refused
         self._each = [(slot - block.start, slot, conditioners[slot]) for slot in conditioners]
         self.stamps: FloatArray | None = None
-        """The times in s of the readings, NaN for none yet; None: all are of the time of the call."""
+        """The times in s of the readings, NaN for none yet; None means that all are of the time of the call."""
 
     def convert(self, now: float) -> Sequence[tuple[int, float]]:
         """Convert as `Block.convert`."""

@@ -74,11 +74,12 @@ class connect(Generic[C]):
         self._acknowledge = acknowledge
         self.stop = StopFlag()
         self.on_step: Callable[[], object] = lambda: None
-        """Function that is called before every call of a driver while connecting and disconnecting: a sign of life."""
+        """Function that is called before every call of a driver while connecting and disconnecting, as a sign of
+        life."""
         self.pause: Callable[[float], object] = time.sleep
         """The function that waits (in s) before the second reset."""
         self.reached = True
-        """True if every initialised actuator is at its default, as far as is known."""
+        """True if every initialised actuator is at its default, as far as known."""
         self.reports: dict[str, Mapping[str, Any]] = {}
         """Reports of the drivers on their circuits or plants (`Reports.report`), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
@@ -89,7 +90,7 @@ class connect(Generic[C]):
         """The states of capabilities at the end of the last run, by their names, such as the states of `alarms` by
         path."""
         self.not_restored: dict[str, str] = {}
-        """The kept values that were not taken, by path: why, as text. Each of these numbers has its default."""
+        """The reasons why kept values were not taken, by path. Each of these numbers has its default."""
         self.laid_out: Callable[[ConnectedMachine], object] = lambda machine: None
         """Function that is called when the machine has its parameters, its kept values and its laws; no device is open
         yet."""
@@ -100,7 +101,7 @@ class connect(Generic[C]):
         self.seed = 0
         """Seed of the machine's random numbers (`m.cycle.random`)."""
         self.device_claim: DeviceClaim | None = None
-        """The owner of the devices, if not the connection itself."""
+        """The owner of the devices, if it is not the connection itself."""
         self.wired: Wired
         self.machine: ConnectedMachine
         self._restore = ExitStack()
@@ -126,7 +127,7 @@ class connect(Generic[C]):
             device_claim.hold.release()
 
     def driver(self, name: str) -> Any:
-        """The open driver of that name in the wiring, of the class that the wiring names."""
+        """The open driver with this name in the wiring, of the class that the wiring names."""
         return bare(self.wired.drivers[name])
 
     def __enter__(self) -> C:

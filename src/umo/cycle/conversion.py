@@ -2,8 +2,8 @@
 
 Inputs: raw integers to values, after their transfer. Outputs: pending values to raw integers, before their transfer.
 
-By the extension in C where it is built, and inputs have no linearization of the user's own, outputs none at all;
-otherwise by numpy. Tests prove the two equal to the bit.
+The extension in C does it if it is built, and if inputs have no user-defined linearization and outputs have none;
+otherwise numpy does it. Tests prove that both give the same bits.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray, to_raws, to_steps, to_values
 
 extension: Any = None
-"""The extension in C; None: it was not built, and numpy does its work."""
+"""The extension in C, or None if it was not built, and numpy does its work."""
 with suppress(ImportError):
     extension = import_module("umo.cycle._columns")
 ROUND_TO_EVEN = 1.5 * 2.0**52
-"""Constant that rounds: the sum of it and a float below 2**51 is rounded half to even; the difference of the bits of
-sum and constant is the integer. This takes a fifth of the time of numpy's rint and its conversion to integers."""
+"""Constant for rounding: its sum with a float below 2**51 is rounded half to even; the difference of the bits of sum
+and constant is the integer. This takes a fifth of the time of numpy's rint and its conversion to integers."""
 
 
 def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mapping[int, Sequence[int]]) -> None:
     """Set `convert` of an input block, also after a change of its scales. `hidden` gives, by raw integer, the places in
-    the block where it is an invalid reading although it lies within the range."""
+    the block at which it is an invalid reading although it is within the range."""
     slots = block.slots
     linearizations = Linearizations(scales.linearizations[slots])
     curves = linearizations.in_c
@@ -68,7 +68,7 @@ def _views(block: Block, *columns: FloatArray | IntArray) -> tuple[memoryview, .
 
 
 class Inputs:
-    """One block of inputs, converted by numpy. (Arguments by position: a call takes half the time of one with
+    """One block of inputs, converted by numpy. (Arguments by position: such a call takes half the time of a call with
     names.)"""
 
     def __init__(

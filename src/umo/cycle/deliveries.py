@@ -1,9 +1,9 @@
-"""The actuators of the image: what happens to one, and how what is pending of it reaches its device.
+"""The actuators of the image: what happens to them, and how their pending values reach the device.
 
 Each actuator has one delivery, chosen when it is connected:
 
-WithPeriod   a synchronous actuator: every `update` sends what is pending
-AtOnce       an asynchronous one: a write sends it, and nothing else does
+WithPeriod   a synchronous actuator: every `update` sends the pending value
+AtOnce       an asynchronous one: only a write sends it
 Posted       a synchronous one of a driver off the cycle: the period posts it, the device confirms it later
 Ordered      an asynchronous one of a driver off the cycle: a write orders it, the device confirms it later
 """
@@ -22,12 +22,13 @@ from umo.wiring.wired import Wired
 
 
 class ImageOutputs(Slots):
-    """The slots of a machine's objects, with what happens to the actuators among them."""
+    """The slots of a machine's objects, and the operations on the actuators among them."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
         self.owed: set[int] = set()
-        """Asynchronous actuators whose default the device did not accept: it is sent in every period until it does."""
+        """Asynchronous actuators whose default the device did not accept: it is sent in every period until it is
+        accepted."""
         self.unconfirmed: dict[int, float] = {}
         """Actuators with on_error="retry" whose pending value was not confirmed, with the time in s of the first
         attempt. While they are STALE, it is sent again in every period."""
@@ -38,12 +39,12 @@ class ImageOutputs(Slots):
         """Function that is called for each actuator whose pending value must be sent in this period."""
 
     def set_default(self, slot: int) -> None:
-        """Its default is pending."""
+        """Make the default of an actuator pending."""
         self.pending[slot] = self._defaults[slot]
         self.does_not_wait(slot)
 
     def is_at_default(self, slot: int) -> bool:
-        """True if its default is pending."""
+        """True if the default of an actuator is pending."""
         return bool(self.pending[slot] == self._defaults[slot])
 
     def _give_default(self, slot: int) -> None:
@@ -78,7 +79,7 @@ class ImageOutputs(Slots):
             self._has_failed(slot, cause, failures)
 
     def unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
-        """The pending value has no raw integer."""
+        """Note that the pending value has no raw integer."""
         self._has_failed(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _has_failed(self, slot: int, cause: str, failures: list[Failure]) -> None:
@@ -88,17 +89,17 @@ class ImageOutputs(Slots):
 
 
 class WithPeriod:
-    """Outputs of which every `update` sends the pending values, whether written or not."""
+    """Delivery of outputs whose pending values are sent by every `update`, whether written or not."""
 
     at_once: ClassVar[bool] = False
-    """True if a write sends it."""
+    """True if a write sends the value immediately."""
 
     def __init__(self, image: ImageOutputs) -> None:
         self._image = image
         self._items: Any = image.items
 
     def written(self, slot: int) -> list[Failure]:
-        """A value was accepted, or the default must be sent: send it if no `update` will. Returns the failures."""
+        """Send an accepted value or the default, if no `update` will send it. Returns the failures."""
         return []
 
     def accepted(self, slot: int) -> None:
@@ -109,8 +110,8 @@ class WithPeriod:
         """Note that the device did not accept the pending value."""
 
     def is_sent_again(self, slot: int) -> bool:
-        """True if what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
-        not known whether the device answers, it was not tried."""
+        """True if an unconfirmed value is sent again in the next period, and has not failed yet. If it is not known
+        whether the device answers, it was not tried."""
         image = self._image
         away, driver = image.transfer.callees.away, image.wires[slot].driver
         return self._is_within(slot, image.times[slot]) or away.is_unknown(driver)
@@ -121,15 +122,16 @@ class WithPeriod:
         return max_age is not None and bool(self._image.clock.now - since <= max_age)
 
     def survives(self, slot: int) -> bool:
-        """True if it gets its pending value after its device was away and has been initialised again."""
+        """True if the actuator gets its pending value after its device was away and has been initialised again."""
         return True
 
     def goes_on(self, slot: int) -> None:
-        """Note that its device has been initialised again and gets the pending value."""
+        """Note that the device has been initialised again, and gets the pending value."""
 
 
 class AtOnce(WithPeriod):
-    """A write sends it. A default that was not accepted is owed, and sent in every period until it is."""
+    """Delivery of outputs that are sent by a write. A default that was not accepted is sent in every period until it
+    is."""
 
     at_once = True
 

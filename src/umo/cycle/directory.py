@@ -1,4 +1,5 @@
-"""The directory of a connected machine: what clients, frames and pages look up by its path. It moves nothing."""
+"""The directory of a connected machine: all that clients, frames and pages look up by path. It does not call
+drivers."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from umo.objects import Action, Actuator, Compound, actions_of, numbers_of, walk
 from umo.objects.laws import has_loops, laws_in
 
 DATA = ("builtins", "numpy")
-"""Modules whose objects are not laws, but data of a law that only the law may use."""
+"""Modules whose objects are not laws, but data that only their law may use."""
 
 
 class MotionAxis(Protocol):
@@ -22,7 +23,7 @@ class MotionAxis(Protocol):
     def _path(self) -> str: ...
 
     def shown_state(self) -> int:
-        """Return its state for frames, as the number of one of its states. It raises nothing."""
+        """Return its state for frames, as the number of one of its states. It must not raise an error."""
 
     def describe_axis(self) -> Mapping[str, Any]:
         """Its path, states, position, limits and actions, as plain data."""
@@ -58,14 +59,14 @@ class Directory:
     def __init__(self, root: Compound) -> None:
         self._root = root
         self.numbers = numbers_of(root)
-        """Its numbers, by path."""
+        """The numbers of the machine, by path."""
         self.kept = {path: kept_kind(each) for path, each in self.numbers.items() if each.declared.kept}
-        """The values that are kept over a restart, by path: the type as plain data."""
+        """The values that are kept over a restart, by path, each with its type as plain data."""
         self.tunables = {path: each for path, each in self.numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.axes = axes_in(root)
         self.units: list[Any] = []
-        """The laws that are states of a part, set by `umo.operation.supervisors`."""
+        """The laws that implement the states of a part, set by `umo.operation.supervisors`."""
         self._laws = [each for each in laws_in(root) if type(each[2]).__module__ not in DATA]
         self.laws = [each for each in self._laws if has_loops(each[2])]
         """Its laws with loops, each with the compound that has it and its path."""
@@ -76,7 +77,7 @@ class Directory:
         return actions_of(self._root)
 
     def action_at(self, path: str) -> Action | None:
-        """An action by its path, also one on a loop. PathError for one on no law."""
+        """An action by its path, also one on a loop. PathError if it names no law."""
         return self.actions.get(path) or self.loops.action(path)
 
     @cached_property
@@ -90,7 +91,7 @@ class Directory:
         return dict(self.having("choose", "next", "describe"))
 
     def having(self, *names: str) -> list[tuple[str, Any]]:
-        """Its laws whose class has all of these methods, each with its path."""
+        """The laws whose class has all of these methods, each with its path."""
         found = ((path, law, type(law)) for _, path, law in self._laws)
         return [(path, law) for path, law, kind in found if all(callable(getattr(kind, each, None)) for each in names)]
 

@@ -1,10 +1,10 @@
 """Drivers that are away: their devices do not answer, and no call waits for them while the machine runs.
 
 After a call that timed out a stand-in replaces its driver: every call fails immediately. Before each period the devices
-are looked for (`Looks.look`, which never waits), at growing intervals. One that answers is initialised again if it was
-away for long, and tried: the first call that succeeds ends the absence. Another failure of a whole transfer lets the
-driver be looked for before the next period; until then it is called as ever. When which of this is done is decided in
-`umo.drivers.absence`. (docs/decisions/0030 and 0098)
+are looked for (`Looks.look`, which never waits), at growing intervals. A device that answers is initialised again if it
+was away for long, and then called: the first call that succeeds ends the absence. After another kind of failure of a
+whole transfer, the device is looked for before the next period; until then it is called as usual. The decisions are
+made in `umo.drivers.absence`. (docs/decisions/0030 and 0098)
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ class DriverAway:
         self.absence = Absence(ON_CYCLE, answers_for_device(driver))
         self.cause = ""
         self.defaulted: dict[str, None] = {}
-        """The actuators that this has brought to their defaults, where they stay."""
+        """The actuators that the absence has brought to their defaults, where they stay."""
         self.judged = self.told = False
-        """True if it has lasted long enough for an event; whether it had one, so that its end gets one."""
+        """True if the absence has lasted long enough for an event; and whether it had an event, so that its end has
+        one, too."""
 
     def refusal(self) -> NotCalled:
         return NotCalled(f"it is away: {self.cause}")
@@ -58,8 +59,8 @@ class DriversAway(NobodyAway):
         slots: Mapping[int, Sequence[int]],
         watchdogs: Mapping[str, float],
     ) -> None:
-        """`slots` are those of each driver (by id) in the order in which they are initialised. `path_if_default_kept`
-        is the path of an object that loses its value by this, else ""."""
+        """`slots`: the slots of each driver (by id) in the order of initialisation. `path_if_default_kept` returns the
+        path of an object that loses its value by the initialisation, or ""."""
         self._transfer, self._segments = transfer, segments
         self._clock, self._events = clock, events
         self._path_if_default_kept = path_if_default_kept

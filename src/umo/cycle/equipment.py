@@ -1,8 +1,8 @@
 """Equipment: the parts of a machine that fail alone (the equipment module of ISA-88).
 
-What fails belongs to the innermost equipment around it: an object, a law, a started sequence, a motion. Equipment in
+A failure of an object, a law, a started sequence or a motion belongs to the innermost equipment around it. Equipment in
 fault has its actuators at their defaults, its sequences have ended and its laws are not called; the rest of the machine
-continues. What no declared equipment contains ends the run.
+continues. A failure that no declared equipment contains ends the run.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
 
 CLEANING_UP = "in its cleaning up: "
-"""Words that begin the event of an error in what a fault has ended."""
+"""First words of the event of an error in a sequence or motion that a fault has ended."""
 
 
 class EquipmentState(IntEnum):
@@ -61,7 +61,7 @@ class Equipment:
     """One compound that is declared as equipment."""
 
     number: int
-    """Its place among all: the outer stand before the inner."""
+    """Its place among all equipment: the outer ones precede the inner ones."""
     compound: Compound
     path: str
     slots: list[int]
@@ -73,7 +73,7 @@ class Equipment:
     referenced: frozenset[int]
     """The sensors whose reference is lost when they are initialised."""
     nodes: tuple[int, ...]
-    """The ids of its compound and of all below that."""
+    """The ids of its compound and of all objects below it."""
     in_fault: bool = False
     reason: Callable[[], str] = str
     """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""
@@ -96,11 +96,11 @@ class Equipment:
         self.in_fault, self.reason = False, str
 
     def error(self) -> EquipmentFault:
-        """A new one each time: an error that is raised again keeps the frames of each time."""
+        """Return a new error at each call, because an error that is raised again keeps the frames of each time."""
         return EquipmentFault(self.path, self.reason)
 
     def error_of_this_fault(self) -> Callable[[], EquipmentFault]:
-        """A function that gives the error of the fault as it is now, also when that is cleared."""
+        """Return a function that gives the error of the present fault, even after it is cleared."""
         return partial(EquipmentFault, self.path, self.reason)
 
 
@@ -111,8 +111,8 @@ def equipment_in(root: Compound) -> list[Compound]:
 
 
 class Containment:
-    """The equipment of one connected machine: puts it in fault, and clears it. `is_manual` returns the mode; `changed`
-    is called when equipment enters a fault or is cleared."""
+    """The equipment of one connected machine: puts it into fault, and clears it. `is_manual` returns the mode;
+    `changed` is called when equipment enters a fault or is cleared."""
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class Containment:
         return None if found is None else found.error()
 
     def check_may_begin(self, node: Node) -> None:
-        """Raise the fault of the equipment around an object: nothing is begun there."""
+        """Raise the fault of the equipment around an object, because nothing may begin there."""
         if (found := self._in_fault_around(node)) is not None:
             raise found.error()
 
@@ -190,7 +190,7 @@ class Containment:
     # Into a fault --------------------------------------------------------------------------------------
 
     def failed(self, what: str, failures: Sequence[Failure]) -> None:
-        """Objects have failed: their equipment is in fault. DriverError with those of the machine itself."""
+        """Handle failures of objects: put their equipment into fault. DriverError for objects outside of equipment."""
         own: list[Failure] = []
         contained: dict[Equipment, list[Failure]] = {}
         parent, found = None, None
@@ -207,7 +207,7 @@ class Containment:
             raise DriverError(what, own)
 
     def contain(self, part: Node, error: BaseException) -> bool:
-        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+        """Put the equipment of an object into fault. Return False if no equipment contains it."""
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
@@ -226,8 +226,8 @@ class Containment:
             self._settle_held()
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
-        """A started sequence has failed: the sequence that awaits it gets the error. If nobody in the same equipment
-        does, it is in fault; False if it is the machine itself."""
+        """Handle the failure of a started sequence: the sequence that awaits it gets the error. If no sequence of the
+        same equipment awaits it, put the equipment into fault. Return False if no equipment contains it."""
         if is_interrupt(error):
             return False
         equipment = self.innermost(task.part)
@@ -243,9 +243,9 @@ class Containment:
         return True
 
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
-        """Put equipment in fault, unless it is: from now on its actuators cannot be written, and nothing is started in
-        it. Its actuators are brought to their defaults and what is in progress in it is ended at once, or after
-        `gather` with the others."""
+        """Put equipment into fault, unless it already is: from now on its actuators cannot be written, and nothing is
+        started in it. Its actuators are brought to their defaults and its sequences and motions are ended at once, or,
+        after `gather`, together with the others."""
         for equipment in sorted(reasons, key=attrgetter("number")):  # the outer before the inner
             if not self.is_in_fault(equipment.compound):
                 self._hold(equipment, reasons[equipment])
@@ -291,9 +291,9 @@ class Containment:
     # And back ------------------------------------------------------------------------------------------
 
     def clear(self, part: Node) -> list[str]:
-        """End the faults of the equipment in a part of the machine and around it; their paths. EquipmentFault, and none
-        is cleared, if one of their sensors cannot be read; DriverError if an object cannot be initialised: then its
-        equipment, and what is in that, stays in fault."""
+        """End the faults of the equipment in a part of the machine and around it, and return their paths.
+        EquipmentFault if one of their sensors cannot be read; then none is cleared. DriverError if an object cannot be
+        initialised; then its equipment, and the equipment in it, stays in fault."""
         self._settle_held()
         found = [each for each in self.all if each.in_fault and _concern(each.compound, part)]
         self._read_slow([slot for equipment in found for slot in equipment.slots])
@@ -338,7 +338,7 @@ class Containment:
         transfer = self._image.transfer
         drivers = dict.fromkeys(transfer.wires[slot].driver for slot in equipment.slots)
         names = [transfer.words_of(driver) for driver in drivers if transfer.callees.away.is_away(driver)]
-        return f"; away, and looked for, is: {', '.join(names)}" if names else ""
+        return f"; umo is looking for a device that does not answer: {', '.join(names)}" if names else ""
 
     def _is_unread(self, slot: int) -> bool:
         if self._image.quality[slot] != Quality.BAD:

@@ -1,7 +1,5 @@
-"""Events: what guards, clients and the machine itself did, one after another.
-
-Within a period they are noted as data. They are put into words, logged and shown to others when the outputs of the
-period have been sent (docs/decisions/0060).
+"""Events: actions of guards, clients and the machine itself, in their order. Within a period they are noted as data.
+They are formatted, logged and shown to others when the outputs of the period have been sent (docs/decisions/0060).
 """
 
 from __future__ import annotations
@@ -20,15 +18,15 @@ log = logging.getLogger("umo")
 KEPT_EVENTS = 1000
 """Number of the last events that are kept."""
 LIMIT_COUNT, LIMIT_TIME = 3, 60.0
-"""Largest number of absences of one driver that are recorded within this time in s, each with its end."""
+"""Largest number of absences of one driver that are recorded within this time in s, including their ends."""
 EVENTS_PER_PERIOD = 20
 """Largest number of events and lines of the log in a period, not counting answers to clients: the others follow in the
 next periods."""
 MOST_WAITING = 1000
-"""Number of those that may wait for a later period, beside faults and ends of what is held, which all wait. If there
+"""Largest number of events that may wait for a later period, besides faults and ends of holds, which all wait. If there
 are more, the oldest are left out, and an event has their number."""
 EVENT_TEXT_BYTES = 448
-"""Length of an event's text that others see, bytes of UTF-8."""
+"""Length of an event's text that other processes see, in bytes of UTF-8."""
 END = "end"
 """`Event.asked` of the last event of a run. Its state is DONE (the application has ended), CANCELLED (the run was
 stopped) or FAILED; it has no number of a command."""
@@ -38,7 +36,7 @@ LET_GO = "let go"
 """`Event.asked` for the end of a hold of a client. If several end for one reason, such as the end of the lease, one
 event without a number of a command covers all."""
 FAULT = "fault"
-"""`Event.asked` of the event that equipment, at its path, has come into fault."""
+"""`Event.asked` of the event that the equipment at its path has entered a fault."""
 FAULT_PREFIX = "in fault: "
 """Beginning of the text of this event; the reason follows."""
 FAULT_CLEARED = "fault cleared"
@@ -53,7 +51,7 @@ class CommandState(IntEnum):
     """The state of a command. The numbers are stored in shared memory and keep their meaning."""
 
     NONE = 0
-    """The event is not a command's."""
+    """The event does not belong to a command."""
     BEGUN = 1
     """An action, or a change to automatic mode, has begun; its end has another event. Further events with this state
     have the progress of an action."""
@@ -69,8 +67,8 @@ class CommandState(IntEnum):
 
 
 class EventLimit:
-    """Limits the events of one source: `LIMIT_COUNT` within `LIMIT_TIME`. What flickers does not push all other events
-    out."""
+    """Limits the events of one source: `LIMIT_COUNT` within `LIMIT_TIME`. So a source that changes rapidly does not
+    displace all other events."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=LIMIT_COUNT)
@@ -98,9 +96,9 @@ class Event(NamedTuple):
     time: float
     path: str
     text: str
-    """The words; for a command that has ended its result as JSON, or its error."""
+    """The text; for a command that has ended, its result as JSON, or its error."""
     who: str = ""
-    """The client; empty: the machine itself."""
+    """The client; empty means the machine itself."""
     command: int = 0
     """The number of a client's command, from 1."""
     state: CommandState = CommandState.NONE
@@ -117,7 +115,7 @@ class Note(NamedTuple):
     """Something that has happened and is not an event yet."""
 
     event: Event | Callable[[], Event | str]
-    """The event; or a function that puts it into words, or a line that is only logged."""
+    """The event, a function that formats it, or a line that is only logged."""
     logged: bool
     is_answer: bool
     """True if it becomes an event in its period."""
@@ -145,14 +143,14 @@ class Events(Sequence[Event]):
         """Number of events as text so far."""
 
     def add(self, event: Event | Callable[[], Event], *, logged: bool = False, needed: bool = False) -> None:
-        """Note an event, or a function that makes it later. `logged`: the log has it too, as a warning; `needed`: it is
-        never left out, like the answers to clients."""
+        """Note an event, or a function that makes it later. `logged`: also write it to the log, as a warning. `needed`:
+        never leave it out, like the answers to clients."""
         self.untold = True
         is_answer = isinstance(event, Event) and event.command > 0
         self._noted.append(Note(event, logged, is_answer, needed))
 
     def log(self, line: Callable[[], str]) -> None:
-        """Note a warning for the log alone; the function puts it into words later."""
+        """Note a warning for the log only; the function formats it later."""
         self.untold = True
         self._noted.append(Note(line, True, False, False))
 
@@ -249,7 +247,7 @@ class Events(Sequence[Event]):
 
 
 class Paths(Sequence[str]):
-    """The paths of objects, each made when it is asked for."""
+    """The paths of objects, each made when it is read."""
 
     def __init__(self, items: Sequence[Node], places: Sequence[int]) -> None:
         """`places`: the indices of these objects among the items."""
@@ -269,7 +267,7 @@ class Paths(Sequence[str]):
 
     @property
     def around(self) -> str:
-        """The path of the compound that is nearest around all of them; "": the machine."""
+        """The path of the compound that most closely contains all of them; "" means the machine."""
         compounds = {id(parent): parent for place in self._places if (parent := self._items[place]._parent)}
         common: list[Node] = []
         for number, compound in enumerate(compounds.values()):

@@ -23,7 +23,7 @@ class EquipmentFaultRecord:
     """Time in s on the cycle's clock at which the equipment came into fault."""
     reason: str
     cleared: float | None = None
-    """Time in s at which the fault was cleared; None: it was not."""
+    """Time in s at which the fault was cleared, or None if it was not."""
 
     def __str__(self) -> str:
         if self.cleared is None:
@@ -43,11 +43,11 @@ class MistakeRecord:
 
 
 class FaultLog:
-    """Counts the faults, and keeps the last ones; and the first mistakes."""
+    """Counts the faults, and keeps the last faults and the first mistakes."""
 
     def __init__(self) -> None:
         self.number = 0
-        """Number of faults in all."""
+        """Total number of faults."""
         self.last: deque[EquipmentFaultRecord] = deque(maxlen=KEPT_FAULTS)
         self.standing: dict[str, EquipmentFaultRecord] = {}
         """Faults that were not cleared, by the path of the equipment."""
@@ -70,7 +70,7 @@ class FaultLog:
             self.mistakes.append(MistakeRecord(event.path, event.time, event.text))
 
     def add_new(self, events: Events) -> None:
-        """The events of a machine in this process that were not added yet, as far as they are kept."""
+        """Add the new events of a machine in this process, as far as they are kept."""
         if events.told == self.next and not events.untold:
             return
         if new := events.number - self.next:

@@ -23,7 +23,7 @@ class Signal(NamedTuple):
     owner: Any
     name: str
     states: Mapping[int, str] = MappingProxyType({})
-    """Names of its values by number, where it is a named value; empty: it is a plain number."""
+    """Names of its values by number, or empty if it is a plain number."""
 
 
 class _Numbered:
@@ -91,7 +91,7 @@ class Frame:
         return self._signal_values
 
     def renew(self) -> None:
-        """Another period is shown."""
+        """Prepare for another period."""
         self._signal_values = None
 
 

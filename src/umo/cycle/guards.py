@@ -100,12 +100,12 @@ class Guards:
         return found
 
     def expire(self) -> None:
-        """Before outputs are sent that have waited for the tick: replace an expired command by the default."""
+        """Replace expired commands by the defaults, before outputs are sent that have waited for the tick."""
         self._expired({command.slot for command in self._expiring if not command.synchronous})
 
     def free(self, faults: Sequence[Inhibition]) -> None:
-        """The actuators of these equipments may be written again, unless an interlock inhibits them; an interlock that
-        began during the fault gets its event now."""
+        """Allow writes to the actuators of cleared equipment again, unless an interlock inhibits them. An interlock
+        that began during the fault gets its event now."""
         self._claims.free(faults)
         begun: dict[Inhibition, list[int]] = {}
         for slot, each in [key for key in self._untold if not self._is_outranked(key[0])]:

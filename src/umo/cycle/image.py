@@ -1,8 +1,8 @@
-"""The process image: the slots of a connected machine, with what happens to sensors (`readings.py`) and of actuators
+"""The process image: the slots of a connected machine, with the operations on sensors (`readings.py`) and actuators
 (`deliveries.py`), and their way to and from drivers.
 
-Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
-after it (`conversion.py`). What moves goes through the transfer stage. Control code writes directly into the image
+Slots stand in blocks, one for each driver and direction, so that a period is one transfer per block, converted before
+or after it (`conversion.py`). All transfers go through the transfer stage. Control code writes directly into the image
 (`writes.py`), unless the column `restrictions`, which the claims set, requires the command stage.
 """
 
@@ -33,7 +33,7 @@ NO_TICK = -1.0
 
 
 def raise_others(error: BaseException) -> None:
-    """Raise what a driver's call has raised and is not a failure of it, such as a KeyboardInterrupt."""
+    """Raise an exception of a driver's call that is not a failure of the driver, such as a KeyboardInterrupt."""
     if not isinstance(error, FAILURES):
         raise error
 
@@ -46,13 +46,13 @@ class Image(ImageDefaults):
     """The slots of a connected machine, and what moves them."""
 
     writes: ImageWrites | None
-    """The way of what control code writes; None: it stores it by itself."""
+    """The function that control code writes through, or None if control code stores it directly."""
     write: Callable[[int, float], bool]
     before_tick: Callable[[], object] = staticmethod(bool)
     """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
-    """Function that is called with the objects that have failed, and what they should have done. It raises, unless the
-    equipment of all these objects contains their failure."""
+    """Function that is called with the objects that have failed, and with the failed operation. It raises an error,
+    unless the equipment of all these objects contains their failure."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
@@ -60,14 +60,14 @@ class Image(ImageDefaults):
         """The parts that have rates of their own."""
 
     def connect(self, claims: Taken, commands: Gate, writes: ImageWrites | None) -> None:
-        """The objects find their values here from now on."""
+        """Let the objects use this image from now on."""
         self.claims, self.commands, self.writes = claims, commands, writes
         self.write = self._store if writes is None else writes.write
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
     def end(self) -> None:
-        """The machine stops: no period follows."""
+        """Note that the machine stops: no period follows."""
         self.transfer.callees.end_absences()
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
@@ -98,8 +98,8 @@ class Image(ImageDefaults):
         return self.sampled_good
 
     def sample_rest(self, blocks: Sequence[Block], place: int, error: BaseException | None) -> bool:
-        """Read the rest of the blocks: those before this place were transferred in this period; the transfer at this
-        place has raised the error or, without one, is still to come."""
+        """Read the rest of the blocks: those before this place were transferred in this period. The transfer at this
+        place has raised the error, or, without an error, was not made yet."""
         failures: list[Failure] = []
         for block in blocks[:place]:
             self._take(block, self.clock.now, failures)
@@ -142,12 +142,12 @@ class Image(ImageDefaults):
 
     def update(self, blocks: Sequence[Block] | None = None, dt: float | None = None) -> bool:
         """Send the actuators of these blocks, default: of all, written or not since the last period; one transfer each.
-        `dt`: the time in s that a slew rate counts; 0: from the last step. Default: since the last period."""
+        `dt`: the time in s that a slew rate counts; 0 means from the last step. Default: since the last period."""
         return self._send_each(self.outputs if blocks is None else blocks, self.clock.dt if dt is None else dt, [])
 
     def update_rest(self, blocks: Sequence[Block], place: int, error: BaseException | None) -> bool:
-        """Send the rest of the blocks: those before this place were sent in this period; the transfer at this place has
-        raised the error or, without one, is still to come."""
+        """Send the rest of the blocks: those before this place were sent in this period. The transfer at this place has
+        raised the error, or, without an error, was not made yet."""
         failures: list[Failure] = []
         if error is not None:
             raise_others(error)
@@ -178,7 +178,7 @@ class Image(ImageDefaults):
         return not failures
 
     def accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
-        """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
+        """Accept the readings of a block one by one, except those of the slots in `causes`, which failed."""
         self.fail_inputs(causes, failures)
         if len(causes) < block.stop - block.start:
             for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
@@ -216,7 +216,7 @@ class Image(ImageDefaults):
         return value
 
     def not_read(self, slot: int, error: BaseException) -> float:
-        """Reading a sensor from the hardware has raised this: what `read_now` returns."""
+        """Handle an error of reading a sensor from the hardware. Return the value for `read_now`."""
         if isinstance(error, WaitEnded):
             return NO_TICK
         raise_others(error)
@@ -285,8 +285,7 @@ class Image(ImageDefaults):
         return True
 
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """A value within its range was written to an actuator for which the command stage is to be asked; or by a
-        client."""
+        """Handle a write within the range, by a client or to an actuator whose writes the command stage checks."""
         if source is Source.CLIENT and value != self._defaults[slot]:
             self.wires[slot].raw(value)  # a linearization of the user's that raises refuses the command
         if not self.commands.accept(slot, value, source):
@@ -298,15 +297,15 @@ class Image(ImageDefaults):
         return True
 
     def go_on(self, slot: int, value: float) -> bool:
-        """Write a value again that was left before work rested, to be sent in this period. Return True if it was
-        accepted."""
+        """Write a value again that work had left, so that it is sent in this period. Return True if it was accepted."""
         taken = self.command(slot, value)
         self.does_not_wait(slot)
         return taken
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
-        """Many written at once; their ranges were checked. `each` lists the same slots, all synchronous or none.
-        Whether all were taken, and sent where that is at once: an actuator that is inhibited stays as it is."""
+        """Write many actuators at once; their ranges were checked. `each` lists the same slots, which are all
+        synchronous or all asynchronous. Return whether all were accepted, and, if asynchronous, sent. An inhibited
+        actuator is not changed."""
         if self.writes is None:
             if not np.count_nonzero(self.columns.restrictions[slots]):
                 self.columns.pending[slots] = values
@@ -352,7 +351,8 @@ class Image(ImageDefaults):
         send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 
     def give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
-        """Handle them individually. Return the slots that failed: they keep the last sent values."""
+        """Encode the outputs of a block individually. Return the slots that failed, which keep their last sent
+        values."""
         failed = set()
         for slot in slots:
             try:

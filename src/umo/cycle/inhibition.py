@@ -14,7 +14,7 @@ from umo.objects.paths import atoms, walk
 from umo.user_code import briefly, raise_as, told
 
 MAX_RESULT_TEXT = 100
-"""Length of a wrong result of a condition in its message at most, characters."""
+"""Largest length of a wrong result of a condition in its message, in characters."""
 
 
 @dataclass(eq=False)
@@ -28,7 +28,7 @@ class Inhibition:
     reason: str | None = None
     """The reason while it inhibits, or None if it does not."""
     held: bool = False
-    """The last result of its condition."""
+    """The last result of the condition."""
     condition: Callable[[], Any] = field(init=False)
     """The function that is evaluated: the condition of the interlock, or its compiled form."""
     _latched: bool = False
@@ -40,7 +40,8 @@ class Inhibition:
         self._unevaluated = unevaluated(self.interlock)
 
     def ask(self, latch: bool) -> bool:
-        """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""
+        """Evaluate the condition. True if it starts to inhibit now. `latch`: whether a latched interlock stays latched
+        from now on."""
         before, found = self.reason, None
         try:
             holds = self.condition()  # not by `attempt`: there may be a thousand
@@ -57,7 +58,8 @@ class Inhibition:
 
     @property
     def reason_key(self) -> str:
-        """The reason without the cause for which a condition cannot be evaluated: one of a few for each interlock."""
+        """The reason, without the error text if a condition cannot be evaluated, so that each interlock has only a few
+        different ones."""
         return self.reason if self.reason in self._known else self._unevaluated
 
     @property

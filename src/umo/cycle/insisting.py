@@ -1,17 +1,17 @@
-"""What the second signal that asks to stop does, and each one after it: it ends code that does not end by itself.
-
-A signal comes at any moment. The frames of the main thread say where that is:
+"""The second signal that requests a stop, and each further one, ends code that does not end by itself. A signal may
+come at any moment. The frames of the main thread show what it interrupts:
 
 - The user's code (control, a sequence, a condition, an observer, `setup`, a loop of a program) is interrupted at once:
   `Interrupted` is raised in it. The outputs are reset on the way out, as after any error.
 - Code of umo's own, or a call of a driver, within the user's code is left alone; the user's code is interrupted as
   soon as it returns there.
-- A call of a driver, a reset among them, is interrupted only when it hangs: it is still the same call when a signal
-  comes `limit` s after an earlier one. It counts as failed.
-- All else is umo's own and ends by itself.
+- A call of a driver, a reset among them, is interrupted only when it hangs, that is, if the same call is in progress
+  when a signal comes `limit` s after an earlier one. It counts as failed.
+- All other code is umo's own and ends by itself.
 
-Code that passes over `Interrupted` is interrupted again by each signal. After `MAX_RAISED` of them the outputs are
-reset in the midst of that code, and the process ends. Further signals interrupt a hanging call of that reset alone.
+Code that catches `Interrupted` and continues is interrupted again by each signal. After `MAX_RAISED` of them the
+outputs are reset in the middle of that code, and the process ends. Further signals interrupt only a hanging call of
+that reset.
 """
 
 from __future__ import annotations
@@ -37,17 +37,16 @@ from umo.text import COMMAND, LIBRARY, STATIONS, UMO, in_brackets, place_among, 
 CALL_MARGIN = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout, before a signal ends it."""
 SIMULATED_CALL_LIMIT = 0.25
-"""Time in s that a call may take where no driver has a device."""
+"""Time in s that a call may take if no driver has a device."""
 MAX_RAISED = 2
-"""Number of times that code may pass over an `Interrupted`."""
+"""Number of times that code may catch an `Interrupted` and continue."""
 STOPPING, HANDLER = f"{UMO}cycle{os.sep}stopping.py", "_caught"
 """File and name of the handler of signals."""
 LOOPS = ("cycle/run.py", "cycle/connect.py", "objects/presentation/", "plant/twin/")
-"""Files of umo whose functions end by themselves, some once a stop was asked for: what is around them is not
+"""Files of umo whose functions end by themselves, some of them after a stop was requested; code around them is not
 interrupted."""
 ROOMS = ("control", "cycle", "drivers", "objects", "operation", "plant", "testing", "user_code.py", "wiring")
-"""The rooms of umo that the user's code calls while a machine is connected. What others are at work with ends by
-itself."""
+"""The rooms of umo that the user's code calls while a machine is connected. Code of the other rooms ends by itself."""
 DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")
 """Files of umo's drivers."""
 CALLERS = tuple(
@@ -56,7 +55,7 @@ CALLERS = tuple(
 )
 """Files of umo from which drivers are called."""
 INSTALLED = ("numpy", "pint", "typer", "click", "rich", "pydantic", "_pytest", "pluggy", "coverage")
-"""Packages that are installed and have no code of a machine."""
+"""Folders of installed packages, which have no code of a machine."""
 
 
 class Side(Enum):
@@ -67,11 +66,11 @@ class Side(Enum):
     """Python's own code, or a package that does not use machines: it works for its caller."""
     UMO = auto()
     DRIVER = auto()
-    """Umo's drivers."""
+    """Code of umo's drivers."""
     CALLER = auto()
-    """Umo's, where drivers are called."""
+    """Code of umo that calls drivers."""
     LOOP = auto()
-    """Umo's, where a stop is looked for."""
+    """Code of umo that checks for a stop."""
 
 
 @lru_cache(maxsize=4096)
@@ -106,7 +105,7 @@ class MainThreadPlace(NamedTuple):
     code: FrameType | None
     """Frame of the user's code that may be interrupted, or None if there is none."""
     at_once: bool
-    """True if nothing of umo's is in progress within it."""
+    """True if no function of umo is in progress within it."""
     call: FrameType | None
     """The outermost frame of the call of a driver that is in progress, or None if none is."""
 
@@ -156,8 +155,8 @@ def _users(frames: Iterable[FrameType]) -> FrameType | None:
 
 
 def place_within(frame: FrameType | None, until: FrameType | None) -> str:
-    """`control.py:41 in control`: the place in the user's code between a frame and one around it; "" if there is
-    none."""
+    """Return the place in the user's code between a frame and one around it, such as `control.py:41 in control`; "" if
+    there is none."""
     found = []
     while frame is not None:
         found.append((frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name))
@@ -166,14 +165,15 @@ def place_within(frame: FrameType | None, until: FrameType | None) -> str:
 
 
 def call_limit(timeouts: Sequence[float]) -> float:
-    """Time in s after which a call of a driver hangs; `timeouts`: of the drivers that have devices, s."""
+    """Time in s after which a call of a driver counts as hanging. `timeouts`: timeouts in s of the drivers that have
+    devices."""
     return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
 
 
 @contextmanager
 def asked_by_signals(ask: Callable[[], object]) -> Iterator[None]:
-    """Return a context for a program that serves and has no outputs: SIGINT and SIGTERM call `ask` to stop it. A
-    further signal raises `Interrupted` at the present line."""
+    """Return a context for a server program without outputs: SIGINT and SIGTERM call `ask` to stop it. A further signal
+    raises `Interrupted` at the present line."""
     asked = False
 
     def handler(number: int, frame: FrameType | None) -> None:
@@ -191,7 +191,7 @@ class SignalledMachine(NamedTuple):
     """A machine that is connected, as far as a signal concerns it."""
 
     limit: float
-    """Time in s after which a call of one of its drivers hangs."""
+    """Time in s after which a call of one of its drivers counts as hanging."""
     leave: Callable[[], Sequence[str]]
     """Function that brings its outputs to their defaults at once, and returns the paths of those not reached."""
 
@@ -208,8 +208,8 @@ class StopSignals:
         self._is_leaving = False
 
     def begin(self, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
-        """Handle the first signal. Print immediately what is waited for; `machines`: those that further signals end,
-        none if a guardian does."""
+        """Handle the first signal. Print immediately what the stop waits for. `machines`: the machines that further
+        signals end; none if a guardian does that."""
         standing = standing_of(frame)
         self._find_call(standing)
         if not machines:
@@ -223,7 +223,7 @@ class StopSignals:
             say_without_waiting("umo: asked to stop; a second Ctrl-C ends code that does not end by itself")
 
     def insist(self, number: int, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
-        """A further signal has come."""
+        """Handle a further signal."""
         standing, limit = standing_of(frame, self._is_leaving), _limit(machines)
         if standing.call is not None:
             if self._find_call(standing) >= limit:
@@ -266,7 +266,7 @@ def _limit(machines: Sequence[SignalledMachine]) -> float:
 def _tell_call(frame: FrameType | None, call: FrameType, limit: float) -> None:
     """A call of a driver is in progress when a signal comes, and is not ended by it."""
     what = f"a call of a driver is in progress{in_brackets(place_within(frame, call))}"
-    say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
+    say_without_waiting(printable(f"umo: {what}; if it has not ended in {limit:.2g} s, a signal ends it"))
 
 
 def _at(place: str) -> str:
@@ -294,13 +294,14 @@ def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]
             left.append(f"all outputs of a machine ({type(error).__name__})")
     end = f"not reached: {some(left)}" if left else "every actuator is at its default"
     flush()
-    say_without_waiting(printable(f"umo: {what}, and it passes over what ends it; {end}"))
+    say_without_waiting(printable(f"umo: {what}, and it catches the exception that should end it; {end}"))
     os._exit(ExitStatus.UNREACHED if left else 128 + number)
 
 
 def tell_in_a_line() -> None:
     """From now on a program that is ended by `Interrupted` prints one line instead of a traceback, and ends with the
-    status of its signal. It also prints a line for a `__del__` that it has ended, from which no exception can come."""
+    status of its signal. It also prints a line if `Interrupted` has ended a `__del__`, from which no exception can be
+    raised."""
     former = sys.excepthook
     if getattr(former, "tells_interrupted", False):
         return

@@ -1,8 +1,9 @@
 """The journal of a period: transfers of single objects, in order, for an exact replay.
 
-The transfers of the whole machine are not in it: a frame's raw integers say what they moved, and the journal how
-many of its entries came before them. An entry keeps the raw integer that its object had before, so that from a
-frame's raws a reader can go back over the entries to what the transfers moved. What failed has an entry in any case.
+The transfers of the whole machine are not in it: the raw integers of a frame show what they moved, and the journal has
+the number of its entries before them. An entry keeps the raw integer that its object had before, so that a reader can
+compute from a frame's raw integers, backwards over the entries, what the transfers moved. A failure always has an
+entry.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ ENTRIES = np.dtype(
 )
 """The same for many at once."""
 FEW = 16
-"""Number of entries below which one after another is quicker."""
+"""Number of entries below which handling them one by one is quicker."""
 CAPACITY = 4096
-"""Number of entries of one period that are kept, beside one for each object: all may fail in a period."""
+"""Number of entries of one period that are kept, in addition to one for each object, since all may fail in a period."""
 OF_BLOCK = -inf
 """Stands for a time: the object has failed in the transfer of its block, not in one of its own."""
 NO_TRANSFER = -1
@@ -45,15 +46,16 @@ class Kind(IntEnum):
     INTERLOCKED = 7
     INITIALIZE = 8
     ARRIVED = 9
-    """A worker process has brought a reading of its driver; `time` is that of the reading."""
+    """A worker process has delivered a reading of its driver; `time` is the time of the reading."""
     CONFIRMED = 10
-    """A worker process has brought what its device has accepted of an actuator; `time` is that of the transfer. With an
-    error: it has not accepted what it was ordered."""
+    """A worker process has delivered the value that its device accepted for an actuator; `time` is the time of the
+    transfer. With an error, the device has not accepted the ordered value."""
     LOOKED = 11
-    """A driver that is away was looked for; the slot is the first of its objects. `raw` 1: its device answers, 0: it
-    does not, -1: not known yet."""
+    """A driver that is away was looked for; the slot is the first of its objects. `raw` is 1 if its device answers, 0
+    if not, -1 if not known yet."""
     AGAIN = 12
-    """A block is transferred once more in this period; the slot is its first one. What follows says what it moved."""
+    """A block is transferred once more in this period; the slot is its first one. The following entries show what it
+    moved."""
     RENEWED = 13
     """A worker process has initialised its driver's objects again; the slot is the first of them."""
 
@@ -71,14 +73,13 @@ class ErrorKind(IntEnum):
 
     @classmethod
     def of(cls, error: BaseException) -> ErrorKind:
-        """The kind of a call that failed as a whole."""
+        """Return the kind of the failure of a whole call."""
         return cls.TIMEOUT if isinstance(error, TimeoutError) else cls.OTHER
 
 
 class Journal:
-    """The first `capacity` entries of a period; the rest are counted.
-
-    The timer's own reads are not kept: `missed` says the same.
+    """The first `capacity` entries of a period; further ones are only counted. Reads of the timer are not kept, as
+    `missed` has the same information.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -96,9 +97,10 @@ class Journal:
     def add(
         self, slot: int, kind: Kind, raw: int, before: int, error: ErrorKind = ErrorKind.NONE, time: float = nan
     ) -> None:
-        """An object has this raw integer now, and had another one before (the same where nothing moved). Add a failure:
-        `raw` is the value that should have been written, or the last one of a sensor. `time` of what a worker process
-        has brought, in s on the cycle's clock; NaN: it has brought nothing yet; `OF_BLOCK`."""
+        """Add an entry: an object now has the raw integer `raw`, and had another one before, or the same if nothing
+        moved. For a failure `raw` is the value that should have been written, or the last one of a sensor. `time`: the
+        time of a value from a worker process, in s on the cycle's clock; NaN if it has delivered none yet; or
+        `OF_BLOCK`."""
         if self.count == self.capacity:
             self.lost += 1
             return
@@ -114,8 +116,8 @@ class Journal:
         meant: Sequence[int] | None = None,
         time: float = nan,
     ) -> None:
-        """An entry for each of these objects, which keep their raw integers: of the whole machine's those in `raws`.
-        `meant` are those that were to be written."""
+        """Add an entry for each of these objects, which keep their raw integers in `raws` (an array for the whole
+        machine). `meant`: the raw integers that should have been written."""
         if len(slots) < FEW:
             for number, slot in enumerate(slots):
                 before = int(raws[slot])
@@ -150,6 +152,6 @@ class Journal:
         return bytes(memoryview(self.buffer)[: self.count * ENTRY.size])
 
     def clear(self) -> None:
-        """A new period begins."""
+        """Begin a new period."""
         self.count = self.lost = 0
         self.sampled = self.updated = NO_TRANSFER

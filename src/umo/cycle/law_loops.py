@@ -1,7 +1,6 @@
-"""The loops of the laws of a machine, and the experiments of clients on them: actions that no list shows.
-
-They are found when they are asked for. `zones.3.experiment`: the loop may be named by its law (`heating.3`), its sensor
-or actuator, or the compound that it alone is in.
+"""The loops of the laws of a machine, and the experiments of clients on them: actions that appear in no list. They are
+found when they are requested. `zones.3.experiment`: the loop may be named by its law (`heating.3`), its sensor or
+actuator, or the compound that it alone is in.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ class FoundLoop(NamedTuple):
     name: str
     """Its name among `loops` of the law."""
     ends: tuple[Node, ...]
-    """Its sensor and its actuator, if the law knows them."""
+    """Its sensor and its actuator, if the law names them."""
 
 
 class Loops:
-    """The present loops of one machine, by the paths of their compounds. Later ones are found by their own paths, and
-    by the compounds that have them. Nothing is sought when a client asks for one."""
+    """The present loops of one machine, by the paths of their compounds. Loops that are made later are found by their
+    own paths, and by the compounds that have them. A client's request starts no search."""
 
     def __init__(self, root: Compound, laws: Iterable[tuple[Compound, str, Any]]) -> None:
         """`laws`: those of the machine, each with its compound and its path."""
@@ -58,14 +57,14 @@ class Loops:
         return [each.path for each in self._known]
 
     def at(self, place: str) -> FoundLoop:
-        """The loop at this path; PathError names the nearest one, or those among which it does not choose."""
+        """The loop at this path; PathError names the nearest one, or the candidates if several fit."""
         if (named := self._named(place)) is not None:
             return named
         known = self.paths
-        there = f"; there are: {some(known)}" if known else "; the machine has none that can be tuned"
+        there = f"; there are: {some(known)}" if known else "; the machine has no law that can be tuned"
         node = self._objects.get(place)
         if node is None:
-            raise PathError(f"no law {place!r}{did_you_mean(place, known) or there}")
+            raise PathError(f"there is no law {place!r}{did_you_mean(place, known) or there}")
         found = {each.path: each for each in self._around.get(place, ())}
         if len(found) == 1:  # another law may be there since
             found = {path: loop for path in found if (loop := self._named(path)) is not None}

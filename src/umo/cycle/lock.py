@@ -1,4 +1,4 @@
-"""A lock: equipment that several sequences share is used by one at a time."""
+"""A lock, by which one sequence at a time uses equipment that several share."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Lock(AsyncBlock):
         async with self.scale_lock:
             await self.weigh(...)
 
-    First come, first served; one that is paused (`task.paused`: a part that is held) is passed over, and keeps its
-    place. It is given back when the block ends, also by an error or a cancellation; then the first one that waits has
-    it at once. A sequence that is cancelled while it waits leaves the queue. TaskFailed, which names the circle, if the
-    sequence can never get it, because its holder waits for this sequence, directly or through other locks and
+    First come, first served; a paused sequence (`task.paused`, as in a part that is held) is passed over, and keeps its
+    place. The lock is released when the block ends, even by an error or a cancellation; then the first waiting sequence
+    has it at once. A sequence that is cancelled while it waits leaves the queue. TaskFailed, which names the circle, if
+    the sequence can never get it, because its holder waits for this sequence, directly or through other locks and
     sequences.
     """
 
@@ -36,7 +36,7 @@ class Lock(AsyncBlock):
 
     @property
     def holder(self) -> str | None:
-        """The name of the sequence that has it: that of its `async def` function. None: it is free."""
+        """The name of the sequence that has it, which is that of its `async def` function; None if the lock is free."""
         return None if self._owner is None else self._owner.name
 
     @property

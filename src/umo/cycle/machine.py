@@ -1,4 +1,4 @@
-"""The connected machine: what runs of it."""
+"""The running parts of a connected machine."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class ConnectedMachine:
         self.clock: Clock = image.clock
         self.stop = stop
         self.states = states
-        """What its capabilities had at the end of the last run, by their names."""
+        """The states of its capabilities at the end of the last run, by their names."""
         self.is_manual = False
-        """True if somebody operates it by hand, in place of the application."""
+        """True in manual mode, in which clients operate it instead of the application."""
         self.progress = Progress()
         """Its last progress (`Cycle.progress`)."""
         self.result_so_far: Any = None
@@ -67,13 +67,14 @@ class ConnectedMachine:
         self.equipment = Containment(root, image, self.claims, guards, lambda: self.is_manual, self._equipment_changed)
         self.sequences = Sequences(self.equipment)
         self.at_work = self.sequences
-        """The sequences that what is started at this moment joins: the application's, or those of an action."""
+        """The group of sequences that a sequence joins if it is started now: those of the application, or of an
+        action."""
         self.piling_up = PilingUp()
-        """Sequences of one part that are started faster than they end."""
+        """Detects sequences of one part that are started faster than they end."""
         self.under_way = ActiveWork(self.equipment, self.sequences)
-        """What a fault of equipment ends, and a stop."""
+        """The work that a fault of equipment, or a stop, ends."""
         self.facts: list[Callable[[], Mapping[str, str]]] = []
-        """Give facts of the run as text, by their names."""
+        """Functions that return facts of the run as text, by their names."""
         self.events: Events = image.events
         """The last 1,000 actions of guards and clients."""
         self.random = Random(0)
@@ -82,14 +83,14 @@ class ConnectedMachine:
         """The slots of each part."""
         self.acting_laws = ActingLaws(root, image, self.equipment, self.sequences.current)
         self.groups = self.acting_laws.groups
-        """What acts at one rate."""
+        """The groups of parts that act at one rate."""
         self.phases = Period(image, guards, self.sequences, self.acting_laws, outputs)
-        """What is called in each period."""
+        """The calls of each period."""
         self.observers = self.phases.observers
-        """Called after every period with its frame."""
+        """Functions that are called after every period with its frame."""
         self.attached: list[Capability] = []
         self.has_begun = False
-        """True if their `begin` was called."""
+        """True if `begin` of the capabilities was called."""
         for each in attached:
             self.attach(each)
         self.phases.bind()
@@ -101,22 +102,24 @@ class ConnectedMachine:
         self.compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
 
     def skip_ticks(self) -> None:
-        """Read the timer before the first period: the ticks until here belong to no period, and none is missed."""
+        """Read the timer before the first period: the ticks until now belong to no period, and do not count as
+        missed."""
         if self.image.timer >= 0:
             self.image.read_now(self.image.timer)
             self.phases.open, self.clock.missed_in_all = False, 0
         self.groups.restart()
 
     def contain_failures(self, yes: bool) -> None:
-        """Set whether equipment contains failures of its objects: between connecting and disconnecting."""
+        """Set whether equipment contains failures of its objects, which it does between connecting and
+        disconnecting."""
         if yes and self.equipment.all:
             self.image.fail = self.equipment.failed
         else:
             vars(self.image).pop("fail", None)
 
     def attach(self, capability: K) -> K:
-        """Attach it. One that is attached after the others adds to `commanding`, `before_laws` and `showing` only: the
-        other phases are bound. To a machine that has begun, its `begin` is called too."""
+        """Attach a capability. After the phases are bound it may add only to `commanding`, `before_laws` and `showing`.
+        If the machine has begun, `begin` of the capability is called, too."""
         capability.attach(self)
         self.attached.append(capability)
         if self.has_begun:
@@ -129,8 +132,8 @@ class ConnectedMachine:
 
     def end(self, *, parts: bool = True) -> None:
         """End the periods: from now on every driver is called again, and each call waits. An error of a capability is
-        reported and does not prevent a reset. `parts`: True to call also those capabilities that are parts of the
-        machine, which are the user's code."""
+        reported and does not prevent a reset. `parts`: whether to call the capabilities that are parts of the machine,
+        too, which are the user's code."""
         self.image.end()
         for each in self.attached:
             if parts or not isinstance(each, Compound):

@@ -1,7 +1,7 @@
-"""The machine, seen from its compounds (`umo.objects.link.Machine`): what `m.cycle` and the calls of a part ask for.
+"""The machine as its compounds see it (`umo.objects.link.Machine`), through `m.cycle` and the calls of a part.
 
-All compounds share one view, whose clock is a plain attribute, as each `m.now` asks for it; in a machine with parts of
-another rate those of one rate (`part_periods.py`).
+All compounds share one view, whose clock is a plain attribute, because each `m.now` reads it. In a machine with parts
+of other rates, the compounds of one rate share a view (`part_periods.py`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class MachineView:
         self.whole = machine
         self.clock, self.period = machine.clock, machine.clock.period
         self.task_clock: Clock | None = None
-        """The clock by which sequences of its compounds take their steps; None: the machine's."""
+        """The clock by which sequences of its compounds take their steps; None means the machine's."""
 
     @property
     def running(self) -> bool:
@@ -132,8 +132,8 @@ class MachineView:
 
 
 def connect_compounds(machine: ConnectedMachine, view_of: Callable[[Node], MachineView] | None = None) -> None:
-    """The root has the calls of the period, each part those of its own. `view_of`: the view of each compound; default:
-    they share one."""
+    """Give the root the calls of the period, and each part its own calls. `view_of`: the view of each compound;
+    default: they share one."""
     period, whole = machine.phases, MachineView(machine)
     view_of = view_of or (lambda part: whole)
     root, *parts = machine.compounds

@@ -1,9 +1,9 @@
 """A sequence that was called and dropped without an `await`: an error in the line that drops it.
 
 Python only prints a warning, by one function for the whole process, and continues. While a machine is connected umo
-replaces that function for the thread of the machine. The error is raised in the innermost code that expects errors of a
-user's code, when its next line is to begin or it returns: so it is a failure of that sequence or law, of its equipment,
-or of the run. An error that is being raised already comes first: a sequence that it drops was not forgotten.
+replaces that function for the thread of the machine. The error is raised in the innermost function that expects errors
+of the user's code, at its next line or when it returns, so that it is a failure of that sequence or law, of its
+equipment, or of the run. If an error is already being raised, a sequence that it drops is not reported.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ _ADVANCING: set[CodeType] = set()
 
 
 def expects_errors(function: Raising) -> Raising:
-    """Decorator of a function of umo that calls code of the user's: its callers know what to do with the errors."""
+    """Decorator for a function of umo that calls the user's code, and whose callers handle its errors."""
     _EXPECTING.add(function.__code__)
     return function
 
 
 def advances(function: Raising) -> Raising:
-    """Decorator of the function of umo in which a sequence takes a step. What it raises itself would not be understood:
-    its caller expects the errors."""
+    """Decorator for the function of umo in which a sequence takes a step. The error must be raised in its caller, which
+    handles it."""
     _ADVANCING.add(function.__code__)
     return function
 
@@ -195,7 +195,8 @@ def _close_given(coroutine: Any) -> None:
 
 
 def hear() -> Callable[[], None]:
-    """From now on it is an error if this thread awaits a sequence nowhere. Returns the function that ends this."""
+    """From now on, raise an error if a sequence of this thread is never awaited. Returns the function that ends
+    this."""
     thread = get_ident()
     _WATCH.begin(thread)
     return partial(_WATCH.end, thread)
@@ -203,7 +204,7 @@ def hear() -> Callable[[], None]:
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """The same for a block."""
+    """The same for a `with` block."""
     end = hear()
     try:
         yield

@@ -1,9 +1,9 @@
-"""What a machine has to do with its drivers off the cycle (`umo.drivers.off_cycle`).
+"""The connection of a machine with its drivers off the cycle (`umo.drivers.off_cycle`).
 
-Their values arrive at times of their own, each with its stamp: the time at which the transfer began that brought it.
-Age alone decides: a value older than the driver's `max_age` is STALE, one older than twice that has failed, as its
-object's `on_error` says. So one failed transfer of a slow device is not a failure, and whatever a worker process
-suffers, no old value looks fresh. Outputs are posted in each period; `read` gives what the device has confirmed.
+Their values arrive at times of their own, each with its stamp: the time at which its transfer began. Only the age
+counts: a value older than the driver's `max_age` is STALE, one older than twice that has failed, which is handled by
+`on_error` of its object. So one failed transfer of a slow device is not a failure, and an old value never looks fresh,
+whatever happens to the worker process. Outputs are posted in each period; `read` gives what the device has confirmed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class WorkerLink:
     def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
         self.driver = driver
         self.path = f"driver {name}"
-        """What its events are of."""
+        """The path of its events."""
         slots = [slot for slot, wire in enumerate(image.wires) if wire.driver is driver]
         self.place = {slot: driver.exchange.place[image.wires[slot].channel.text] for slot in slots}
         """The place of each slot's channel."""
@@ -59,21 +59,21 @@ class WorkerLink:
         self.arrived = -1
         """The count of transfers up to which the image has taken the values."""
         self.rows = driver.exchange.arrivals.read()[1]
-        """What was taken last."""
+        """The rows that were taken last."""
         self.until = -np.inf
         """Time in s up to which no value becomes too old."""
         self.stamps = np.full(len(driver.exchange.channels), NO_TIME)
         self.times: FloatArray = np.full(len(self.stamps), np.nan)
         """Time of each channel's value in s on the cycle's clock, by place."""
         self.awaited: dict[int, tuple[int, float]] = {}
-        """Asynchronous actuators whose last order is not carried out yet: its number, and the time in s of the first
-        one that was not."""
+        """Asynchronous actuators with an order that is not carried out yet: the number of the last order, and the time
+        in s of the first pending one."""
         self.told_away = False
-        """True if it counts as away, or as not written, since no value came for long."""
+        """True if the driver counts as away, or as not written, because no value has arrived for long."""
         self.tells_end = False
-        """True if that had an event, so that its end must have one."""
+        """True if this had an event, so that its end must have one, too."""
         self.told_again = False
-        """True if an initialisation had an event since then."""
+        """True if an initialisation has had an event since then."""
         self.limits = {text: EventLimit() for text in ("away", "initialised")}
         self.last = np.zeros(len(self.stamps))
         """Time in s at which a value of each channel was taken last, by place."""
@@ -128,7 +128,7 @@ class OffCycleDrivers(Capability):
         return NO_TIME if self._faults.clock is None else self._machine_ns()
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """Before the wait for the next tick there is time for what these drivers exchange: it delays no output."""
+        """Add the exchange with these drivers before the wait for the next tick, where it delays no output."""
         period = machine.phases
         timer = self._image.timer >= 0
         (period.before_tick if timer else period.receiving).append(self._exchange)
@@ -136,7 +136,7 @@ class OffCycleDrivers(Capability):
         period.before_send.append(self._note_sent)
 
     def begin(self) -> None:
-        """From now on no call of these drivers waits."""
+        """Called at the beginning: from now on no call of these drivers waits."""
         for link in self._links:
             self._image.segments.on_call()
             link.driver.begin()
@@ -144,7 +144,7 @@ class OffCycleDrivers(Capability):
         self._exchange()
 
     def end(self) -> None:
-        """The machine stops: each call is made, and waits."""
+        """Called when the machine stops: each call is made, and waits."""
         for link in self._links:
             link.driver.end()
 
@@ -381,7 +381,7 @@ class OffCycleDrivers(Capability):
             self._set_stale(slot)
 
     def confirms_later(self, slot: int) -> bool:
-        """While the machine runs a write is accepted when the device has confirmed it."""
+        """True while the machine runs: a write is accepted when the device has confirmed it."""
         return self._remote_of[slot].driver.running and not self._beginning
 
     def order(self, slot: int) -> None:
@@ -396,7 +396,7 @@ class OffCycleDrivers(Capability):
 
 
 class Posted(WithPeriod):
-    """The period posts it, and the device confirms it later."""
+    """Delivery of an actuator whose value the period posts and the device confirms later."""
 
     def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
         super().__init__(image)
@@ -407,14 +407,14 @@ class Posted(WithPeriod):
             super().accepted(slot)
 
     def goes_on(self, slot: int) -> None:
-        """True if the object may be initialised repeatedly while it accepts nothing else. The pending value of an
-        actuator with "retry" is not confirmed then."""
+        """True if the object may be initialised repeatedly although it accepts no other call. The pending value of an
+        actuator with "retry" is then not confirmed."""
         if self._items[slot]._max_age is not None and not self._image.is_at_default(slot):
             self._image.set_quality(slot, Quality.STALE)
 
 
 class Ordered(AtOnce):
-    """A write orders it, and the device confirms it later."""
+    """Delivery of an actuator whose value a write orders and the device confirms later."""
 
     def __init__(self, drivers: OffCycleDrivers, image: Image) -> None:
         super().__init__(image)

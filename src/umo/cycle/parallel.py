@@ -17,14 +17,14 @@ class First(NamedTuple):
     """The sequence of `first` that ended first."""
 
     number: int
-    """Its place among the sequences given, from 0."""
+    """Its place among the given sequences, from 0."""
     result: Any
 
 
 @adopting
 async def together(*sequences: Routine | link.Task) -> tuple[Any, ...]:
-    """Run sequences in parallel and return their results. The first error cancels the others and is raised. A started
-    sequence, what `cycle.start` returned, may be among them, and is cancelled as the others are."""
+    """Run sequences in parallel and return their results. The first error cancels the others and is raised. A task that
+    `cycle.start` returned may be among them, and is cancelled like the others."""
     own = await own_task("together()")
     tasks = [_task(each, own) for each in sequences]
     running, tick = tasks, None
@@ -45,9 +45,9 @@ async def first(*sequences: Routine | link.Task) -> First:
     """Run sequences in parallel until the first ends; the others are cancelled. Returns which one ended, and its
     result: `number, result = await first(fill(), wait("5 s"))`.
 
-    If two would end in the same period, the one given first counts, and the other one is cancelled before its last
-    step. The first error cancels the others and is raised, also one raised while the others are cancelled. TypeError
-    without a sequence.
+    If two end in the same period, the one given first counts, and the other one is cancelled before its last step. The
+    first error cancels the others and is raised, even one raised while the others are cancelled. TypeError without a
+    sequence.
     """
     if not sequences:
         raise TypeError("first() needs at least one sequence")
@@ -73,8 +73,8 @@ async def unless(condition: Callable[[], bool], sequence: Routine | link.Task) -
     """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
     itself.
 
-    The condition is evaluated at once, when the sequence does not begin if it is true, and then once per period before
-    the sequence's step. An error in the condition cancels the sequence and is raised.
+    The condition is evaluated at once, so that the sequence does not begin if it is true, and then once per period
+    before the sequence's step. An error in the condition cancels the sequence and is raised.
     """
     own = await own_task("unless()")
     task, tick = _task(sequence, own), None

@@ -1,4 +1,5 @@
-"""The periods of parts that have rates of their own, a capability: GROUPS and OWED, and what their compounds see."""
+"""The periods of parts that have rates of their own, as a capability: the phases GROUPS and OWED, and the views of
+their compounds."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from umo.objects import Compound, Node, walk
 
 
 class GroupView(MachineView):
-    """The machine, seen from compounds of one rate. `period` in s: of their laws, which may act on a controller.
+    """The machine as compounds of one rate see it. `period`: that of their laws in s, which may act on a controller.
     Default: the clock's."""
 
     def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
@@ -32,7 +33,7 @@ class GroupView(MachineView):
 
 
 def give_period(machine: ConnectedMachine, part: Compound, period: float) -> None:
-    """The laws of a part act elsewhere, with this period in s, which its compounds see."""
+    """Set the period in s that the compounds of a part see, if its laws act elsewhere."""
     for each in (part, *walk(part)):
         if isinstance(each, Compound):
             vars(each)["_machine"] = GroupView(machine, machine.groups.of(each).clock, period)
@@ -57,7 +58,7 @@ class PartPeriods(Capability):
         self._views = {group.number: GroupView(machine, group.clock) for group in self._groups.all}
 
     def view_of(self, part: Node) -> MachineView:
-        """The machine, seen from a compound: those of one rate share a view."""
+        """Return the view of a compound; the compounds of one rate share it."""
         return self._views[self._groups.of(part).number]
 
     def _read(self) -> bool:
@@ -68,7 +69,7 @@ class PartPeriods(Capability):
 
     @property
     def any_due(self) -> bool:
-        """True if anything of GROUPS and OWED is to be done in this period."""
+        """True if the phases GROUPS or OWED have work in this period."""
         return bool(self._urgent or self._period.settling) or self._groups.any_due
 
     def _carry_out(self) -> bool:

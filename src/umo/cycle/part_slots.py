@@ -1,4 +1,4 @@
-"""The slots of each part of a machine: what `sample`, `update`, `reset` and `acknowledge` of a compound move."""
+"""The slots of each part of a machine: those that `sample`, `update`, `reset` and `acknowledge` of a compound use."""
 
 from __future__ import annotations
 

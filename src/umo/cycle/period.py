@@ -2,8 +2,8 @@
 
 `sample`, `control` and `update` are the interface of programs with loops of their own. In `sample` and `update` a
 DriverError of one phase does not stop the next; one error lists the failures of all. In `control` an error that no
-equipment contains ends the call. What a machine does not have is not called: each machine binds its own calls once.
-Whichever phase writes an actuator: who drives it is decided by the claims (`claim_table`, `umo.objects.claims`).
+equipment contains ends the call. Phases without work are not called: each machine binds its calls once. In every phase
+the claims decide who drives an actuator (`claim_table`, `umo.objects.claims`).
 """
 
 from __future__ import annotations
@@ -27,50 +27,51 @@ T = TypeVar("T")
 
 
 class PeriodPhase(NamedTuple):
-    """A part of each period."""
+    """A phase of each period."""
 
     call: str
     """The call of a program's own loop to which it belongs."""
     name: str
     does: str
     error: str
-    """What an error in it means."""
+    """The consequence of an error in it."""
     where: str
-    """The modules of umo in which it stands."""
+    """The modules of umo that implement it."""
 
 
 TICK, SAMPLE, CONTROL, UPDATE = "timer.read()", "sample()", "control()", "update()"
-CONTAINED = "a fault of its equipment; of the machine: raised"
-LISTED = "a fault of its equipment; of the machine: raised after the other phases of its call"
-UNREAD = f"BAD objects, {LISTED}"
+CONTAINED = "in equipment: a fault of it; elsewhere: raised"
+LISTED = "in equipment: a fault of it; elsewhere: raised after the other phases of its call"
+UNREAD = f"objects become BAD; {LISTED}"
 PHASES = (
     PeriodPhase(TICK, "BEFORE TICK", "finish an unfinished period; exchange with drivers off the cycle", "raised",
         "cycle/off_cycle"),
-    PeriodPhase(TICK, "TICK", "wait; the clock goes on; drivers that are away are looked for", "raised",
+    PeriodPhase(TICK, "TICK", "wait for the tick; advance the clock; look for drivers that are away", "raised",
         "cycle/clock, drivers_away"),
-    PeriodPhase(SAMPLE, "SEND LATE", 'of `outputs = "at next tick"`: expire commands, then send what waits', LISTED,
-        "cycle/guards, image"),
-    PeriodPhase(SAMPLE, "RECEIVE", "judge the ages of what drivers off the cycle have brought", UNREAD,
+    PeriodPhase(SAMPLE, "SEND LATE", 'with `outputs = "at next tick"`: expire commands, send the outputs that wait',
+        LISTED, "cycle/guards, image"),
+    PeriodPhase(SAMPLE, "RECEIVE", "check the ages of the values from drivers off the cycle", UNREAD,
         "cycle/off_cycle"),
-    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the whole; of all groups, where nobody calls `update`", UNREAD,
-        "cycle/image, readings"),
-    PeriodPhase(SAMPLE, "GUARD", "interlocks (a condition that raises holds), expiries, defaults that asynchronous "
-        "actuators owe", LISTED, "cycle/guards, inhibition"),
-    PeriodPhase(CONTROL, "COMMANDS", "what clients ask for, then the laws that look after sequences", CONTAINED,
+    PeriodPhase(SAMPLE, "SAMPLE", "read the sensors of the machine; those of all rates, if nobody calls `update`",
+        UNREAD, "cycle/image, readings"),
+    PeriodPhase(SAMPLE, "GUARD", "evaluate interlocks (a condition that raises holds) and expiries; send the "
+        "defaults that asynchronous actuators still need", LISTED, "cycle/guards, inhibition"),
+    PeriodPhase(CONTROL, "COMMANDS", "carry out commands of clients, then the laws that supervise sequences", CONTAINED,
         "operation/commands, operation/supervisors"),
-    PeriodPhase(CONTROL, "SEQUENCES", "a step of each of the whole", CONTAINED, "cycle/sequences"),
-    PeriodPhase(CONTROL, "LAWS", "those of the whole, a parent's before those of its parts", CONTAINED,
+    PeriodPhase(CONTROL, "SEQUENCES", "advance each sequence of the machine by one step", CONTAINED, "cycle/sequences"),
+    PeriodPhase(CONTROL, "LAWS", "call the laws of the machine, a parent's before those of its parts", CONTAINED,
         "cycle/acting_laws"),
-    PeriodPhase(CONTROL, "SETTLE", "on demand: what nobody is in charge of goes to its default", "raised",
+    PeriodPhase(CONTROL, "SETTLE", "on demand: reset the actuators that nobody drives", "raised",
         "operation/commands/suspension"),
-    PeriodPhase(UPDATE, "SEND", 'the outputs of the whole; only noted with `outputs = "at next tick"`', LISTED,
-        "cycle/image, deliveries"),
-    PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD of all together, then "
-        "SEQUENCES, LAWS and SEND of each, the fastest first", "as in the phase of the whole",
+    PeriodPhase(UPDATE, "SEND", 'send the outputs of the machine; only note them with `outputs = "at next tick"`',
+        LISTED, "cycle/image, deliveries"),
+    PeriodPhase(UPDATE, "GROUPS", "parts with rates of their own that are due: SAMPLE and GUARD for all together, then "
+        "SEQUENCES, LAWS and SEND for each, the fastest first", "as in the same phase of the machine",
         "cycle/rate_groups, part_periods"),
-    PeriodPhase(UPDATE, "OWED", "what does not wait for its group's period", LISTED, "cycle/part_periods"),
-    PeriodPhase(UPDATE, "SHOW", "alarms, then events and logs, then frames, observers", "raised, after all outputs",
-        "operation/alarms, cycle/events, showing"),
+    PeriodPhase(UPDATE, "OWED", "send the outputs that do not wait for the period of their part", LISTED,
+        "cycle/part_periods"),
+    PeriodPhase(UPDATE, "SHOW", "evaluate alarms, then write events and logs, then frames, then call observers",
+        "raised, after all outputs", "operation/alarms, cycle/events, showing"),
 )  # fmt: skip
 """The phases in their order."""
 
@@ -94,17 +95,18 @@ class Period:
         self.show: Callable[[], object] = bool
         """Calls the observers, where there are any."""
         self.before_tick: list[Callable[[], object]] = []
-        """What is called in BEFORE TICK; like `receiving` and `before_send` to be added before the calls are bound."""
+        """Functions that are called in BEFORE TICK. Like those of `receiving` and `before_send`, they must be added
+        before the calls are bound."""
         self.receiving: list[Callable[[], object]] = []
-        """What is called in RECEIVE."""
+        """Functions that are called in RECEIVE."""
         self.before_send: list[Callable[[], object]] = []
-        """What is called before SEND."""
+        """Functions that are called before SEND."""
         self.commanding: list[Callable[[], object]] = []
-        """What is called in COMMANDS, in this order."""
+        """Functions that are called in COMMANDS, in this order."""
         self.before_laws: list[Callable[[], object]] = []
-        """What is called before the laws of each group; it may replace them."""
+        """Functions that are called before the laws of each group, and may replace them."""
         self.showing: list[Callable[[], object]] = []
-        """Functions that are called in SHOW, before events are made."""
+        """Functions that are called in SHOW, before events are formatted."""
         self.settling: list[Callable[[], object]] = []
         """Functions that are called once, in the next SETTLE."""
         self.open = False
@@ -114,19 +116,19 @@ class Period:
         self.late = outputs == AT_NEXT_TICK
         """True if outputs wait for the next tick."""
         self.read: Callable[[], bool] = image.sample
-        """SAMPLE."""
+        """The call of the phase SAMPLE."""
         self.send: Callable[[], bool] = image.update
-        """SEND."""
+        """The call of the phase SEND."""
         self.carry_out: Callable[[], bool] | None = None
-        """GROUPS and OWED, where parts have rates of their own (`umo.cycle.part_periods`)."""
+        """The call of the phases GROUPS and OWED, if parts have rates of their own (`umo.cycle.part_periods`)."""
         self.several: Callable[[], int] | None = None
-        """Carries out the next period, or several of which nothing needs Python; how many, 0: a stop has ended the wait
-        for a tick. It takes the place of the calls of the standard loop."""
+        """Carries out the next period, or several if none needs Python. Returns their number, or 0 if a stop has ended
+        the wait for a tick. It replaces the calls of the standard loop."""
         self._clock.on_tick = self.on_tick
         self._send: Callable[[], bool]
         """SEND to OWED."""
         self.sample_all: Callable[[], bool]
-        """RECEIVE to GUARD of all groups, for the first sample."""
+        """The call of the phases RECEIVE to GUARD of all groups, for the first sample."""
         self.sample: Callable[[], bool]
 
     def bind(self) -> None:
@@ -146,12 +148,12 @@ class Period:
     # timer.read() --------------------------------------------------------------------------------------
 
     def on_tick(self) -> None:
-        """The timer has been read."""
+        """Begin a period after the timer has been read."""
         self.open = True
         self.began = monotonic_ns()
 
     def finish(self) -> None:
-        """SHOW a period that was not shown before the wait for the next tick, because it failed or `update` was not
+        """Carry out SHOW, before the wait for the next tick, for a period that failed or whose `update` was not
         called."""
         if self.open:
             self._finish()
@@ -167,7 +169,7 @@ class Period:
 
     @expects_errors
     def control(self) -> None:
-        """COMMANDS to SETTLE of the whole machine."""
+        """Carry out COMMANDS to SETTLE for the whole machine."""
         if self.commanding:
             for call in self.commanding:
                 call()
@@ -179,7 +181,7 @@ class Period:
 
     @expects_errors
     def act(self) -> None:
-        """LAWS and SETTLE of the whole machine."""
+        """Carry out LAWS and SETTLE for the whole machine."""
         if self._laws.stale:
             self._laws.choose()
         self._laws.act(self._laws.whole.laws)
@@ -187,12 +189,13 @@ class Period:
             self.settle()
 
     def settle_once(self, call: Callable[[], object]) -> None:
-        """Call it once, after the laws of this period: those of all groups act in it, also out of turn."""
+        """Call a function once, after the laws of this period, in which those of all groups act, even if they are not
+        due."""
         if call not in self.settling:
             self.settling.append(call)
 
     def settle(self) -> None:
-        """SETTLE."""
+        """Carry out SETTLE."""
         calls, self.settling = self.settling, []
         for call in calls:
             call()
@@ -213,7 +216,7 @@ class Period:
         return accepted
 
     def update_by(self, send: Callable[[], bool]) -> bool:
-        """Carry out the same if a part of the outputs was sent already: this sends the rest."""
+        """Carry out the same after a part of the outputs was sent; the given function sends the rest."""
         usual = self._send
         self._send = send if self.carry_out is None else partial(both, send, self.carry_out)
         try:
@@ -234,7 +237,7 @@ class Period:
 
 
 class LateOutputs:
-    """`outputs = "at next tick"`: what a period has computed is sent with the next `sample`."""
+    """`outputs = "at next tick"`: the outputs of a period are sent with the next `sample`."""
 
     def __init__(self, send: Callable[[], bool], expire: Callable[[], object]) -> None:
         self._send, self._expire = send, expire
@@ -242,12 +245,13 @@ class LateOutputs:
         """True if there is any."""
 
     def note(self) -> bool:
-        """A period has computed its outputs. What waits already, with no `sample` since, is sent now."""
+        """Note that a period has computed its outputs. If outputs already wait, because there was no `sample`, send
+        them now."""
         waiting, self._waiting = self._waiting, True
         return not waiting or self._send()
 
     def send_and_sample(self, sample: Callable[[], bool]) -> bool:
-        """Send what has not expired since, then read the sensors."""
+        """Send the waiting outputs that have not expired, then read the sensors."""
         if not self._waiting:
             return sample()
         self._waiting = False
@@ -260,7 +264,7 @@ class LateOutputs:
 
 
 def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Callable[[], T]:
-    """A function that makes these calls and then the last one; that one itself where there are none."""
+    """Return a function that makes these calls and then the last one; only the last one if there are no others."""
     if not calls:
         return last
 
@@ -273,21 +277,21 @@ def preceded(calls: Sequence[Callable[[], object]], last: Callable[[], T]) -> Ca
 
 
 def begun(finish: Callable[[], object], look: Callable[[], object], sample: Callable[[], bool]) -> bool:
-    """The `sample` of a machine without a timer: with it the period begins."""
+    """Return the `sample` of a machine without a timer, which begins the period."""
     finish()
     look()
     return sample()
 
 
 def then_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
-    """Guards are evaluated even if sensors failed."""
+    """Return a function that evaluates the guards after a phase, even if sensors failed."""
     good = or_guard(sample, evaluate)
     evaluate()
     return good
 
 
 def or_guard(sample: Callable[[], bool], evaluate: Callable[[], object]) -> bool:
-    """Guards are evaluated if sensors failed."""
+    """Return a function that evaluates the guards if sensors failed."""
     try:
         return sample()
     except DriverError as unread:

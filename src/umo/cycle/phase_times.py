@@ -1,5 +1,5 @@
-"""Durations of the phases of a period: timer, tries of each driver that is away, sample of each driver, control code,
-update of each driver.
+"""Durations of the phases of a period: timer, attempts for each driver that is away, sample of each driver, control
+code, update of each driver.
 
 Measuring costs about 0.3 us per transfer, so it is on only while frames are published (`umo.process.frames`).
 """
@@ -22,13 +22,13 @@ from umo.errors import ChannelsFailed
 UNKNOWN = -1
 """Stands for an unknown duration."""
 CONTROL = "control"
-"""Name of the phase of the control code; that of a part with a rate of its own has its path behind."""
+"""Name of the phase of the control code; for a part with a rate of its own its path follows."""
 TRY = "try"
 """Beginning of the name of a phase in which a driver that is away was tried; the driver's name follows."""
 
 
 class PhaseTimes:
-    """Watches one connected image; `names` stand in the order of a period, `ns` holds the last period's times."""
+    """Watches one connected image; `names` are in the order of a period, `ns` has the times of the last period."""
 
     def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]], parts: Sequence[PartGroup] = ()) -> None:
         """`parts`: those that have rates of their own."""
@@ -43,7 +43,7 @@ class PhaseTimes:
         self.names = ["timer", *tries, *inputs, CONTROL, *outputs, *slow]
         self._none = [0] * len(self.names)
         self.ns = list(self._none)
-        """Duration of each phase in ns; "control" is whatever drivers and parts did not take."""
+        """Duration of each phase in ns; "control" is the time that drivers and parts did not use."""
         first = 1 + len(tries)
         self._tries = {name: number for number, name in enumerate(tried, 1)}
         self._control = first + len(inputs)
@@ -65,7 +65,7 @@ class PhaseTimes:
             image.transfer.has_ticked = partial(self.ns.__setitem__, 0)
 
     def remove(self) -> None:
-        """The drivers are called without being watched again."""
+        """Call the drivers without a watch again."""
         for part in self._parts:
             part.took = lambda ns: None
         self._image.transfer.callees.watched = lambda block, transfer: transfer
@@ -81,13 +81,13 @@ class PhaseTimes:
         ns[self._control] = execution - sum(ns) + ns[0]
 
     def clear(self) -> None:
-        """A part that is not transferred in the next period took no time in it."""
+        """Set all times to 0, so that a part that is not transferred in the next period has no time in it."""
         self.ns[:] = self._none
         self._moved.clear()
 
     @property
     def wake(self) -> int:
-        """ns from the tick to the timer's waking up; UNKNOWN where the timer has no grid of its own."""
+        """Time in ns from the tick to the timer's waking up; UNKNOWN if the timer has no grid of its own."""
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 

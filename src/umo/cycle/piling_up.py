@@ -1,4 +1,5 @@
-"""Sequences that pile up: one is started again and again while the former ones still run. There is one event for it."""
+"""Sequences that pile up: one is started again and again while the earlier ones still run. This is reported by one
+event."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ FEW = 16
 """There is an event when this number of sequences of one function run for one object, each started in another
 period."""
 MANY = 1000
-"""The same of one function, whatever it was called with."""
+"""The same number for one function, whatever its arguments."""
 
 
 class PilingUp:

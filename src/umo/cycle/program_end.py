@@ -1,8 +1,8 @@
 """The end of a program in which machines are still connected: their outputs go to their defaults first.
 
-Python freezes the threads that are left when the program is over, daemon threads and those whose end was not waited
-for, wherever they are. A machine in one of them is asked to stop before that, and leaves in its thread. One that does
-not leave in time, or was left connected by the main thread, is reset by the main thread.
+At the end of the program Python freezes the remaining threads, that is, daemon threads and threads that were not
+joined, wherever they are. A machine in one of them is asked to stop before that, and disconnects in its thread. A
+machine that does not disconnect in time, or that the main thread left connected, is reset by the main thread.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from umo.system.streams import say_without_waiting
 from umo.text import printable, some
 
 STOPPING_TIMEOUT = 10.0
-"""Time in s that a machine has to begin to leave, in addition to that of a call that hangs."""
+"""Time in s within which a machine must begin to disconnect, in addition to the time limit of a call."""
 LEAVING_TIMEOUT = 60.0
-"""Time in s that a machine has to leave once it has begun to."""
+"""Time in s within which a machine must disconnect once it has begun."""
 LOOK_INTERVAL = 0.005
 """Time in s between two looks."""
 
@@ -65,8 +65,8 @@ def _leave(flag: StopFlag) -> None:
 
 
 def check_thread(has_devices: bool, handler: Callable[[int], object] = usual_handler) -> None:
-    """DeclarationError if a machine with devices would be connected in a thread other than the main one while a signal
-    would end the program without a reset."""
+    """Check the thread. DeclarationError if a machine with devices would be connected in a thread other than the main
+    one while a signal would end the program without a reset."""
     if in_main_thread() or not has_devices:
         return
     if deadly := [signal_name(number) for number in SIGNALS if handler(number) is signal.SIG_DFL]:

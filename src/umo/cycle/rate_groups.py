@@ -1,8 +1,6 @@
-"""Rate groups: what of a machine acts at one rate.
-
-The machine's own rate is the group of the whole. Each part with the class keyword `every` that has another rate is a
-group of its own, with a clock whose ticks are its periods. A part whose period has passed with a missed tick runs late,
-once; its grid stays.
+"""Rate groups: the parts of a machine that act at one rate. The group of the machine's own rate is `whole`. Each part
+with the class keyword `every` that has another rate is a group of its own, with a clock whose ticks are its periods. A
+part whose period has passed with a missed tick runs late, once; its grid does not move.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ class PartClock(Clock):
         self.group = group
         """The place of its group in `RateGroups.parts`."""
         self.in_c = array("d", (self.dt, self.ticks))
-        """`dt` and `ticks`, as laws in C read them."""
+        """`dt` and `ticks` in the form that laws in C read."""
         self.restart()
 
     @property
@@ -41,17 +39,18 @@ class PartClock(Clock):
 
     @now.setter
     def now(self, value: float) -> None:
-        """`Clock` sets it; it is the machine's."""
+        """Does nothing, because the time is the machine's; `Clock` sets it."""
 
     def read(self) -> float:
         return self._base.read()
 
     def restart(self) -> None:
-        """The part begins now."""
+        """Restart the clock now."""
         self._last = self._base.number, self._base.now
 
     def step(self, ticks: int) -> None:
-        """A period of the part begins, `ticks` of its own after the last one. `dt` is the time since that."""
+        """Begin a period of the part, `ticks` of its periods after the last one. `dt` becomes the time since the last
+        one."""
         self.missed = ticks if ticks > 1 else 0
         self.missed_in_all += max(ticks - 1, 0)
         self.ticks = max(ticks, 1)
@@ -59,7 +58,7 @@ class PartClock(Clock):
         self.measure()
 
     def measure(self) -> None:
-        """`dt` is the time since the laws have acted last."""
+        """Set `dt` to the time since the laws last acted."""
         base, (number, then) = self._base, self._last
         self.dt = (base.number - number) * base.period if base.period else base.now - then
         self.in_c[0], self.in_c[1] = self.dt, self.ticks
@@ -71,7 +70,7 @@ class RateGroup:
 
     def __init__(self, number: int, path: str, clock: Clock, image: Image) -> None:
         self.number = number
-        """Its place in `Wired.rates`; `MACHINE_RATE`: the machine's own rate."""
+        """Its place in `Wired.rates`; `MACHINE_RATE` for the machine's own rate."""
         self.path = path
         self.clock = clock
         self.inputs = [block for block in image.inputs if block.part == number]
@@ -94,8 +93,8 @@ class PartGroup(RateGroup):
         """Function that is called with the duration in ns of its control."""
 
     def schedule(self, number: int) -> int:
-        """Note that it was carried out in this period, and compute when it is due next. Return the number of its own
-        periods that have begun since."""
+        """Note that the group acts in this period, and compute when it is due next. Return the number of its own
+        periods since the last time."""
         ticks = max((number - self.due) // self.every + 1, 0)
         self.due += ticks * self.every
         return ticks
@@ -121,7 +120,7 @@ class RateGroups:
         self.restart()
 
     def of(self, node: Node) -> RateGroup:
-        """The group in which an object lies."""
+        """The group to which an object belongs."""
         return self.whole if not self.parts else self._parts.get(self._rates.number(node), self.whole)
 
     def restart(self) -> None:
@@ -137,7 +136,7 @@ class RateGroups:
         return self._queue[0][0] <= self.whole.clock.number
 
     def take_due(self) -> list[PartGroup]:
-        """The parts that are due in this period: their own begins. The fastest first."""
+        """Return the parts that are due in this period, the fastest first; their own periods begin."""
         number, queue, due = self.whole.clock.number, self._queue, []
         while queue[0][0] <= number:
             key = heappop(queue)[1]

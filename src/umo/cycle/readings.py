@@ -1,7 +1,6 @@
-"""The sensors of the image: what happens to a reading.
-
-It is refused, or judged by its range and by whether the sensor is referenced, and conditioned. A failed reading is
-reported, or the last value is held, or the sensor is marked BAD.
+"""The sensors of the image: the handling of readings. A reading is refused if it is invalid; otherwise it is
+conditioned, and its quality follows from its range and from whether the sensor is referenced. If a reading fails, this
+is reported, or the last value is held, or the sensor is marked BAD.
 """
 
 from __future__ import annotations
@@ -29,23 +28,23 @@ MAX_OFFSET_RAW = 2.0**62
 
 
 class Elsewhere(Protocol):
-    """The circuits whose values come at times of their own (`umo.cycle.off_cycle`)."""
+    """The circuits whose values arrive at their own times (`umo.cycle.off_cycle`)."""
 
     def read_at(self, slot: int) -> float:
         """The time in s of the reading that is being accepted."""
 
     def was_read(self, slot: int, failures: list[Failure]) -> None:
-        """A reading was accepted: it has its own time."""
+        """Note that a reading was accepted, which has its own time."""
 
 
 class ImageInputs(Slots):
-    """The slots of a machine's objects, with what happens to the sensors among them."""
+    """The slots of a machine's objects, and the operations on the sensors among them."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         super().__init__(wired, clock, equipment, axes, alarms)
         self._low, self._high = self.scales.low.data, self.scales.high.data
         self.elsewhere: dict[int, Elsewhere] = {}
-        """By sensor, what is read at times of its own."""
+        """By sensor, the circuit whose values arrive at their own times."""
         self.found: list[Failure] = []
         """Failures since the last sample; the next sample reports them."""
         self.failed: set[int] = set()
@@ -123,7 +122,7 @@ class ImageInputs(Slots):
     def settle_block(
         self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]
     ) -> None:
-        """The slow path of `sample`: something in the block is, or was, not as it should be."""
+        """The slow path of `sample`: a quality in the block is, or was, not the normal one."""
         failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
         for slot in block.unsettled - failed.keys():
             self.set_quality(slot, self.base[slot])

@@ -1,8 +1,9 @@
-"""Kept numbers: what a machine takes over from its last run, and what is said of each value that it does not take.
+"""Kept numbers: the values that a machine takes over from its last run, and the reason for each value that it does not
+take.
 
 An entry is the plain data that `umo.process.kept_file` has: `value` (a number, true or false, the name of an Enum's
-member or of a named number; None: it had none), `unit` and `type`. It counts after the wiring's parameters, before the
-first period. A value that is not valid any more costs this value: the number has its default, or what the wiring sets.
+member or of a named number, or None if it had none), `unit` and `type`. It counts after the wiring's parameters, before
+the first period. If a value is no longer valid, the number has its default, or the value of the wiring.
 """
 
 from __future__ import annotations
@@ -21,14 +22,15 @@ from umo.user_code import raise_as
 from umo.wiring.wired import Parameter, apply_parameters
 
 MAX_EXACT = 1 << 53
-"""Frames have floats: a whole number is exact up to this one."""
+"""Largest whole number up to which all are exact in frames, which have floats."""
 NAME = "name"
-"""The type of a kept number that has names: what a number means may have changed since, what a name means has not."""
+"""The type of a kept number with named values, which are kept by name, as the numbers of the names may have changed
+since."""
 Undo = Callable[[Callable[[], object]], object]
 
 
 def kept_kind(number: MachineNumber) -> dict[str, Any]:
-    """The type of a kept number as plain data; of an Enum and of a named number the names by their numbers."""
+    """The type of a kept number as plain data; for an Enum and a named number, the names by their numbers."""
     if isinstance(number.kind, EnumMeta):
         members: list[Any] = list(number.kind)
         return {"type": "Enum", "members": {str(number_in(number.kind, member)): member.name for member in members}}
@@ -42,7 +44,8 @@ def kept_kind(number: MachineNumber) -> dict[str, Any]:
 def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, Any], undo: Undo) -> dict[str, str]:
     """Set the wiring's parameters, then the kept values. Returns why a value was not taken, by its path.
 
-    `undo` is given, one by one, what restores each number. DeclarationError as `apply_parameters`, for the wiring's.
+    `undo` is called, for each number, with a function that restores it. DeclarationError for the wiring's parameters,
+    as in `apply_parameters`.
     """
     refused: dict[str, str] = {}
     fields = _fields(root, kept, refused)
@@ -53,7 +56,7 @@ def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, 
         if path in done or path in refused:
             continue
         if path not in known:
-            refused[path] = f"there is no kept number of this name{did_you_mean(path, known)}"
+            refused[path] = f"there is no kept number with this name{did_you_mean(path, known)}"
             continue
         number, before = known[path], known[path].value
         try:

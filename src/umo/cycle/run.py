@@ -24,7 +24,7 @@ from umo.wiring import distribute_options
 
 C = TypeVar("C", bound=Compound)
 Application = Callable[Concatenate[C, ...], Coroutine[Any, Any, Any]]
-"""An `async def` function of the machine; its keyword parameters are options of the run."""
+"""An `async def` function that takes the machine; its keyword parameters are options of the run."""
 
 
 def run(
@@ -39,11 +39,12 @@ def run(
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
     Without an application the machine's `control` runs until a signal. SIGINT (Ctrl-C), SIGTERM and SIGHUP end the run
-    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset,
-    whose `result` is what `m.cycle.result` has told; in another thread than the main one that is the result, as signals
-    are the main thread's. Errors of the application, the control code and the devices are raised after the actuators
-    have been reset to their defaults. Each of the `options` is handed to all who take one of its name: the application
-    and the drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
+    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset;
+    its `result` is the last one of `m.cycle.result`. In another thread than the main one nothing is raised and this
+    result is returned, as only the main thread handles signals. Errors of the application, the control code and the
+    devices are raised after the actuators have been reset to their defaults. Each of the `options` is passed to the
+    application and to all drivers that have an option of this name, as for `umo run` and `umo.start`; OptionError if
+    none has. `acknowledge`: as for `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -63,7 +64,7 @@ def run(
 
 
 def result_of(returned: Any, connection: connect[Any]) -> Any:
-    """Return the result of an ended run: what its application has returned, otherwise its last result so far. If that
+    """Return the result of an ended run: the return value of its application, or else its last result so far. If that
     function has failed, its error is the result, as text."""
     machine = getattr(connection, "machine", None)
     if returned is not None or machine is None:
@@ -82,8 +83,8 @@ def result_of(returned: Any, connection: connect[Any]) -> Any:
 @expects_errors
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
     """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
-    tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
-    take one."""
+    tick. The `options` are those of the application (options of drivers belong to `connect`); OptionError if it does
+    not have one."""
     check_machine("drive", m)
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})

@@ -1,7 +1,7 @@
 """Detects which code writes the actuators, without the extension in C: in some periods (decision 105).
 
-In these periods every write passes the command stage, which reports it; in all others nothing is checked, at no cost. A
-mistake in every period is found, one that occurs once may be missed."""
+In these periods every write passes the command stage, which reports it; in all others nothing is checked, which costs
+nothing. A mistake in every period is found, one that occurs once may be missed."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from umo.cycle.image import Image
 from umo.cycle.writes import Changed, Turn
 
 FIRST, LOOKED_AT, OF = 10, 3, 1000
-"""The number of the first period in which writes are looked at; how many in a row are, of how many."""
+"""Number of the first period in which writes are examined; number of consecutive examined periods; number of periods of
+a cycle."""
 
 
 class SampledWrites:
     """The facts that the extension collects for every write, collected in some periods only."""
 
     def __init__(self, image: Image, commands: CommandStage, turn: Turn, changed: Changed) -> None:
-        """`changed`: called before another one than before writes another value."""
+        """`changed`: called before another writer than the last one writes another value."""
         self._image, self._commands, self._turn, self._changed = image, commands, turn, changed
         self._written: Any = image.columns.written.data
         self._owners: dict[int, Any] = {}

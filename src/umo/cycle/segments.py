@@ -1,5 +1,5 @@
 """The calls of drivers outside of a period: they are opened and closed, their objects initialised, reset and finalised.
-A sign of life precedes each call, as it may wait."""
+A sign of life precedes each call, as the call may wait."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from umo.errors import FAILURES, DriverError, Failure, cause_of_failure, text_of
 from umo.wiring.wired import Wired
 
 SETTLE = 0.25
-"""Minimum time in s for a device to carry out requests that are still pending."""
+"""Minimum time in s for a device to carry out pending requests."""
 MAX_SETTLE = 1.0
-"""Maximum of the same for a device with a long timeout."""
+"""Largest such time, for a device with a long timeout."""
 UNCONTROLLED_TIMEOUT = 3.0
 """Timeout in s of a driver's call while nothing is controlled: when connecting, and for the guardian's resets. A device
 that serves one connection at a time may need long to release the one before."""
@@ -38,7 +38,7 @@ class DriverSegments:
         self._transfer = transfer
         self.drivers = wired.drivers
         self.on_call: Callable[[], object] = lambda: None
-        """Function that is called before each of these calls: a sign of life."""
+        """Function that is called before each of these calls, as a sign of life."""
         for driver in self.drivers.values():
             if isinstance(driver, OffCycle):
                 driver.pause = self._wait_for_worker
@@ -74,7 +74,7 @@ class DriverSegments:
         return self._transfer.words_of(self.drivers[name])
 
     def failed_whole(self, name: str, what: str, error: BaseException) -> Failure:
-        """A call for a whole driver has failed."""
+        """Note that a call for a whole driver has failed."""
         cause = error.__cause__ or error  # the driver is named already
         return Failure(f"driver {name}", "-", f"{what}: {text_of(cause)}", self._words(name))
 
@@ -93,9 +93,9 @@ class DriverSegments:
         begin: Callable[[int], object] = lambda slot: None,
         patient: bool = True,
     ) -> Iterator[tuple[int, Failure | None]]:
-        """Reset (or initialise) each in turn; one failure never stops the rest. The slots of a driver that does not
-        answer in time are reset last, so that they do not delay the others. If not `patient`, they are left out:
-        another attempt then opens one more connection, not one for each. `begin` is called with each slot."""
+        """Reset (or initialise) each slot in turn; a failure never stops the others. The slots of a driver that does
+        not answer in time are reset last, so that they do not delay the others. If not `patient`, they are left out:
+        the next attempt then opens one more connection, not one for each slot. `begin` is called with each slot."""
         wires, defaults = self._transfer.wires, self._transfer.defaults
         if not patient:
             self._transfer.late.clear()
@@ -134,7 +134,8 @@ class DriverSegments:
 
 
 def settling(wired: Wired) -> float:
-    """The time in s that a device may take to carry out what was still in progress when it began to answer again."""
+    """The time in s that a device may take to carry out requests that were still in progress when it began to answer
+    again."""
     return max([SETTLE, *(min(wired.drivers[name].timeout, MAX_SETTLE) for name in wired.hardware)])
 
 

@@ -22,7 +22,7 @@ AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 
 
 def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
-    """The text for a sequence that a function has called and that is never awaited. `in_sequence`: whether that
+    """The text for a sequence that a function has called and that is never awaited. `in_sequence`: whether the calling
     function is a sequence itself."""
     instead = "write `await` before it" if in_sequence else "write `cycle.start(...)` around it"
     if function in MAKING:
@@ -33,7 +33,7 @@ def forgotten(call: str, function: str, *, in_sequence: bool) -> str:
 
 
 def no_machine(application: Any) -> str:
-    """The text for an application that cannot take the machine as its first argument; "": it can, or this is not
+    """The text for an application that cannot take the machine as its first argument, or "" if it can, or this is not
     known."""
     try:
         given = list(inspect.signature(application).parameters.values())
@@ -46,7 +46,7 @@ def no_machine(application: Any) -> str:
 
 
 def meant_await(error: BaseException) -> str:
-    """Return what is wrong with an `await`, more precisely than Python; "" if another cause is likely."""
+    """Return the mistake in an `await`, more precisely than Python; "" if another cause is likely."""
     text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
     if text == "no running event loop":  # asyncio.sleep, for one
         return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
@@ -60,7 +60,7 @@ def meant_await(error: BaseException) -> str:
 
 
 def instead_of_sequence(given: object) -> str:
-    """Return what was passed in place of a sequence, and what to write instead."""
+    """Return a text that names the object passed in place of a sequence, and what to write instead."""
     if inspect.iscoroutinefunction(given):
         name = getattr(given, "__name__", "it")
         return f"{name} is an `async def` function and was not called: write `{name}()`"
@@ -72,8 +72,9 @@ def instead_of_sequence(given: object) -> str:
 
 
 def check_condition(function: str, condition: object) -> None:
-    """TypeError for what cannot be asked in each period, such as the result of a comparison, and for a sequence. For
-    `function` itself, an `async def`: it looks for the call in the code around it."""
+    """Check a condition. TypeError for an object that cannot be called in each period, such as the result of a
+    comparison, and for a sequence. Only for `function` itself, an `async def`: it searches the call in the surrounding
+    code."""
     if type(condition) is FunctionType and not condition.__code__.co_flags & inspect.CO_COROUTINE:
         return  # nearly always
     if not callable(condition) or isinstance(condition, type):
@@ -134,8 +135,8 @@ def _argument_in(text: str, function: str) -> str:
 
 
 def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
-    """The calls of a function in a piece of source, such as a line that begins a block, each with the whole of which it
-    is a part."""
+    """The calls of a function in a piece of source, such as a line that begins a block, each with the statement that
+    contains it."""
     for whole in (text, f"{text} pass", f"{text} pass".removeprefix("el")):
         try:
             nodes = ast.walk(ast.parse(whole))
@@ -145,7 +146,7 @@ def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
 
 
 def called_name(call: ast.Call) -> str:
-    """The name of what is called: `until` of `control.until(...)`."""
+    """The name of the called function: `until` for `control.until(...)`."""
     function: Any = call.func
     name: str = getattr(function, "attr", getattr(function, "id", ""))
     return name

@@ -1,7 +1,7 @@
-"""Sequences: application code as `async def` functions that the cycle itself advances, one step a period.
+"""Sequences: application code as `async def` functions that the cycle itself advances, one step per period.
 
-There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. A sequence may await what is
-here, in `parallel` and in `lock`, and the motions built on it; anything else is a TypeError.
+There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. A sequence may await the
+functions of this module, of `parallel` and of `lock`, and the motions built on them; anything else is a TypeError.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Containing(Protocol):
         """Handle the failure of a sequence. Return True if the machine continues."""
 
     def is_in_fault(self, node: Node | None) -> bool:
-        """True if nothing in this part of the machine continues."""
+        """True if this part of the machine is in fault, so that nothing in it continues."""
 
     def gather(self) -> None:
         """Collect failures from now on, to settle them together."""
@@ -85,8 +85,8 @@ _ADOPTING: set[CodeType] = set()
 
 
 def adopting(function: Adopting) -> Adopting:
-    """Decorator of an `async def` function: a started sequence among its arguments is a part of it. It is cancelled
-    with it, also if it never began."""
+    """Decorator of an `async def` function: a started sequence among its arguments is a part of it. The started
+    sequence is cancelled with the function's sequence, even if that never began."""
     _ADOPTING.add(function.__code__)
     return function
 
@@ -97,7 +97,8 @@ def _who() -> Generator[object, Any, Task | None]:
 
 
 async def own_task(what: str) -> Task:
-    """The innermost task that advances the sequence that calls this. TaskFailed where none does; `what` needs it."""
+    """The innermost task that advances the sequence that calls this. TaskFailed if none does; `what` names the function
+    that needs it."""
     found = await _who()
     if found is None:
         raise TaskFailed(f"{what} can be used only in a sequence that the cycle advances")
@@ -192,8 +193,8 @@ class timeout(AsyncBlock):
             await axis.home()
             await gripper.open()
 
-    TimeExpired if the block has not ended after the time in s (or a text). What it awaits is cancelled, a started
-    sequence as well. A block that ends in the period of its limit is in time. Missed periods count.
+    TimeExpired if the block has not ended after the time in s (or a text). Whatever the block awaits is cancelled, even
+    a started sequence. A block that ends in the period of its limit is in time. Missed periods count.
     """
 
     def __init__(self, duration: str | float) -> None:
@@ -223,7 +224,7 @@ class timeout(AsyncBlock):
             raise TimeExpired(f"the block did not end within {self._limit:g} s ({place})") from None
 
     def count(self, tick: Clock) -> None:
-        """A period has passed for the block."""
+        """Count a period for the block."""
         self._passed += tick.ticks
 
     def expires(self, tick: Clock) -> Cancelled | None:
@@ -236,8 +237,9 @@ class timeout(AsyncBlock):
 
 class Task(Waiter):
     """A sequence that the cycle advances: one that was started, or one that runs in parallel with others in `parent`.
-    `part`: the object of the machine to which it belongs. `contain` is told of its failure; whether the machine goes
-    on. `end_within` calls what ends it when it is cancelled. `current`: that of its machine."""
+    `part`: the object of the machine to which it belongs. `contain` is called with its failure, and returns whether the
+    machine continues. `end_within` makes the calls that end it when it is cancelled. `current`: the object that holds
+    the current task of its machine."""
 
     def __init__(
         self,
@@ -265,20 +267,20 @@ class Task(Waiter):
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """The error that ended it; the sequence that awaits it takes it. An error that its own frames refer to is never
-        freed while the collector is off."""
+        """The error that ended it; the sequence that awaits it takes it. Frames must not refer to it, because such an
+        error is never freed while the garbage collector is off."""
         self._failure: Callable[[], str] | None = None
         """Returns the text of this error."""
         self.of_application = True
         """True if it belongs to the application, and not to an action of a client."""
         self.clock: Clock | None = None
-        """The clock of the part by which it takes its steps; None: that of the machine."""
+        """The clock of the part by which it takes its steps; None means that of the machine."""
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
 
     def __await__(self) -> Generator[object, Any, Any]:
-        """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled, and if
-        it waits for the other one. If the other one is cancelled meanwhile, so is this one (as in asyncio)."""
+        """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled, or if it
+        waits for the awaiting sequence. If the awaiting sequence is cancelled, so is this one (as in asyncio)."""
         awaiting = yield from own_task(f"await {self.name}").__await__()
         if not self.done:
             self._refuse(awaiting)
@@ -312,12 +314,12 @@ class Task(Waiter):
 
     @property
     def started(self) -> Task:
-        """The sequence that was started: itself, or the one that runs it."""
+        """The started sequence: this one, or the one that runs it in parallel."""
         return self if self.parent is None else cast(Task, self.parent).started
 
     @property
     def machine(self) -> object:
-        """Return what identifies the machine that advances it, or None."""
+        """Return an object that identifies the machine that advances it, or None."""
         return self._current
 
     @expects_errors
@@ -491,7 +493,8 @@ def _close(sequence: Any) -> list[Task]:
 
 
 def cancel_all(tasks: list[Task]) -> list[BaseException]:
-    """The last started first; an error in the `finally` blocks of one does not spare the others."""
+    """Cancel all tasks, the last started first. An error in the `finally` blocks of one does not prevent the
+    cancellation of the others."""
     return [error for task in reversed(tasks) if (error := _error_of(task.end)) is not None]
 
 
@@ -536,11 +539,11 @@ class Sequences:
         self._number = 0
         self._advancing = False
         self.paused = False
-        """True if they are not advanced: no time passes for them."""
+        """True if the sequences are not advanced, so that no time passes for them."""
         self.progress = ""
         """Their last progress."""
         self.end_within: Callable[[Callable[[], Any]], Any] | None = None
-        """Function that calls what ends them when they are cancelled; None: it is called directly."""
+        """Function through which the sequences are ended when they are cancelled, or None to end them directly."""
 
     @property
     def running(self) -> bool:
@@ -558,11 +561,11 @@ class Sequences:
         return [frames_of(task.sequence) for task in self._tasks]
 
     def others(self) -> Sequences:
-        """Other sequences of the same machine, for which there is none yet."""
+        """Create another group of sequences of the same machine, which is empty."""
         return Sequences(self._faults, self.current)
 
     def task(self, sequence: Routine, part: Any = None) -> Task:
-        """A sequence of this machine that somebody else advances."""
+        """Create a task of this machine that the caller advances."""
         task = Task(sequence, part, current=self.current)
         task.of_application = self.of_application
         return task
@@ -589,7 +592,7 @@ class Sequences:
 
     def advance(self, tick: Clock, clock: Clock | None = None) -> None:
         """Advance each sequence with this clock by one step, in the order started, unless another one has just failed.
-        The first error that is not contained is raised; it cancels nothing else."""
+        The first error that is not contained is raised; it does not cancel other sequences."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
@@ -618,7 +621,7 @@ class Sequences:
 
     def end_in(self, nodes: Iterable[int], fault: Callable[[], BaseException]) -> list[BaseException]:
         """Cancel those of the objects with these ids, the last started first; sequences that await one get the fault.
-        The errors of their `finally` blocks."""
+        Return the errors of their `finally` blocks."""
         if not self._tasks:
             return []
         of_part = self._tasks_of

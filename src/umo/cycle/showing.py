@@ -1,4 +1,4 @@
-"""Frames: each period of a connected machine, shown to its observers, a capability."""
+"""Frames: each period of a connected machine, shown to its observers, as a capability."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from umo.user_code import Raised, as_json, told
 
 log = logging.getLogger("umo")
 MAX_OBSERVER_TEXT = 200
-"""Length of an observer's name in the log at most, characters."""
+"""Largest length of an observer's name in the log, in characters."""
 INJECTED = "injected_faults"
-"""The signal of a run with faults: how many are in effect."""
+"""The signal of a run with faults: the number of faults in effect."""
 
 
 class Showing(Capability):
-    """The frames of one machine, shown at the end of SHOW where somebody observes it."""
+    """The frames of one machine, shown at the end of SHOW if there are observers."""
 
     frame: Frame
 
@@ -52,14 +52,14 @@ class Showing(Capability):
 
 
 def frame_of(machine: ConnectedMachine) -> Frame:
-    """The frame of a connected machine: what was shown last."""
+    """Return the frame of a connected machine that was shown last."""
     found = machine.find(Showing)
     assert found is not None  # every connected machine has them (`umo.cycle.laid_out`)
     return found.frame
 
 
 def show(frame: Frame, observers: list[Callable[[Any], object]]) -> None:
-    """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
+    """Call the observers. An observer that raises an error is logged and removed; it does not affect the loop."""
     for observer in tuple(observers):
         try:  # not by `attempt`: a call for each in every period is too dear
             result = observer(frame)

@@ -30,7 +30,8 @@ class Slots:
     """The numbers of a machine's objects; an object holds its index, its slot."""
 
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
-        """`equipment`: the number of the compounds that are declared equipment; `axes`, `alarms`: that of these."""
+        """`equipment`: number of compounds that are declared as equipment; `axes`, `alarms`: numbers of axes and
+        alarms."""
         self.clock = clock
         self.events = Events()
         """The events of the machine: noted in a period, and completed when its outputs were sent."""
@@ -104,7 +105,7 @@ class Slots:
         return value if linearization is None else linearization.to_value(value)
 
     def nearest(self, slot: int, value: float) -> int:
-        """The raw integer nearest to a value, also outside the range."""
+        """The raw integer nearest to a value, even outside the range."""
         scales, linearization = self.scales, self.scales.linearizations[slot]
         quantity = value if linearization is None else linearization.to_input(value)
         return to_raw(quantity, scales.resolution.item(slot), scales.zero_offset.item(slot))

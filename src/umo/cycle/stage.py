@@ -19,22 +19,23 @@ class Stage(IntEnum):
     STOPPING = 2
     """The actuators are being brought to their defaults, the drivers closed."""
     ENDED = 3
-    """The run has ended, or its processes have."""
+    """The run, or its processes, have ended."""
 
     def __str__(self) -> str:
         return self.name.lower()
 
 
 class Progress(NamedTuple):
-    """A text, and how much of the work is done."""
+    """The progress of the work: a text, and how much is done."""
 
     text: str = ""
     done: int = 0
     total: int = 0
-    """The whole of the work; 0: not known."""
+    """The total amount of work, or 0 if not known."""
 
     def then(self, text: str, done: int | None, total: int | None) -> Progress:
-        """The next one; numbers that are None stay. RangeError unless they are whole and 0 or more."""
+        """Return the next progress; a number that is None does not change. RangeError unless the numbers are whole and
+        not negative."""
         return Progress(
             str(text),
             self.done if done is None else _count("done", done),

@@ -30,10 +30,10 @@ class NobodyAway:
         return False
 
     def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:
-        """A call has failed by this error: one of the whole driver, or one that timed out."""
+        """Note the error of a call that failed for the whole driver, or that timed out."""
 
     def end(self) -> None:
-        """Call every driver again, whether it answers or not: the machine stops."""
+        """Call every driver again, even if it does not answer, because the machine stops."""
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """Stop looking for devices. `instead` is called in place of a look."""
@@ -53,7 +53,7 @@ class Away:
 
 class Tried:
     """Replaces a driver that was found: it reports the first call that succeeds, and the ns that each call for one
-    object takes. Those of blocks are measured with the period's transfers. `now` is the clock in s by which a call has
+    object takes. Calls for blocks are measured with the period's transfers. `now` is the clock in s by which a call has
     taken too long."""
 
     def __init__(

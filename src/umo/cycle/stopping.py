@@ -1,5 +1,5 @@
-"""SIGINT, SIGTERM and SIGHUP set a flag that is read between periods. A further one ends what does not end by itself
-(`insisting`)."""
+"""SIGINT, SIGTERM and SIGHUP set a flag that is read between periods. A further signal ends code that does not end by
+itself (`insisting`)."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class StopFlag:
     """`requested` becomes true at the first signal. Further ones end the user's code that does not end by itself; they
     do not interrupt a reset.
 
-    One signal stops every machine of the process. Python handles signals in the main thread alone: while no
-    machine was connected there, the flags are only set by `request`.
+    One signal stops every machine of the process. Python handles signals only in the main thread, so while no machine
+    is connected there, the flags are set only by `request`.
     """
 
     def __init__(self) -> None:
@@ -45,19 +45,20 @@ class StopFlag:
         self.time_over = False
         """True if a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = lambda: None
-        """Function that is called at each request: the machine's timer does not wait any more."""
+        """Function that is called at each request, and ends the wait of the machine's timer."""
         self.insists = True
-        """True if further signals end what does not end by itself. A guardian does that for its control process."""
+        """True if further signals end code that does not end by itself. A guardian does that for its control
+        process."""
         self.call_limit: Callable[[], float] = lambda: 0.0
-        """Time in s after which a call of one of the machine's drivers hangs."""
+        """Time in s after which a call of one of the machine's drivers counts as hanging."""
         self.leave_at_once: Callable[[], Sequence[str]] = lambda: ()
-        """Function that brings the machine's outputs to their defaults in the midst of the user's code, and returns
+        """Function that brings the machine's outputs to their defaults in the middle of the user's code, and returns
         the paths of those that were not reached."""
         self.stand_aside: Callable[[], object] = lambda: None
-        """Function that is called in a process that was forked from this one: the machine is not its own."""
+        """Function that is called in a process forked from this one, to which the machine does not belong."""
 
     def install(self) -> None:
-        """Start listening."""
+        """Start handling signals."""
         self.requested, self.signal, self.time_over = False, None, False
         self._to_come = {"first signal": True}
         self.pid, self.thread, self.is_leaving = os.getpid(), threading.current_thread(), False
@@ -66,7 +67,7 @@ class StopFlag:
             _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
 
     def restore(self) -> None:
-        """Stop listening. The last machine that disconnects restores the signal handlers."""
+        """Stop handling signals. The last machine that disconnects restores the signal handlers."""
         _flags.pop(self, None)
         if in_main_thread() and not any(flag.is_of_main_thread for flag in connected()):
             _insistence.clear()
@@ -80,8 +81,8 @@ class StopFlag:
         return self.thread is threading.main_thread()
 
     def is_first_signal(self) -> bool:
-        """True if no signal of the operating system's has come before: True once. In one step: one may interrupt the
-        handler of another."""
+        """True if this is the first signal of the operating system, so it is True only once. It works in one step,
+        because a signal may interrupt the handler of another one."""
         return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:
@@ -91,7 +92,7 @@ class StopFlag:
 
 
 class TimeLimit:
-    """An observer that asks the machine to stop at a time on its clock, in s."""
+    """An observer that requests the machine to stop at a time on its clock, in s."""
 
     def __init__(self, seconds: float, stop: StopFlag) -> None:
         self._seconds = seconds
@@ -115,7 +116,7 @@ def connected() -> tuple[StopFlag, ...]:
 
 
 def end_forked(title: str) -> NoReturn:
-    """End a process that the user's code forked, when it would use a device of the machine with this title."""
+    """End a process that the user's code forked, when it is about to use a device of the machine with this title."""
     say_without_waiting(
         f"umo: {title}: control code forked process {os.getpid()}, which was ended when it was to drive the machine "
         "too; start programs with subprocess"

@@ -1,4 +1,5 @@
-"""The ways of the image to the defaults: what moves an actuator there, and what a device does that was initialised."""
+"""The ways of the image to the defaults: how an actuator is moved there, and how a device continues after it was
+initialised."""
 
 from __future__ import annotations
 
@@ -17,16 +18,16 @@ from umo.objects.scaling import FloatArray
 
 
 class ToDefault(Enum):
-    """The part that moves an actuator when it is brought to its default."""
+    """The way in which an actuator is moved when it is brought to its default."""
 
     RESET = auto()
     """The driver's `reset`, now and without a rate."""
     INITIALIZE = auto()
     """The driver's `initialize`, now and without a rate."""
     SEND = auto()
-    """The outputs of the period, within the rate; an asynchronous actuator is written now."""
+    """The outputs of the period send it, within the rate; an asynchronous actuator is written now."""
     IS_THERE = auto()
-    """Nothing is done: its device has been initialised already."""
+    """Nothing is sent, as the device has already been initialised."""
 
 
 class Taken(link.Claims, Protocol):
@@ -37,33 +38,34 @@ class Taken(link.Claims, Protocol):
 
 
 class Gate(Protocol):
-    """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
+    """The command stage, which checks writes that the column `restrictions` marks (`umo.cycle.command_stage`)."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        """True if a value within the range may be written; Interlocked where an interlock is to stop the program."""
+        """True if a value within the range may be written; Interlocked if an interlock with the effect "stop" inhibits
+        it."""
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """Handle many writes at once, each with its answer. If it raises Interlocked, none was accepted."""
 
     def rest(self, slot: int) -> None:
-        """The actuator is being brought to its default: earlier writes no longer count."""
+        """Note that the actuator is being brought to its default, so that earlier writes no longer count."""
 
 
 class ImageDefaults(ImageInputs, ImageOutputs):
-    """The slots of a connected machine, and what brings them to their defaults."""
+    """The slots of a connected machine, and the functions that bring them to their defaults."""
 
     claims: Taken
     commands: Gate
 
     def settle(self, slots: Iterable[int], way: ToDefault) -> dict[int, Failure]:
         """Bring actuators to their defaults; this is the only way. Before the first one is written, all earlier writes
-        are void, and all defaults are pending. The sensors among them are reset or initialised by their driver. What
-        failed, by slot: one failure never stops the rest."""
+        are void, and all defaults are pending. The sensors among them are reset or initialised by their driver. Return
+        the failures by slot; a failure never stops the others."""
         return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
 
     def settling(self, slots: Iterable[int], way: ToDefault) -> Iterator[tuple[int, Failure | None]]:
-        """Bring outputs to their defaults, yielding each actuator after its write: after an interruption it is known
-        which ones remain."""
+        """Bring outputs to their defaults, yielding each actuator after its write: so that after an interruption it is
+        known which ones remain."""
         slots = list(slots)
         for slot in slots:
             if self.items[slot].direction is Direction.OUTPUT:
@@ -108,21 +110,22 @@ class ImageDefaults(ImageInputs, ImageOutputs):
         self.deliveries[slot].refused(slot)
 
     def path_if_default_kept(self, slot: int) -> str:
-        """The path of an actuator that is away from its default, and stays there once its device is initialised again:
-        nothing sends what it had. "" for any other object."""
+        """The path of an actuator that is away from its default, and that will stay at its default once its device is
+        initialised again, because nothing sends its value again. "" for any other object."""
         item = self.items[slot]
         stays = isinstance(item, Actuator) and not (self.deliveries[slot].survives(slot) or self.is_at_default(slot))
         return item.path if stays else ""
 
     def initialize_again(self, slot: int) -> Failure | None:
-        """The device was away: at its default, from where `update` continues to what is pending. What an asynchronous
-        actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
+        """Note that a device that was away is at its default, from where `update` continues to the pending value. The
+        value of an asynchronous actuator is sent again if it retries; otherwise it stays at its default. An incremental
+        sensor becomes unreferenced."""
         if (failure := self.segments.initialize(slot)) is None:
             self.was_initialized_again(slot)
         return failure
 
     def was_initialized_again(self, slot: int) -> None:
-        """Its driver has initialised it."""
+        """Note that the driver has initialised the object again."""
         item = self.items[slot]
         if isinstance(item, Actuator):
             if self.deliveries[slot].survives(slot):

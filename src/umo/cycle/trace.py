@@ -18,11 +18,11 @@ from umo.objects.description import described
 MAX_ROWS = 100_000
 """Largest number of rows of a trace."""
 MAX_BYTES = 32_000_000
-"""Size of a trace at most, with the copy that is made while it grows or is thinned."""
+"""Largest size of a trace, with the copy that is made while it grows or is thinned."""
 MAX_NOTES = 4096
-"""Number of texts of the progress that are kept at most; of more, every second one is dropped."""
+"""Largest number of texts of the progress that are kept; of more, every second one is dropped."""
 HALVINGS = 6
-"""Number of times that its room is doubled: it begins with a 64th of its rows."""
+"""Number of times that the memory of a trace is doubled; it begins with a 64th of its rows."""
 
 
 class Statistics:
@@ -33,7 +33,7 @@ class Statistics:
         self._written: Any = self._times.data  # a memoryview: quicker than numpy's items
         self.periods = 0
         self.missed = 0
-        """Number of ticks that had passed when the timer was read: the periods that came too late."""
+        """Number of ticks that had passed when the timer was read: the periods that were missed."""
 
     def __call__(self, frame: Frame) -> None:
         self._written[self.periods % len(self._written)] = frame.execution * 1e6
@@ -47,12 +47,10 @@ class Statistics:
 
 
 class Trace:
-    """A row a period: time in s, missed, execution time in us, then the values of the objects and of the signals. NaN:
-    the value was BAD, or a signal that has none.
-
-    When the rows are full every second one is dropped and from then on only every second period kept, and so
-    on: the whole run stays in view. The number of rows is as requested, or smaller if these would take more than
-    `MAX_BYTES` bytes.
+    """The trace of a run, with a row per period: time in s, missed, execution time in us, then the values of the
+    objects and of the signals. NaN stands for a BAD value, and for a signal without a value. When the rows are full,
+    every second one is dropped, and from then on only every second period is kept, and so on, so that the trace covers
+    the whole run. The number of rows is as requested, or smaller if these would take more than `MAX_BYTES` bytes.
     """
 
     def __init__(self, rows: int = MAX_ROWS) -> None:
@@ -116,7 +114,7 @@ class Trace:
 
     @property
     def full(self) -> bool:
-        """True if the next row would thin them."""
+        """True if the next row would cause every second one to be dropped."""
         return self._used == self._capacity
 
     def clear(self) -> None:
@@ -132,8 +130,8 @@ class Trace:
 
     @property
     def columns(self) -> list[str]:
-        """`time_s`, `missed`, `execution_us`, then a path with its unit, or for a binary object with its 1 state; then
-        the signals likewise."""
+        """`time_s`, `missed`, `execution_us`, then each path with its unit, or, for a binary object, with its state 1;
+        then the signals likewise."""
         signals = [f"{signal.path}[{signal.unit}]" for signal in self.signals]
         return ["time_s", "missed", "execution_us", *(described(item).heading for item in self.items), *signals]
 
@@ -150,7 +148,7 @@ class Trace:
 
 
 def lines(trace: Trace, after: float | None = None) -> Iterator[str]:
-    """The lines of its CSV file: the columns, then a row a line; if `after` is given, only the rows later than this
+    """The lines of its CSV file: the columns, then one line per row; if `after` is given, only the rows later than this
     time in s."""
     text = StringIO(newline="")
     writer = csv.writer(text)

@@ -1,7 +1,7 @@
 """The transfer stage: every call of a driver is made here, for the image and for the guardian.
 
-What every call needs is here once: the journal, mapping exceptions to the objects concerned, and the list of drivers
-that do not answer. `callees.py` has the receivers of calls, `segments.py` the calls outside of a period.
+It has all that every call needs: the journal, the mapping of exceptions to the objects concerned, and the list of
+drivers that do not answer. `callees.py` has the receivers of calls, `segments.py` the calls outside of a period.
 """
 
 from __future__ import annotations
@@ -69,17 +69,17 @@ class Transfer:
         self.has_ticked: Callable[[int], object] | None = None
         """Called with the duration in ns of a read that was not made by `tick`."""
         self.defaults = [wire.default for wire in wires]
-        """The raw integer of each actuator's default, None for a sensor: worked out once, as a reset must not depend on
-        a linearization of the user's."""
+        """The raw integer of each actuator's default, None for a sensor: computed once, as a reset must not depend on a
+        user-defined linearization."""
         self.late: dict[int, float] = {}
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
-        """True if a write to hardware failed, which the device may still carry out."""
+        """True if a write to hardware failed that the device may still carry out."""
 
     # Blocks: a whole period ----------------------------------------------------------------------------
 
     def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
-        """The blocks' `transfer` and the timer's `tick` are the drivers' own."""
+        """Set the blocks' `transfer` and the timer's `tick` to the functions of the drivers."""
         self.callees.bind(inputs, outputs)
         if self.timer >= 0:
             self.tick, self.has_ticked = self.wires[self.timer].driver.read, None
@@ -91,7 +91,7 @@ class Transfer:
         self.callees.refuse(instead)
 
     def block_failed(self, block: Block, error: BaseException, inputs: bool) -> list[tuple[int, str]]:
-        """The slots of a block that failed, each with its cause; the others stand."""
+        """Return the failed slots of a block, each with its cause; the others have succeeded."""
         written = None if inputs else block.view
         return self._failed(block.driver, range(block.start, block.stop), error, written, OF_BLOCK)
 
@@ -126,7 +126,8 @@ class Transfer:
         self.moved(slot, raw, Kind.WRITE)
 
     def read_some(self, slots: Sequence[int]) -> Iterator[tuple[int, int | str]]:
-        """Some sensors, one transfer a driver: each slot with its raw integer, or with the cause why there is none."""
+        """Read some sensors, with one transfer per driver. Return each slot with its raw integer, or with the cause of
+        its failure."""
         for driver, group in self.by_driver(slots):
             out = np.full(len(group), UNREAD)
             failed = self._some(self._callees[group[0]].read_many, driver, group, out, False)
@@ -138,8 +139,8 @@ class Transfer:
                     yield slot, raw
 
     def write_some(self, slots: Sequence[int], raws: IntArray) -> Iterator[tuple[int, str | None]]:
-        """Some actuators, one transfer a driver, from the raw integers of the whole machine: each slot with the cause
-        of its failure, or None."""
+        """Write some actuators, with one transfer per driver, from the raw integers of the whole machine. Return each
+        slot with the cause of its failure, or None."""
         for driver, group in self.by_driver(slots):
             failed = self._some(self._callees[group[0]].write_many, driver, group, raws[group], True)
             for slot in group:
@@ -162,7 +163,7 @@ class Transfer:
     def mark(
         self, driver: Driver[Any], error: BaseException, write: bool, took: float = 0.0, whole: bool = False
     ) -> None:
-        """A call has failed, one of the `whole` driver or one for an object."""
+        """Note a failed call, for the `whole` driver or for one object."""
         if isinstance(error, NotCalled):
             return
         timed_out = isinstance(error, TimeoutError) or took >= driver.timeout
@@ -182,7 +183,7 @@ class Transfer:
         time: float = nan,
     ) -> list[tuple[int, str]]:
         """The slots of a block that failed, with the cause: all of them, or those that the driver names. `written` are
-        the raw integers that were to be written; None: it was read. `time` is for the journal."""
+        the raw integers that were to be written, or None if it was read. `time` is for the journal."""
         self.mark(driver, error, written is not None, whole=not isinstance(error, ChannelsFailed))
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         known = self._known if causes else ()
@@ -199,7 +200,7 @@ class Transfer:
         return failed
 
     def words_of(self, driver: Driver[Any]) -> str:
-        """The driver with its device."""
+        """Return the driver and its device as text."""
         return self._names[id(driver)]
 
     def failure(self, slot: int, cause: str) -> Failure:
@@ -208,7 +209,7 @@ class Transfer:
         return Failure(path, channel, cause, driver)
 
     def moved(self, slot: int, raw: int, kind: Kind) -> None:
-        """An object has this raw integer at the hardware."""
+        """Note that an object has this raw integer at the hardware."""
         if self.journal is not None:
             self.journal.add(slot, kind, raw, self.raws[slot])
         self.raws[slot] = raw
@@ -216,8 +217,8 @@ class Transfer:
     def note(
         self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None, time: float = nan
     ) -> None:
-        """Into the journal, if one is kept: something happened to this object and its level did not change. `raw` is
-        what was to be written, `time` that of what a worker process has brought, or `OF_BLOCK`."""
+        """Add an event of this object, whose level did not change, to the journal, if there is one. `raw` is the value
+        to be written; `time` the time of a value from a worker process, or `OF_BLOCK`."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
@@ -230,12 +231,12 @@ class Transfer:
         raws: Sequence[int] | None = None,
         time: float = nan,
     ) -> None:
-        """The same for many objects, none of them the timer, in this order."""
+        """Do the same for many objects, none of them the timer, in this order."""
         if self.journal is not None:
             self.journal.add_each(slots, kind, self._memory, error, raws, time)
 
     def note_look(self, driver: Driver[Any], found: bool | None) -> None:
-        """Into the journal: what a look for a driver that is away has found."""
+        """Add the result of a look for a driver that is away to the journal."""
         slot = next(slot for slot in self.callees.slots[id(driver)] if slot != self.timer)
         self.note(slot, Kind.LOOKED, raw=-1 if found is None else int(found))
 

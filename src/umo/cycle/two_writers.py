@@ -1,7 +1,6 @@
-"""Two writers of one actuator, neither of which has handed it over, get one event (docs/decisions/0082).
-
-Asked only where another one than before writes an actuator: by the extension of each write (`writes.py`), without it of
-those in some periods (`sampled_writes.py`).
+"""Detects two writers of one actuator, neither of which has released it, and reports one event (docs/decisions/0082).
+It is called only when the writer of an actuator changes: with the extension in C at any write (`writes.py`), without it
+only in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ MACHINE = {
 }
 """The files that call laws, sequences and actions."""
 LOOKED_AT = 100
-"""Largest number of the actuators whose changes of writers are looked at in a period."""
+"""Largest number of the actuators whose changes of writers are examined in a period."""
 
 
 class _Loop:
@@ -41,12 +40,12 @@ class WriterSeen(NamedTuple):
     """The writer of an actuator, and since when."""
 
     turn: object
-    """The task that had the turn, as `ImageWrites` compares it."""
+    """The task that was advanced then, as `ImageWrites` compares it."""
     who: Task | Compound | _Loop | None
-    """The sequence; the compound whose law it is; the program's own loop; None: somebody who may always write, such as
-    an action that a client has called."""
+    """The sequence; the compound whose law it is; the program's own loop; None for a writer that may always write, such
+    as an action that a client has called."""
     place: CodePlace | None
-    """The place where it was written first."""
+    """The place in the code at which it first wrote the actuator."""
     number: int
     """The number of the period."""
     at_default: bool = False
@@ -56,7 +55,7 @@ class WriterSeen(NamedTuple):
 
     @property
     def has_stopped(self) -> bool:
-        """True if it has taken the actuator from another one to bring it to its default: it drives it there."""
+        """True if it has taken the actuator from another one to bring it to its default."""
         return self.at_default and self.taken_from is not None
 
     @property
@@ -64,7 +63,7 @@ class WriterSeen(NamedTuple):
         return isinstance(self.who, Task)
 
     def text(self, *, in_full: bool = False) -> str:
-        """Return the writer as text. `in_full`: with what distinguishes a sequence from others of its name."""
+        """Return the writer as text. `in_full`: with details that distinguish a sequence from others of its name."""
         if isinstance(self.who, Task):
             shown = self.who.shown
             name = f"{shown.name}{in_brackets(shown.details)}" if in_full else shown.name
@@ -99,7 +98,7 @@ class TwoWriters:
         self.writes: ImageWrites | None = make_writes(*views, turn, image.command, self.changed)
 
     def changed(self, slots: Sequence[int], before: Sequence[float], values: Sequence[float]) -> None:
-        """Another one than before is about to write other values to these."""
+        """Note that another writer than before is about to write other values to these actuators."""
         if self._number != self._image.clock.number:
             self._number = self._image.clock.number
             self._looked_at.clear()

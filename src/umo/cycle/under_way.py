@@ -11,7 +11,7 @@ from umo.objects import Compound, walk
 from umo.user_code import Raised, attempt, told
 
 EndIn = Callable[[Equipment, Callable[[], BaseException]], list[BaseException]]
-"""A function that ends what somebody has in progress in equipment, for this fault; the errors of the `finally`
+"""Function that ends work in progress in equipment because of a fault, and returns the errors of the `finally`
 blocks."""
 
 
@@ -36,11 +36,11 @@ class ActiveWork:
 
     @property
     def is_cut_short(self) -> bool:
-        """True if a fault has ended sequences, which may have been about to await others."""
+        """True if a fault has ended sequences that may have been about to await others."""
         return any(each.in_fault for each in self._equipment.all)
 
     def note(self, faults: Sequence[Equipment]) -> None:
-        """This equipment has come into fault."""
+        """Note that this equipment has entered a fault."""
         for note in self.noting if faults else ():
             note(faults)
 
@@ -58,8 +58,8 @@ class ActiveWork:
         return [Event(now, equipment.path, f"{CLEANING_UP}{each.text}") for each in [*raised, *map(told, errors)]]
 
     def cancel(self) -> None:
-        """The machine stops: cancel it all, the sequences of the application last. The first error of the `finally`
-        blocks is raised."""
+        """Cancel all work because the machine stops, the sequences of the application last. The first error of the
+        `finally` blocks is raised."""
         try:
             for cancel in self.before_cancel:
                 cancel()

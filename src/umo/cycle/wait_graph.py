@@ -36,15 +36,16 @@ class ParallelParts(NamedTuple):
 
     tasks: Sequence[Waiter]
     hold_up: Callable[[Iterable[bool]], bool]
-    """Decides if they prevent it from continuing: `any` if it waits for all of them, `all` if they are alternatives."""
+    """Function that decides whether they prevent it from continuing: `any` if it waits for all of them, `all` if they
+    are alternatives."""
 
 
 class Waiter(ABC):
-    """A sequence, as the graph of waits sees it."""
+    """A sequence in the graph of waits."""
 
     def __init__(self, parent: Waiter | None) -> None:
         self.parent = parent
-        """The sequence that runs it in parallel with others; None: it was started."""
+        """The sequence that runs it in parallel with others, or None if it was started."""
         self.awaited_by: list[Any] = []
         """The sequences that await it."""
         self.waits_for: Claimed | Waiter | ParallelParts | None = None
@@ -52,7 +53,7 @@ class Waiter(ABC):
         self.holds: list[Claimed] = []
         """The locks that it has."""
         self.paused = False
-        """True if it takes no steps: no time passes for it."""
+        """True if it is not advanced, so that no time passes for it."""
         self.limits: Sized = ()
         """The time limits of the blocks that it is in."""
 
@@ -74,7 +75,7 @@ class Waiter(ABC):
 
     @property
     def lineage(self) -> list[Waiter]:
-        """Itself, the sequence that runs it, and so on to the one that was started."""
+        """The sequence itself, the one that runs it, and so on up to the started one."""
         found, each = [self], self.parent
         while each is not None:
             found.append(each)

@@ -1,8 +1,7 @@
-"""What control code writes to actuators goes into the image by the extension in C (`writes.c`), where it is built.
-
-Beside a value, a write leaves who has written it, and a bit that says so until the values are sent. Only where another
-one than before writes another value anything is called (`two_writers.py`). Without the extension only the value is
-stored, as the rest would take as long again; in some periods writes are looked at (`sampled_writes.py`).
+"""Writes of control code into the image, by the extension in C (`writes.c`) if it is built. Besides the value, a write
+stores its writer, and a bit until the values are sent. A function is called only if another writer than before writes
+another value (`two_writers.py`). Without the extension only the value is stored, because the rest would double the
+time; then writes are examined in some periods (`sampled_writes.py`).
 """
 
 from __future__ import annotations
@@ -14,11 +13,12 @@ from umo.cycle import conversion
 from umo.objects.scaling import FloatArray, IntArray
 
 Changed = Callable[[Sequence[int], Sequence[float], Sequence[float]], None]
-"""Function that is called before another one than before writes these slots: with what is pending, and the values."""
+"""Function that is called before another writer than before writes these slots, with the pending values and the new
+ones."""
 
 
 class Turn(Protocol):
-    """The code that takes a step at this moment."""
+    """The code that is being carried out at this moment."""
 
     task: Any
     """The started sequence, or the one that it runs in parallel with others, or None if none does."""
@@ -27,7 +27,7 @@ class Turn(Protocol):
 
 
 class PlainTurn:
-    """The turn without the extension."""
+    """The `Turn` without the extension."""
 
     __slots__ = ("law", "task")
 
@@ -40,10 +40,10 @@ class ImageWrites(Protocol):
     """Writes into the image."""
 
     def write(self, slot: int, value: float) -> bool:
-        """True if a value within the range was taken."""
+        """Write a value within the range. Return True if it was accepted."""
 
     def write_many(self, slots: slice | IntArray, values: FloatArray) -> bool:
-        """Write many values, unless one of them is restricted: then nothing is done, and the result is False."""
+        """Write many values. If one of the actuators is restricted, nothing is written, and the result is False."""
 
     def note(self, slot: int, before: float, value: float) -> None:
         """Note a value that was accepted in another way; `before`: the pending value until then."""
@@ -63,7 +63,8 @@ def make_writes(
     command: Callable[[int, float], bool],
     changed: Changed,
 ) -> ImageWrites | None:
-    """From columns of the image. `command`: called for what is restricted. None: without the extension."""
+    """Make the writes of an image from its columns. `command` is called for restricted actuators. Returns None without
+    the extension."""
     extension = conversion.extension
     if extension is None:
         return None

@@ -35,7 +35,7 @@ def explained(path: str, error: OSError) -> str:
     if error.errno in _MISSING:
         others = similar(path)
         known = f"; there are: {', '.join(others[:_MAX_LISTED])}" if others else "; there is none of its kind"
-        return f"no device {path}{did_you_mean(path, others)}{known}"
+        return f"there is no device {path}{did_you_mean(path, others)}{known}"
     if error.errno in _REFUSED:
         return f"no permission to open {path}{_remedy(path)}"
     if error.errno in (errno.EBUSY, errno.EAGAIN):
@@ -71,7 +71,7 @@ def one_named(kind: str, wanted: str, there: Mapping[str, Sequence[str]]) -> str
         shown = " and ".join(f"{number}{in_brackets(*there[number])}" for number in found)
         raise DriverError(f"{shown} both have the name {wanted!r}: use a number, or another name")
     near = did_you_mean(wanted, [each for number, names in there.items() for each in (*names, number)])
-    raise DriverError(f"no {kind} {wanted!r}{near}; {listed(kind, there)}")
+    raise DriverError(f"there is no {kind} {wanted!r}{near}; {listed(kind, there)}")
 
 
 def listed(kind: str, there: Mapping[str, Sequence[str]]) -> str:

@@ -1,6 +1,6 @@
 """The absence of a device, as a state machine without a clock and without a driver.
 
-It gets events with their times, and says what to do. The cycle has one for each driver that is away
+It receives events with their times, and returns what to do. The cycle has one for each driver that is away
 (`umo.cycle.drivers_away`), the server of a driver off the cycle one of its own. (docs/decisions/0098)
 """
 
@@ -13,24 +13,24 @@ from typing import NamedTuple
 from umo.duration import TIME_TOLERANCE
 
 FIRST_INTERVAL = 0.05
-"""Time in s until a device is looked for again, after the first look or try that was in vain; it doubles each time."""
+"""Time in s until a device is looked for again after the first look or attempt that failed; it doubles each time."""
 LONG_ABSENCE = 0.5
 """An absence of at least this time, in s, is recorded as an event, and the device is initialised again, because it may
-have been switched off. A lost answer must not bring an output to its default, nor a device that is busy now and then
-fill the events."""
+have been switched off. A lost answer must not bring an output to its default, and a device that is sometimes busy must
+not fill the events."""
 
 
 class AbsenceState(Enum):
     """The state of a device."""
 
     THERE = auto()
-    """The device answers, as far as is known."""
+    """The device answers, as far as known."""
     DOUBTED = auto()
-    """A call has failed at once: calls are made as ever until it has been looked for."""
+    """A call has failed at once; calls are made as usual until the device has been looked for."""
     AWAY = auto()
     """The device is away: no call is made."""
     TRIED = auto()
-    """The device was found: the next call decides."""
+    """The device was found; the next call decides whether the absence is over."""
 
 
 class AbsenceStep(Enum):
@@ -43,39 +43,41 @@ class AbsenceStep(Enum):
     INITIALIZE = auto()
     """Initialise it again before anything else is sent to it, and report the outcome (`initialized`)."""
     TRY = auto()
-    """Make calls, and report the outcome of the first one (`failed`, or the absence is over)."""
+    """Make calls, and report the outcome of the first one: call `failed`, or the absence is over."""
 
 
 class SearchPolicy(NamedTuple):
     """The differences between the callers that look for a device."""
 
     max_interval: float
-    """The longest time in s from one look or try to the next."""
+    """The longest time in s from one look or attempt to the next."""
     calls_on: bool
-    """True if calls are made as ever after one that has failed at once."""
+    """True if calls are made as usual after one that has failed at once."""
 
 
 ON_CYCLE = SearchPolicy(5.0, True)
-"""A try may cost a period the timeout of a call; a call that fails at once costs nothing."""
+"""On the cycle: an attempt may delay a period by the timeout of a call; a call that fails at once costs no time."""
 OFF_CYCLE = SearchPolicy(1.0, False)
-"""Nothing waits for an attempt. Nothing is written to a device before one of its values has arrived."""
+"""Off the cycle: nothing waits for an attempt. Nothing is written to a device before one of its values has arrived."""
 
 
 class Absence:
-    """The absence of one device. All times are in s, by whatever clock."""
+    """The absence of one device. All times are in s, on any one clock."""
 
     def __init__(self, manner: SearchPolicy, answers: bool) -> None:
-        """`answers`: whether a look that finds the device has its own answer; else it says that it may be tried."""
+        """`answers`: True if a successful look proves that the device answers; otherwise it only shows that a call may
+        be tried."""
         self._manner, self._answers = manner, answers
         self.state = AbsenceState.THERE
         self.began = self.due = inf
-        """Time at which it has begun; time from which the device is looked for."""
+        """Time at which the absence has begun, and time from which on the device is looked for."""
         self.known = False
         """True if it is known that the device is away: a write has failed, or it was not found."""
         self.was_initialized = False
         """True if the device was initialised in this absence."""
         self.refuses = False
-        """True if the device is there and refuses: it has answered the last look, and calls have failed at once."""
+        """True if the device is present but refuses calls: it has answered the last look, and calls have failed at
+        once."""
         self._since = inf
         """Time since which the device is not known to answer."""
         self._undecided = inf
@@ -91,11 +93,11 @@ class Absence:
 
     @property
     def is_confirmed(self) -> bool:
-        """True if a device that was found is there, also if nothing was called since."""
+        """True if it is certain that a found device is present, even if no call was made since."""
         return self.state is AbsenceState.TRIED and self._answers
 
     def has_lasted(self, now: float) -> bool:
-        """True if it is long enough for an event."""
+        """True if the absence is long enough for an event."""
         return now - self.began >= LONG_ABSENCE - TIME_TOLERANCE
 
     def is_due(self, now: float) -> bool:
@@ -103,12 +105,12 @@ class Absence:
         return self.state is AbsenceState.DOUBTED or (self.is_away and now >= self.due - TIME_TOLERANCE)
 
     def assume(self, now: float) -> None:
-        """Assume nothing of the device: it is initialised before anything is sent."""
+        """Assume nothing about the device, so that it is initialised before anything is sent."""
         self.state, self.began, self.due, self._since = AbsenceState.AWAY, now, now, -inf
 
     def failed(self, now: float, timed_out: bool, write: bool = False, began: float | None = None) -> AbsenceStep:
-        """A call has failed: one of the whole driver, or one that timed out. `began`: the time at which the call has
-        begun, if that is not now."""
+        """Note a call that failed for the whole driver, or that timed out. `began`: the time at which the call began,
+        if that is not now."""
         if self.state is AbsenceState.THERE:
             self.began = self.due = self._since = now if began is None else began
         answered = not timed_out and self._answers
@@ -125,8 +127,8 @@ class Absence:
         return AbsenceStep.REFUSE if self.is_away else AbsenceStep.CALL
 
     def looked(self, now: float, found: bool | None, timeout: float) -> AbsenceStep:
-        """The device was looked for. None, "not known yet", counts as False after the `timeout` of a call in s, or a
-        long absence if that is longer."""
+        """Note the result of a look. None, "not known yet", counts as False after the `timeout` of a call in s, or
+        after `LONG_ABSENCE` if that is longer."""
         if found is None:
             self._undecided = min(self._undecided, now)
             if now - self._undecided <= max(timeout, LONG_ABSENCE) + TIME_TOLERANCE:
@@ -141,8 +143,8 @@ class Absence:
         return self._try()
 
     def accepted(self) -> None:
-        """The device has accepted some of an initialisation. It is tried soon, once: what fails each time is tried at
-        growing intervals."""
+        """Note that the device has accepted a part of an initialisation. It is tried again soon, but only once; if it
+        fails each time, the intervals grow."""
         if not self._accepted:
             self._accepted, self._interval = True, FIRST_INTERVAL
 

@@ -21,22 +21,22 @@ from umo.user_code import check_overrides, incomplete
 
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
-"""The raw integers that a transfer can have."""
+"""The least and the greatest raw integer of a transfer."""
 _LEAST, _GREATEST = int(INT64.min), int(INT64.max)
 UNREAD = -0x7EAD_7EAD_7EAD_7EAD
 """Raw integer of a place in a buffer that the driver has not filled yet; it counts as not read. A channel of 64 bits
-that reads exactly this loses the reading: one raw integer of 2**64."""
+that reads exactly this value, one of 2**64, loses the reading."""
 
 MAX_DEFAULT_TIMEOUT = 1.0
-"""Upper limit of a default timeout in s; a longer one is given in the wiring. The timeouts of a period add up, and a
-stop and the guardian wait for them."""
+"""Upper limit of a default timeout in s; a longer one must be given in the wiring. The timeouts of a period add up, and
+a stop and the guardian wait for them."""
 
 QUICK_SHARE = 0.01
-"""Share of the timeout within which the single transfers of a block are quick: the timeout is not made shorter then."""
+"""Share of the timeout. If the single transfers of a block end within it, their timeout is not shortened."""
 
 LEAST_SHARE = 0.01
-"""Share of the timeout that a single transfer has at least: a circuit that answers at once, as a simulated one does,
-does not fail because the computer was busy meanwhile. One that has to be waited for times out."""
+"""Least share of the timeout for a single transfer, so that a circuit that answers at once, such as a simulated one,
+does not fail because the computer was busy. A slower one times out."""
 
 
 class Direction(Flag):
@@ -64,22 +64,23 @@ class Channel:
 
     @property  # a field would make every channel larger, and slower a period of many
     def event(self) -> bool:
-        """True if a write is an event, such as a pulse or a command, and not a level: sent twice, it may happen twice.
-        Default: it is not."""
+        """True if a write is an event, such as a pulse or a command, and not a level, so that it may happen twice if it
+        is sent twice. Default: False."""
         return False
 
     @property
     def places(self) -> tuple[Hashable, ...]:
         """The places of the circuit that the channel uses. Two objects must not share one. Default: the direction and
-        the fields of the derived class, so two texts for one output are found; without such fields the text. Drivers
-        of one class share the places of a device: with several units, the channel needs a field for the unit."""
+        the fields of the derived class, so two texts for one output are found; without such fields the text. Drivers of
+        one class share the places of a device, so for a device with several units the channel needs a field for the
+        unit."""
         kind: Any = type(self)
         own = tuple(getattr(self, name) for name in _own_fields(kind))
         return ((self.direction, own),) if own else (self.text,)
 
     @property
     def rewrites(self) -> tuple[Hashable, ...]:
-        """The places beside its own that a write sends along as this driver knows them, such as the other bits of a
+        """Further places that a write also sends, with the contents that this driver knows, such as the other bits of a
         register. No other driver may have an output there. Default: none."""
         return ()
 
@@ -92,13 +93,13 @@ class Channel:
             cls.__hash__ = Channel.__hash__  # type: ignore[method-assign]
 
     def check(self, raw: int) -> None:
-        """DriverError if this cannot be written: the channel is an input, or the raw integer does not fit its bits."""
+        """Check a write. DriverError if the channel is an input, or if the raw integer does not fit its bits."""
         if self.direction is _INPUT:
             raise DriverError(f"{self.text} is an input")
         self.fit(raw)
 
     def fit(self, raw: int) -> None:
-        """DriverError if the raw integer does not fit its bits."""
+        """Check a raw integer. DriverError if it does not fit the bits of the channel."""
         lowest, highest = _limits(self.bits, self.signed)
         if not lowest <= raw <= highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {lowest} to {highest}")
@@ -145,29 +146,30 @@ class Driver(ABC, Generic[C]):
     """
 
     only_off_cycle: ClassVar[bool] = False
-    """True if its calls may take longer than a period as a matter of course: it is refused on the cycle."""
+    """True if its calls usually take longer than a period, so that it is refused on the cycle."""
     timeout: float = MAX_DEFAULT_TIMEOUT
     """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods, at most 1 s. It is longer while
     objects are initialised and reset."""
     period: float = 0.0
-    """Sampling period of the machine in s; 0: no timer. Set from the wiring before `open`."""
+    """Sampling period of the machine in s, or 0 without a timer. Set from the wiring before `open`."""
     forms: Sequence[str] = ()
-    """The forms of its channels, such as "line:N". For `umo device drivers`, if the driver cannot be made without
+    """The forms of its channels, such as "line:N". `umo device drivers` shows them if the driver cannot be made without
     options."""
     realtime: bool = False
     """True if the driver has a timer channel that runs in real time. Default: False."""
     simulates_time: bool = False
-    """True if time passes in it by reading its timer channel only, as in a plant: it must be the machine's timer."""
+    """True if time passes in it by reading its timer channel only, as in a plant; then it must be the machine's
+    timer."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """DeclarationError if one of these functions is an `async def`, or if a function of `optional.py` is defined
-        without its class."""
+        """Check the class. DeclarationError if one of these functions is an `async def`, or if a function of
+        `optional.py` is defined without its class."""
         super().__init_subclass__(**keywords)
         check_overrides(cls)
         check_named(cls)
 
     def __new__(cls, *options: object, **named: object) -> Self:
-        """DeclarationError for a class that lacks a function of its bases."""
+        """Make a driver. DeclarationError for a class that lacks a function of its bases."""
         if lacking := cls.__abstractmethods__:
             raise incomplete(cls, lacking)
         return super().__new__(cls)
@@ -176,7 +178,8 @@ class Driver(ABC, Generic[C]):
 
     @abstractmethod
     def channel(self, text: str) -> C:
-        """The channel with this text. Raises ChannelError with the valid forms. May be called before `open`."""
+        """The channel with this text. Raises ChannelError, with the valid forms, for an unknown one. May be called
+        before `open`."""
 
     def initialize(self, channel: C, default: int | None) -> None:
         """Prepare the channel. An output must go directly to its default, without another level in between.
@@ -185,7 +188,7 @@ class Driver(ABC, Generic[C]):
             self.write(channel, default)
 
     def finalize(self, channel: C) -> None:
-        """Release the channel. An output has been reset before."""
+        """Release the channel. An output has already been reset."""
 
     def reset(self, channel: C, default: int | None) -> None:
         """Actuators: write the default, a raw value. Sensors (None): clear faults of the circuit, not a counter."""
@@ -202,14 +205,14 @@ class Driver(ABC, Generic[C]):
 
     def devices(self) -> Iterable[str]:
         """The hardware that the driver uses, such as "modbus tcp 192.168.0.7:502". The text must be the same for every
-        spelling of one device: one process holds a device at a time. Empty: a simulation. Called before `open`."""
+        spelling of one device: one process holds a device at a time. Empty for a simulation. Called before `open`."""
         return ()
 
     def read_many(self, channels: Sequence[C], out: IntArray) -> None:
         """Read all channels into `out`, in place: the sensors of one period, if possible in one bus transfer.
-        `channels` is a tuple without repetitions, for the whole machine the same object in every period: a plan may be
-        kept by it. Raises ChannelsFailed if only some channels failed. A place of `out` that is not filled counts as
-        failed. By default each channel is read alone, within what is left of the timeout."""
+        `channels` is a tuple without repetitions, for the whole machine it is the same object in every period, so a
+        driver may keep a plan for it. Raises ChannelsFailed if only some channels failed. A place of `out` that is not
+        filled counts as failed. By default each channel is read alone, within the remaining part of the timeout."""
 
         def read(i: int, channel: C) -> None:
             out[i] = index(self.read(channel))  # numpy alone would truncate a float
@@ -228,7 +231,7 @@ class Driver(ABC, Generic[C]):
         """Open the circuit. Only `channel` and `devices` are called before."""
 
     def close(self) -> None:
-        """Close the circuit. The last call; also made if `open` failed."""
+        """Close the circuit. This is the last call; it is also made if `open` failed."""
 
 
 def _one_by_one(driver: Driver[C], channels: Sequence[C], transfer: Callable[[int, C], None]) -> None:

@@ -21,9 +21,9 @@ FORMS = ("count:N", "preset:N", "ceiling:N", "floor:N", "enable:N", "direction:N
 _TEXT = re.compile(r"(count|preset|ceiling|floor|enable|direction):(0|[1-9][0-9]{0,3})")
 _DIRECTIONS = {"forward": 0, "backward": 1}
 _MAX_BITS = 63
-"""Bits of an unsigned value at most: raw values are int64."""
+"""Largest number of bits of an unsigned value: raw values are int64."""
 _MAX_FILE_SIZE = 64
-"""Bytes in a file at most."""
+"""Largest number of bytes in a file."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CounterChannel(Channel):
 
     @property
     def event(self) -> bool:
-        """A count that is set again has lost what it counted meanwhile."""
+        """True, because writing a count again would lose the events counted in between."""
         return self.attribute == "count"
 
 
@@ -86,7 +86,8 @@ class Counter(Driver[CounterChannel]):
         return CounterChannel(text, direction, bits, signed, count, attribute)
 
     def devices(self) -> Sequence[str]:
-        """Its number, however the option names it; a device that is not there stands for itself."""
+        """The device by its number, regardless of how the option names it; a device that does not exist, as the option
+        names it."""
         with suppress(OSError):
             return [f"counter {_found(self.device).name}"]
         return [f"counter {self.device}"]
@@ -101,7 +102,7 @@ class Counter(Driver[CounterChannel]):
         self._disconnect()
 
     def initialize(self, channel: CounterChannel, default: int | None) -> None:
-        """Set the function of the count, write an output's default, enable a count that has no wired `enable`."""
+        """Set the function of the count, write an output's default, and enable a count without a wired `enable`."""
         self._begin()
         self._initialize(channel, default)
 

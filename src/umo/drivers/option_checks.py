@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def within(name: str, value: Any, least: int, most: int, why: str = "") -> int:
-    """A whole number within limits."""
+    """Return the option as a whole number within limits."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise WiringError(f"{name} must be a whole number from {least} to {most}{why}, not {value!r}")
     return value
@@ -28,14 +28,14 @@ def one_of(name: str, value: T, known: Sequence[object]) -> T:
 
 
 def truth(name: str, value: object) -> bool:
-    """True or False."""
+    """Return the option as True or False."""
     if not isinstance(value, bool):
         raise WiringError(f"{name} must be true or false, not {value!r}")
     return value
 
 
 def checked_table(name: str, value: Any, known: Collection[str], example: str) -> Mapping[str, Any]:
-    """A table of which all keys are known."""
+    """Return a table after checking that all its keys are known."""
     if not isinstance(value, Mapping):
         raise WiringError(f"{name} must be a table such as {example}, not {value!r}")
     for key in value:

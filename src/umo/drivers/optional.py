@@ -1,9 +1,10 @@
-"""Optional abilities of a driver beyond the functions of the contract: one class for each, which it names as a base.
+"""Optional abilities of a driver beyond the functions of the contract: one class for each, which the driver names as a
+base.
 
     class Modbus(Driver[ModbusChannel], Looks, HasWatchdog, Inspects): ...
 
-Beside each stands the function by which umo asks: it knows what holds for a driver that has no such thing. A driver
-that has one of the functions and does not name its class is refused as it is defined.
+Next to each class is the function that umo calls, which also handles drivers without this ability. A driver that
+defines one of these functions without naming its class is refused when it is defined.
 """
 
 from __future__ import annotations
@@ -23,20 +24,21 @@ class Looks(ABC):
 
     @property
     def answers_for_device(self) -> bool:
-        """True if a look that says True is the device's own answer, and not that the device may be tried."""
+        """True if the result True of a look means that the device itself has answered, and not only that a call may be
+        tried."""
         return True
 
     @abstractmethod
     def look(self) -> bool | None:
-        """Return whether the device answers again. None: not known yet, called again in the next period; after
-        `timeout`, or 0.5 s if that is longer, this counts as False. False, or an OSError: not now.
-
-        Called while the driver is away: a call has timed out, or one of the whole driver has failed. Other calls may
-        come in between."""
+        """Return whether the device answers again. None means not known yet: the function is called again in the next
+        period, and after `timeout`, or 0.5 s if that is longer, None counts as False. False, or an OSError, means that
+        it does not answer now. Called while the driver is away, after a call that timed out or a failed call of the
+        whole driver. Other calls may come in between."""
 
 
 def look_for(driver: object) -> bool | None:
-    """The result of the driver's look as True, False or None; True, "try a transfer", if it has none."""
+    """Return the result of the driver's look as True, False or None; without a look True, which means "try a
+    transfer"."""
     if not isinstance(driver, Looks):
         return True
     found = driver.look()
@@ -44,18 +46,18 @@ def look_for(driver: object) -> bool | None:
 
 
 def answers_for_device(driver: object) -> bool:
-    """True if a look that says True is the device's own answer."""
+    """True if the result True of a look means that the device itself has answered."""
     return isinstance(driver, Looks) and driver.answers_for_device
 
 
 class KnowsAges(ABC):
-    """Its circuit receives values from elsewhere instead of being asked for them. It counts for a driver off the
-    cycle."""
+    """A driver whose circuit receives values from elsewhere instead of reading them on request, so that they have ages.
+    It matters only for a driver off the cycle."""
 
     @abstractmethod
     def ages(self, channels: Sequence[Any]) -> Sequence[float] | None:
-        """The age in s of each value that the last `read_many` of these channels has given. None: they are as old as
-        the transfer."""
+        """The age in s of each value that the last `read_many` of these channels has given. None means that they are as
+        old as the transfer."""
 
 
 def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
@@ -64,12 +66,13 @@ def ages_of(driver: object, channels: Sequence[Any]) -> Sequence[float] | None:
 
 
 class HasShortForm(ABC):
-    """Lines of `[wire]` may have `driver = "TYPE:TEXT"` in place of a table of options."""
+    """A driver for which lines of `[wire]` may have `driver = "TYPE:TEXT"` instead of a table of options."""
 
     @classmethod
     @abstractmethod
     def table(cls, text: str) -> Mapping[str, Any] | None:
-        """The options that the text stands for, as a table `[drivers.NAME]` has them. None: there is no such form."""
+        """Return the options that the text stands for, as in a table `[drivers.NAME]`, or None if there is no such
+        form."""
 
 
 def short_form_of(driver: type, text: str) -> Mapping[str, Any] | None:
@@ -78,21 +81,21 @@ def short_form_of(driver: type, text: str) -> Mapping[str, Any] | None:
 
 
 class PhysicalScale(NamedTuple):
-    """Scale of a channel, as the circuit itself knows it: raw * resolution + zero_offset."""
+    """Scale of a channel that the circuit itself reports: raw * resolution + zero_offset."""
 
     resolution: float
     zero_offset: float
     units: str
-    """The unit as pint knows it: "mV", "degC"."""
+    """The unit in the spelling of pint, such as "mV" or "degC"."""
 
 
 class KnowsScale(ABC):
-    """Its circuit itself knows what a raw integer stands for. The wiring is checked against that where the object has
-    units of the same dimension."""
+    """A driver whose circuit itself reports what a raw integer stands for. The wiring is checked against that if the
+    object has units of the same dimension."""
 
     @abstractmethod
     def physical_scale(self, channel: Any) -> PhysicalScale | None:
-        """The scale of a channel; None: unknown, or the device is not there. May be called before `open`."""
+        """The scale of a channel, or None if it is unknown or the device is not there. May be called before `open`."""
 
 
 def scale_of(driver: object, channel: Any) -> PhysicalScale | None:
@@ -101,20 +104,22 @@ def scale_of(driver: object, channel: Any) -> PhysicalScale | None:
 
 
 class NoWatchdog(DriverError, NotImplementedError):
-    """The circuit has no watchdog of its own, or none that its options name."""
+    """The circuit has no watchdog of its own, or its options do not name it."""
 
 
 class HasWatchdog(ABC):
-    """Its circuit has a watchdog of its own."""
+    """A driver whose circuit has a watchdog of its own."""
 
     @abstractmethod
     def watchdog(self, seconds: float) -> None:
-        """Arm it: after this time without a request the circuit sets its outputs to safe levels. Called once the driver
-        is open, and again when its device was away and is back, not when it has let go: whether the circuit is armed
-        then is its own choice. A driver that makes requests beside its calls must not keep it from letting go."""
+        """Arm the watchdog: after this time without a request the circuit sets its outputs to safe levels. Called once
+        the driver is open, and again when its device is back after being away, but not after the watchdog has expired:
+        whether it is armed then depends on the circuit. Requests that a driver makes besides its calls must not keep
+        the watchdog from expiring."""
 
     def check_watchdog(self, seconds: float) -> None:  # noqa: B027  most take any time
-        """WiringError or DriverError if `watchdog` cannot take this time. Nothing is sent; called before `open`."""
+        """Check a time. WiringError or DriverError if `watchdog` does not accept it. Called before `open`; it sends
+        nothing."""
 
 
 def arm_watchdog(driver: object, seconds: float) -> None:
@@ -125,22 +130,22 @@ def arm_watchdog(driver: object, seconds: float) -> None:
 
 
 class Reports(ABC):
-    """Reports results of its circuit or plant."""
+    """A driver that reports results of its circuit or plant."""
 
     @abstractmethod
     def report(self) -> Mapping[str, Any]:
-        """The results so far, as plain data by name. Called at the end of a run before `close`, and by `umo device
-        plant --report` ten times a second."""
+        """Return the results so far, as plain data by name. Called at the end of a run before `close`, and by `umo
+        device plant --report` ten times a second."""
 
 
 def report_of(driver: object) -> dict[str, Any]:
-    """The results of a driver so far; empty if it has none."""
+    """Return the results of a driver so far; empty if it reports none."""
     return dict(driver.report()) if isinstance(driver, Reports) else {}
 
 
 class Inspects(ABC):
-    """Shows the content of the circuit for commissioning, in `umo device get`. It helps to find a wrong option, such as
-    the order of bytes."""
+    """A driver that shows the content of its circuit for commissioning, in `umo device get`. It helps to find a wrong
+    option, such as the order of bytes."""
 
     @abstractmethod
     def inspect(self, channel: Any) -> str:
@@ -162,35 +167,35 @@ class EndsWait(ABC):
 
     @abstractmethod
     def stop_waiting(self) -> None:
-        """A stop was requested: the wait for a tick, or the next one if there is none now, ends at once with WaitEnded.
-        Called in a signal handler or in another thread; raises nothing."""
+        """End the wait for a tick at once with WaitEnded, or the next wait if there is none now, because a stop was
+        requested. Called in a signal handler or in another thread; it must not raise an error."""
 
 
 class TransferInC(NamedTuple):
     """A function in C that moves the raw integers of some channels (`umo_transfer` of umo_driver.h)."""
 
     function: int
-    """Its address."""
+    """The address of the function."""
     context: int
-    """The address that it is called with."""
+    """The address that is passed to the function."""
     keep: Any
-    """The object that keeps both alive."""
+    """The object that keeps the function and its context alive."""
 
 
 class MovesInC(ABC):
-    """Its transfers can be made in C, beside its functions in Python: compiled machines then do not call those, but
-    where the function in C says so (umo_driver.h)."""
+    """A driver whose transfers can be made in C, in addition to its functions in Python. Compiled machines call the
+    Python functions only if the function in C requests it (umo_driver.h)."""
 
     @abstractmethod
     def in_c(self, channels: Sequence[Any], write: bool) -> TransferInC | str:
-        """The transfer of these channels, as `read_many` or `write_many` has them; of a timer, as `read` has it. It
-        holds until the driver is closed. A text: why there is none. Called when the channels are initialised; again
-        when the driver was away."""
+        """Return the transfer for these channels, as for `read_many` or `write_many`; for a timer, as for `read`. It is
+        valid until the driver is closed. If there is none, return the reason as text. Called when the channels are
+        initialised, and again after the driver was away."""
 
 
 def transfer_in_c(driver: object, channels: Sequence[Any], write: bool) -> TransferInC | str:
-    """The driver's transfer in C; a text: why there is none. One that a subclass has not changed with its functions in
-    Python is not theirs."""
+    """Return the driver's transfer in C, or the reason as text if there is none. If a subclass changes functions in
+    Python without changing the transfer in C, the latter is not used."""
     if not isinstance(driver, MovesInC):
         return "it has no transfers in C"
     for place in (vars(driver), *map(vars, type(driver).__mro__)):
@@ -202,7 +207,7 @@ def transfer_in_c(driver: object, channels: Sequence[Any], write: bool) -> Trans
 
 
 IN_PYTHON = frozenset({"read", "write", "read_many", "write_many"})
-"""The functions of a driver in Python that its transfers in C stand for."""
+"""The functions of a driver in Python that its transfers in C replace."""
 OPTIONAL: tuple[type, ...] = (
     Looks,
     KnowsAges,
@@ -222,8 +227,8 @@ def names_of(kind: type) -> list[str]:
 
 
 def check_named(cls: type) -> None:
-    """DeclarationError for a driver with a function of one of these classes that does not name the class: nobody would
-    call it."""
+    """Check a driver class. DeclarationError if it has a function of one of these classes but does not name the class,
+    because the function would never be called."""
     for kind in OPTIONAL:
         for name in names_of(kind):
             function = getattr(cls, name, None)

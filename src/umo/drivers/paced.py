@@ -12,9 +12,9 @@ class PacedTimer(TimerFd):
     """The timer channel of a driver that runs in virtual time, in real time (the option `realtime` of a run).
 
     `read` reads the timer channel of the driver, so that one period passes in the plant, and waits for the wall clock
-    like `TimerFd`: what the plant has to compute does not delay the period. If the wall clock has missed periods, they
-    pass in the plant too. It returns the periods missed by the wall clock. The wiring replaces the driver on the
-    timer's wire by it; it does not open or close the driver.
+    like `TimerFd`, so that the computing time of the plant does not delay the period. If the wall clock has missed
+    periods, they also pass in the plant. It returns the periods missed by the wall clock. On the timer's wire it takes
+    the place of the driver, which it does not open or close.
     """
 
     def __init__(self, timer: Driver[Any]) -> None:

@@ -1,6 +1,6 @@
 """Find a driver's class by name: entry points of the group `umo.drivers`, or `module:Class`.
 
-A driver is imported only if a wiring names it. A driver that is missing is not replaced by another one.
+A driver is imported only if a wiring names it. A missing driver is not replaced by another one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ GROUP = "umo.drivers"
 
 @cache
 def known() -> dict[str, list[EntryPoint]]:
-    """The registered drivers by name; none is imported. A name with several entry points stands for none of them."""
+    """The registered drivers by name; none is imported. A name with several entry points is ambiguous and stands for
+    none of them."""
     found: dict[str, dict[str, EntryPoint]] = {}
     for point in registered(GROUP):
         found.setdefault(point.name, {})[point.value] = point
@@ -45,7 +46,7 @@ def find(name: str) -> type[Driver]:
         module, attribute = points[name][0].module, points[name][0].attr
     else:
         names = ", ".join(points)
-        raise WiringError(f"no driver {name!r}{did_you_mean(name, points)}; known: {names}, or module:Class")
+        raise WiringError(f"there is no driver {name!r}{did_you_mean(name, points)}; known: {names}, or module:Class")
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a module may raise anything
@@ -57,7 +58,7 @@ def find(name: str) -> type[Driver]:
 
 def table_of(name: str) -> Mapping[str, Any]:
     """The table `[drivers.NAME]` of a driver that only lines of `[wire]` name: by a type, or by `TYPE:TEXT` if the
-    registered type has such a short form. `:` stands for `module:Class` in all others."""
+    registered type has such a short form. In all other types `:` means `module:Class`."""
     kind, _, text = name.partition(":")
     if text and kind in known():
         with suppress(WiringError):  # it is told as for any other

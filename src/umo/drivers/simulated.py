@@ -1,7 +1,7 @@
-"""The simulated circuit: for objects whose circuit does not exist yet, and for tests.
+"""A simulated circuit for objects whose circuit does not exist yet, and for tests.
 
-It stores the last writes in a history. A sensor reads the value given by `set`, default: 0. As the timer it returns
-at once with 0 missed periods: virtual time.
+It stores the last writes in a history. A sensor reads the value given by `set` (default: 0). As the timer it returns at
+once with 0 missed periods, so time is virtual.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Written(NamedTuple):
 
 
 class Simulated(Driver, MovesInC):
-    """Channels of any name, input and output alike, 63 bits and a sign.
+    """A circuit with channels of any name, for inputs and outputs, with 63 bits and a sign.
 
     Options:
-        history: how many of the last writes are kept; 0: none, and its transfers can be made in C.
+        history: how many of the last writes are kept; with 0 none is kept, and the transfers can be made in C.
     """
 
     def __init__(self, *, history: int = 10_000) -> None:

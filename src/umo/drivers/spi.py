@@ -95,7 +95,7 @@ class Spi(RegisterDriver):
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
 
     def channel(self, text: str) -> RegisterChannel:
-        """The address must fit the command beside the masks."""
+        """Return the channel with this text. Its address must fit into the command next to the masks."""
         channel = super().channel(text)
         register = channel.register
         last = register.address + (register.size - 1 if self._auto_increment else 0)
@@ -108,7 +108,7 @@ class Spi(RegisterDriver):
         return channel
 
     def devices(self) -> Iterable[str]:
-        """Its device file."""
+        """The device file of the chip select."""
         return [f"spi {os.path.realpath(self.path)}"]
 
     def _connect(self) -> None:

@@ -14,25 +14,26 @@ from umo.errors import DriverError
 from umo.system import calls
 
 MAX_AWAKE_SHARE = 15 / 16
-"""Share of its processor that a thread which waits busily uses at most. The kernel holds up a real-time thread
-that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
+"""Largest share of its processor that a busily waiting thread uses. The kernel suspends a real-time thread that uses
+more than 95 % (sched(7), sched_rt_runtime_us)."""
 LOOK_INTERVAL = 10, 30_000_000
-"""Interval in periods, and in ns at most, between two looks at the processor time: a system call, which in each period
-made the period longer."""
+"""Interval in periods, and longest interval in ns, between two readings of the processor time, which is a system call
+that would lengthen each period."""
 MAX_OWED_SLEEP = 1, 2_000_000
-"""Sleep in periods, and in ns at most, that may be owed before a tick is waited for asleep."""
+"""Sleep in periods, and longest sleep in ns, that may accumulate before the thread sleeps until a tick."""
 MAX_NAP = 50_000_000
-"""Sleep in ns at most before a look whether a stop has ended the wait."""
+"""Longest sleep in ns before a look whether a stop has ended the wait."""
 LEFT_OUT_PERIODS = 8
-"""Periods for which work is left out that did not end before its tick; doubled after each time in a row."""
+"""Number of periods for which work is left out after it did not end before its tick; doubled after each consecutive
+time."""
 MAX_DOUBLINGS = 12
-"""Doublings of these periods at most."""
+"""Largest number of doublings of this number of periods."""
 DECAY_DIVISOR = 8
-"""Divisor of what the expected time of the work loses in each period after a long one."""
+"""Divisor for the decrease of the expected time of the work in each period after a long one."""
 
 
 class WhileWaiting:
-    """Work that is done while a tick is waited for, if it is likely to end before the tick."""
+    """Work that is done during the wait for a tick, if it is likely to end before the tick."""
 
     def __init__(self, work: Callable[[], object], clock: Callable[[], int] | None = None) -> None:
         self._work = work
@@ -45,7 +46,7 @@ class WhileWaiting:
         """Periods until it is done again after that."""
 
     def __call__(self, now: int, due: int) -> int:
-        """Do it if it fits between now and the tick; the time then, in ns."""
+        """Do the work if it fits between now and the tick. Return the time afterwards, in ns."""
         if self._left_out:
             self._left_out -= 1
             return now
@@ -63,15 +64,15 @@ class WhileWaiting:
 
 
 Grid: Any = object if native is None else native.Grid
-"""The memory for the numbers of a `Ticker`: of the extension, whose `TICK` waits as `Ticker.wait` does."""
+"""The memory for the numbers of a `Ticker`, which the extension shares; its `TICK` waits like `Ticker.wait`."""
 
 
 class Ticker(Grid):  # type: ignore[misc]
-    """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` are injected by tests;
-    else they are those of `calls` at its construction, as it calls them in every period.
+    """A grid of periods on the monotonic clock. `clock` (ns), `used` (ns), `sleep` and `nap` can be injected by tests;
+    otherwise they are those of `calls` at its construction, since they are called in every period.
 
-    `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call;
-    the clock says which ticks have passed. `nap(s)` is time.sleep, `used()` the processor time of this thread.
+    `sleep()` returns after the next expiry of the kernel's timer, or at once if it has expired since the last call; the
+    clock determines which ticks have passed. `nap(s)` is time.sleep, `used()` the processor time of this thread.
     """
 
     def __init__(
@@ -108,10 +109,10 @@ class Ticker(Grid):  # type: ignore[misc]
         self.due = 0
         """Time at which the tick was due that ended the last `wait`, in ns of CLOCK_MONOTONIC."""
         self.woke = 0
-        """Time at which the last `wait` continued, on the same clock: `woke - due` is how late it woke."""
+        """Time at which the last `wait` continued, on the same clock: `woke - due` is the delay of waking up."""
 
     def start(self) -> None:
-        """The first tick comes one period from now."""
+        """Start the timer: the first tick comes one period from now."""
         if not sys.platform.startswith("linux"):
             raise DriverError("real time needs Linux (timerfd); virtual time works everywhere")
         if not self._nanoseconds:  # which timerfd takes for "never"
@@ -125,8 +126,8 @@ class Ticker(Grid):  # type: ignore[misc]
 
     def wait_busily(self, seconds: float) -> None:
         """Sleep until this time in s before each tick, then read the clock until the tick comes, so that the thread and
-        its processor are awake. Costs this share of a processor. Where this and the work of the periods exceed
-        `MAX_AWAKE_SHARE`, some ticks are waited for asleep."""
+        its processor are awake. This takes a corresponding share of a processor. If that and the work of the periods
+        exceed `MAX_AWAKE_SHARE`, the thread sleeps until some of the ticks."""
         self._busy_wait = round(seconds * 1e9)
         self._arm_or_raise(self._next - self._busy_wait)
 
@@ -163,7 +164,7 @@ class Ticker(Grid):  # type: ignore[misc]
         return 0
 
     def stop_waiting(self) -> None:
-        """This wait ends, or the next one: the kernel's timer expires at once. Raises nothing."""
+        """End this wait, or the next one, by making the kernel's timer expire at once. It raises no error."""
         self._ended = True
         self._arm(1)
 
@@ -219,7 +220,7 @@ class TimerFd(Driver, EndsWait, MovesInC):
             self.ticker.close()
 
     def reset(self, channel: Channel, default: int | None) -> None:
-        """A timer has no faults to clear, and its grid never moves."""
+        """Do nothing: a timer has no faults to clear, and its grid never moves."""
 
     def read(self, channel: Channel) -> int:
         if self.ticker is None:

@@ -1,4 +1,4 @@
-"""The transfers in C of the drivers of this folder (`native.c`), where they could be built."""
+"""The transfers in C of the drivers of this folder (`native.c`), if they could be built."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from typing import Any
 
 NOT_BUILT = "the extension of the drivers in C was not built"
 native: Any = None
-"""The extension; None: it was not built."""
+"""The extension, or None if it was not built."""
 with suppress(ImportError):
     native = import_module("umo.drivers._native")

@@ -11,19 +11,19 @@ from umo.drivers.optional import OPTIONAL, MovesInC, names_of
 
 
 def of_driver(name: str) -> Any:
-    """The attribute of this name that the driver itself has."""
+    """Return the driver's own attribute with this name."""
     return property(attrgetter(f"driver.{name}"), lambda wrapper, value: setattr(wrapper.driver, name, value))
 
 
 class Wrapper(Driver[Any]):
-    """A driver in front of another one. An object of it is of the classes of `optional.py` that the driver behind it is
-    of, and of no others but those that it names itself. What it does not do itself is that driver's own."""
+    """A driver in front of another one. It is an instance of the same classes of `optional.py` as the wrapped driver,
+    and of those that it names itself. Calls that it does not handle go to the wrapped driver."""
 
     withheld: ClassVar[tuple[type, ...]] = (MovesInC,)
-    """Classes that a wrapper never derives from: the driver's transfers in C would bypass it."""
+    """Classes that a wrapper never derives from, because the driver's transfers in C would bypass it."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """Define functions for everything that a wrapped driver may have."""
+        """Define functions for all optional functions of a wrapped driver."""
 
     def __new__(cls, driver: Driver[Any], *_: Any, **keywords: Any) -> Self:
         had = (kind for kind in OPTIONAL if isinstance(driver, kind) and kind not in cls.withheld)
@@ -47,7 +47,7 @@ class Wrapper(Driver[Any]):
 
 
 def bare(driver: Driver[Any]) -> Driver[Any]:
-    """The driver itself, wherever it is called, without injected faults."""
+    """Return the driver itself, without the objects that wrap it."""
     while isinstance(driver, Wrapper):
         driver = driver.driver
     return driver

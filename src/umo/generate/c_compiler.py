@@ -6,9 +6,10 @@ import os
 import shutil
 
 ROUNDING = "-ffp-contract=off", "-frounding-math"
-"""Each operation is rounded by itself. Without the second one GCC 12 takes 0.0 - (double)0 for -0.0."""
+"""Flags by which each operation is rounded individually. Without the second one GCC 12 computes 0.0 - (double)0 for
+-0.0."""
 FLAGS = ("-std=c99", "-O2", *ROUNDING, "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
-"""Flags of a compiler: nothing is converted in silence."""
+"""Flags of a compiler: no number is converted without a warning."""
 COMPILE_TIMEOUT = 120.0
 """Timeout in s for the compiler."""
 

@@ -24,7 +24,7 @@ ONLY_PYTHON = {
     "umo_write_many": WRITES,
     ASSIGNS: CHANGES,
 }
-"""Why a condition behaves differently in C, by its effects."""
+"""Reasons why a condition behaves differently in C, by its effects."""
 Asked = Callable[[], Any]
 
 
@@ -51,9 +51,9 @@ class CompiledConditions:
         self._native: list[Any] = []
         self._look: Callable[[], bool] = lambda: True
         self.left = compared if inhibitions else 0
-        """The number of periods in which they are still compared."""
+        """The number of periods in which the conditions are still compared."""
         self.left_out = why
-        """Why they stay in Python; empty if they are compiled or there are none."""
+        """Why the conditions stay in Python; empty if they are compiled or there are none."""
 
     def compare(self) -> None:
         """Compare the results with those of Python at this moment. A difference leaves the conditions to Python. The

@@ -98,7 +98,7 @@ class TranslatedLaws:
     conditions: int
     """The number of translated conditions of interlocks: all or 0."""
     left_out: str
-    """Why they are not translated; empty if they are."""
+    """Why the conditions are not translated; empty if they are."""
     source: str
 
 

@@ -1,4 +1,5 @@
-"""The folder of a generated controller: machine.h and machine.c, the runtime, and what a board needs around them."""
+"""The folder of a generated controller: machine.h and machine.c, the runtime, and the files that a board needs around
+them."""
 
 from __future__ import annotations
 

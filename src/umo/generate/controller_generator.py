@@ -21,7 +21,9 @@ def target_of(name: str, real: Literal["double", "float"] | None = None) -> Cont
     """Return the target of this name, with the number type `real` if given. DeclarationError if there is no such
     target."""
     if name not in TARGETS:
-        raise DeclarationError(f"no target {name!r}{did_you_mean(name, TARGETS)}; choose from: {', '.join(TARGETS)}")
+        raise DeclarationError(
+            f"there is no target {name!r}{did_you_mean(name, TARGETS)}; choose from: {', '.join(TARGETS)}"
+        )
     if real == "double" and TARGETS[name].real == "float":
         raise DeclarationError(f"the target {name} has no doubles: its compiler treats them as floats")
     return TARGETS[name] if real is None else replace(TARGETS[name], real=real)

@@ -129,7 +129,7 @@ class ControllerGroup:
     every: int
     """The number of machine periods in one period of the part."""
     phase: int
-    """The number of the first period in which it acts; 0: `every`."""
+    """The number of the first period in which it acts; 0 means `every`."""
     period: float
 
 

@@ -265,7 +265,7 @@ class Assign(Statement):
 
 @dataclass(frozen=True)
 class Begin(Statement):
-    """The declaration of a variable with this value; None: with zero or None."""
+    """The declaration of a variable with this value, or None if it is zero or None."""
 
     place: Value
     of: CType

@@ -50,11 +50,11 @@ class Setting(NamedTuple):
     name: str
     """The name that is set; ANY if it is not known before run time."""
     kind: str
-    """The class in whose method `self` is set; "": another object."""
+    """The class in whose method `self` is set, or "" for another object."""
     file: str
     line: int
     function: int
-    """The first line of the function; 0: none."""
+    """The first line of the function, or 0 if there is none."""
     method: str = ""
     """The name of the method in which `self` is set."""
     is_before: bool = False
@@ -337,7 +337,7 @@ def _called_name(node: ast.AST) -> str:
 
 
 def _called(node: ast.Call) -> Iterator[tuple[str, ast.AST | None]]:
-    """The names that a call sets, and the object; None: the object is unknown."""
+    """The names that a call sets, and the object, or None if the object is unknown."""
     if (called := _called_name(node)) in SETTERS:
         yield _named(called, node.func, node)
     elif called == "reload" and (isinstance(node.func, ast.Name) or _last(node.func.value) == "importlib"):  # type: ignore[attr-defined]

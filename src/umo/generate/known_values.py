@@ -89,7 +89,7 @@ class Namespace:
     """The object or class, or the dict of a module."""
     names: dict[str, Any] = field(default_factory=dict)
     kind: type | None = None
-    """The class that the object must have; None: any."""
+    """The class that the object must have; None means any."""
 
     @property
     def now(self) -> Any:

@@ -29,7 +29,7 @@ IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
 PhaseLook = tuple[object, str, int, object]
 MOST = 1_000
 """Number of periods in C after which Python checks, even if nothing has arrived."""
-NOT_COMPILED = "they are not compiled"
+NOT_COMPILED = "the laws are not compiled"
 AWAY = "a driver is away"
 NO_TICK = (*(0,) * 8, None, None, None)
 """The data for period.c of a timer that Python reads."""
@@ -50,7 +50,7 @@ class Moved(NamedTuple):
     context: int
     watch: Callable[[int], object] | None
     call: Callable[[Any, Any], object] | None
-    """The driver's block transfer in Python; None: C moves it."""
+    """The driver's block transfer in Python, or None if C moves it."""
     channels: Any
     buffer: Any
 
@@ -92,11 +92,11 @@ class PeriodInC(Capability):
         if extension is None or sys.platform == "win32":
             return "the extension in C was not built"
         if self._image.timer < 0:
-            return "it has no timer"
+            return "the machine has no timer"
         if period.late:
-            return 'its outputs wait for the next tick (`outputs = "at next tick"`)'
+            return 'the outputs wait for the next tick (`outputs = "at next tick"`)'
         if period.before_tick or period.receiving or period.before_send:
-            return "it has drivers off the cycle"
+            return "the machine has drivers off the cycle"
         return ""
 
     # A period ------------------------------------------------------------------------------------------

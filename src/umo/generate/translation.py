@@ -26,9 +26,9 @@ RUNTIME_FAULTS = (
     ("UMO_NO_STATE", "StateError", "no state of the actuator"),
     ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and no host is connected"),
 )
-"""The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
+"""The faults of the runtime from number 1 on, as in umo.h, with their names, classes and texts."""
 NO_HOST = 1 + [name for name, _, _ in RUNTIME_FAULTS].index("UMO_NO_HOST")
-"""The fault that Python does not have."""
+"""The fault for a missing host, which does not exist in Python."""
 
 
 class ControllerLimit(OverflowError):
@@ -108,8 +108,8 @@ class Untranslatable(NamedTuple):
 
 
 class CFunction(NamedTuple):
-    """How a translated function is called. It returns its fault and stores its result where the last argument
-    points."""
+    """The signature of a translated function. It returns its fault, and stores its result at the address in its last
+    argument."""
 
     name: str
     arguments: tuple[str, ...] = ("m",)
@@ -138,7 +138,7 @@ class Translation:
     access: str = ""
     """The function that finds the structs by number."""
     entry: Mapping[Any, CFunction] = field(default_factory=dict)
-    """How each function is called."""
+    """The signature of each function."""
     faults: list[CodeFault] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     """The files of the functions. A fault of the runtime is reported with one of them (`umo_at`)."""

@@ -1,4 +1,4 @@
-"""Actions: what may be called from outside a running machine, by a person or by another program."""
+"""Actions: methods that a person or another program may call from outside while the machine runs."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ def action(
             def clear_count(self) -> None: ...
 
     Every argument is annotated: float, int, bool, str, an Enum, a two-state type or a Literal. A number needs a
-    `Range`, or a function of the compound that returns one. `harmless`: it may be called in automatic mode too, beside
-    the application. `apart`: the page sets it apart from the others, in red, so that nobody hits it by mistake.
-    `release`: the action lasts as long as the caller keeps it up; then its sequences are cancelled,
-    and this method of the compound is called, without arguments. A release ends what the action began and starts
-    nothing: it is also called when something else has ended the action already. A sequence that an action starts
-    (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. What an action has left
-    driven when the lease ends in manual mode goes to its reaction (`when_suspended`). The first line of the
-    docstring describes the action. Result: plain data; clients see at most 448 bytes of its JSON.
+    `Range`, or a function of the compound that returns one. `harmless`: it may also be called in automatic mode, while
+    the application runs. `apart`: the page shows it apart from the others, in red, so that it is not clicked by
+    mistake. `release`: the action lasts as long as the caller holds it; then its sequences are cancelled, and this
+    method of the compound is called, without arguments. A release ends what the action began and starts nothing: it is
+    also called when the action has already ended for another reason. A sequence that an action starts (`cycle.start`)
+    belongs to it: it ends when the action is cancelled, or the lease ends. Actuators that an action still drives when
+    the lease ends in manual mode react as declared by `when_suspended`. The first line of the docstring describes the
+    action. Result: plain data; clients see at most 448 bytes of its JSON.
     """
     mark = _Mark(ranges, checked_truth("harmless", harmless), checked_truth("apart", apart), release)
     if function is None:
@@ -108,7 +108,7 @@ class Argument:
     default: Any = None
 
     def converted(self, value: Any, path: str) -> Any:
-        """The value for the method; RangeError or StateError if it is not one."""
+        """Return the value for the method. RangeError or StateError if it is not valid."""
         name = f"{path}: {self.name}"
         if self.kind == "choice":
             if not isinstance(value, str) or value not in self.choices:
@@ -138,22 +138,24 @@ class Action:
     path: str
     """Path of the action, such as `z.move_to`."""
     part: Compound
-    """The object whose action it is."""
+    """The object that has the action."""
     call: Callable[..., Any]
     arguments: tuple[Argument, ...]
     harmless: bool
     release: Callable[[], Any] | None
-    """Method that ends what the action began, under dead-man control; None: the action ends by itself."""
+    """Method that ends what the action began, under dead-man control, or None if the action ends by itself."""
     help: str
     apart: bool = False
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """The arguments for the method; RangeError or StateError if one is missing, unknown or not allowed."""
+        """Return the arguments for the method. RangeError or StateError if one is missing, unknown or not allowed."""
         known = {each.name: each for each in self.arguments}
         for name in given:
             if name not in known:
                 names = ", ".join(known) or "none"
-                raise RangeError(f"{self.path}: no argument {name!r}{did_you_mean(name, known)}; it has: {names}")
+                raise RangeError(
+                    f"{self.path}: there is no argument {name!r}{did_you_mean(name, known)}; it has: {names}"
+                )
         for name, each in known.items():
             if each.required and name not in given:
                 raise RangeError(f"{self.path}: the argument {name} is missing")
@@ -181,7 +183,8 @@ def actions_of(root: Compound) -> dict[str, Action]:
 
 
 def actions_on(part: Compound, path: str, owner: Any) -> dict[str, Action]:
-    """The actions of an object at this path that is not a law itself, by their paths; `part` has it."""
+    """The actions of an object at this path that is not a law itself, by their paths; `part` is the compound that has
+    the object."""
     found = (_action(part, path, owner, *each) for each in _marks(owner.__class__).items())
     return {each.path: each for each in found}
 

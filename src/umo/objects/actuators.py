@@ -18,11 +18,11 @@ from umo.objects.truth import is_one_of
 from umo.states import shown
 
 OnWriteError: TypeAlias = Literal["raise", "retry"]
-"""The effect of a write that the device did not confirm."""
+"""The reaction to a write that the device did not confirm."""
 
 
 class Actuator(Atomic):
-    """The common part of the two."""
+    """The common part of binary and digital actuators."""
 
     __slots__ = ()
 
@@ -30,7 +30,7 @@ class Actuator(Atomic):
     _expires: float | None
     _when_suspended: Literal["default", "hold"] | None
     _max_age: float | None
-    """Time in s for which a value that was not confirmed is sent again; None: not at all."""
+    """Time in s for which a value that was not confirmed is sent again; None means not at all."""
     _clamp: bool = False
     """True if the nearest bound is taken of a value beyond the range."""
 
@@ -42,13 +42,13 @@ class Actuator(Atomic):
 
     @property
     def expires(self) -> float | None:
-        """Time in s without a write after which the default is sent; None: never."""
+        """Time in s without a write after which the default is sent; None means never."""
         return self._expires
 
     @property
     def when_suspended(self) -> Literal["default", "hold"]:
-        """Return how its value changes in a change to manual mode, if no law writes it: as declared, or as the nearest
-        compound declares ("run on" is "hold")."""
+        """Return how its value changes in a change to manual mode, if no law writes it: as declared by the actuator, or
+        by the nearest compound ("run on" counts as "hold")."""
         reaction = self._when_suspended or declared_reaction(self) or "default"
         return "default" if reaction == "default" else "hold"
 
@@ -69,7 +69,7 @@ class Actuator(Atomic):
         return self._image.claims.claim(self._slot)
 
     def update(self) -> bool:
-        """Synchronous: send the pending value; True when the driver accepted it. Asynchronous: True."""
+        """Synchronous: send the pending value; return True if the driver accepted it. Asynchronous: return True."""
         return self._image.update_some((self._slot,)) if self._synchronous else True
 
     def _default_value(self) -> float:
@@ -90,12 +90,12 @@ class BinaryActuator(Actuator, Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
     `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
-    `on_error` is what a write does that the device did not confirm. "raise" (default): the quality is BAD, DriverError.
-    "retry": the value is sent again in every period, with the quality STALE, until it is confirmed or older than
-    `max_age` (s, or a text such as "2 s"), counted from the last confirmation, of an asynchronous actuator from the
-    write; then as "raise". For channels that hold a level: a pulse must not be sent twice.
-    `when_suspended`: "hold": it keeps its value in a change to manual mode; "default": it goes to its default, unless a
-    law writes it. Default: as the nearest compound declares, else "default".
+    `on_error` is the reaction to a write that the device did not confirm. "raise" (default): the quality becomes BAD,
+    and DriverError is raised. "retry": the value is sent again in every period, with the quality STALE, until it is
+    confirmed or older than `max_age` (s, or a text such as "2 s"), counted from the last confirmation, or from the
+    write for an asynchronous actuator; then as "raise". Only for channels that hold a level, because a pulse must not
+    be sent twice. `when_suspended`: "hold": it keeps its value in a change to manual mode; "default": it goes to its
+    default, unless a law writes it. Default: as the nearest compound declares, else "default".
     """
 
     __slots__ = ("_default", "_expires", "_max_age", "_when_suspended")
@@ -202,7 +202,7 @@ class DigitalActuator(Actuator, Digital):
 
     @property
     def slew_rate(self) -> float | None:
-        """The largest rate of change of the value sent, in `units` per s; None: not limited."""
+        """The largest rate of change of the value sent, in `units` per s; None means not limited."""
         return self._slew_rate
 
     def describe(self) -> str:
@@ -260,7 +260,7 @@ def _reaction(when_suspended: Literal["default", "hold"] | None) -> Literal["def
 
 
 def _retried(on_error: str, max_age: str | float | None) -> float | None:
-    """The time in s for which a value that was not confirmed is sent again; None: not at all."""
+    """The time in s for which a value that was not confirmed is sent again; None means not at all."""
     if not is_one_of(on_error, get_args(OnWriteError)):
         raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnWriteError)))}")
     if on_error == "retry" and max_age is None:

@@ -34,12 +34,13 @@ S = TypeVar("S", bound=TwoState)
 
 
 class Atomic(Node):
-    """An object with one value: an actuator or sensor together with its electronics and circuit (section 4.4)."""
+    """An object with one value: an actuator or sensor together with its electronics and circuit (the paper's section
+    4.4)."""
 
     __slots__ = ("_image", "_slot", "_synchronous")
 
     direction: ClassVar[Direction]
-    """Direction of the value: OUTPUT: an actuator, with `write` and `update`; INPUT: a sensor, with `sample`."""
+    """Direction of the value: OUTPUT for an actuator, with `write` and `update`; INPUT for a sensor, with `sample`."""
     _word: ClassVar[str]
     """The kind of its value: "binary", "digital"."""
     _has_states: ClassVar[bool]
@@ -47,15 +48,15 @@ class Atomic(Node):
     _states: type[Enum] | None = None
     """The type of its states, or None if it has none."""
     _raws: tuple[int, ...] | None = None
-    """The raw integers that its channel can have; None: all within the range."""
+    """The raw integers that its channel can have; None means all within the range."""
     _incremental: bool = False
     """True if its value means nothing until it is referenced."""
     _debounce: float | None = None
     _filter: float | None = None
     _velocity: float | None = None
-    """Times in s of its conditioning; None: it has none of these."""
+    """Times in s of its conditioning, or None if it has none of these."""
     _slew_rate: float | None = None
-    """The largest rate of change of what is sent, in units per s; None: not limited."""
+    """The largest rate of change of what is sent, in units per s; None means not limited."""
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
@@ -85,8 +86,8 @@ class Atomic(Node):
 
     @property
     def raw(self) -> int:
-        """The raw value at the hardware: of a sensor as last read (0 before the first reading), of an actuator as last
-        accepted."""
+        """The raw value at the hardware: for a sensor as last read (0 before the first reading), for an actuator as
+        last accepted."""
         return self._image.raws[self._slot]
 
     @property
@@ -103,7 +104,8 @@ class Atomic(Node):
         return not isinstance(self._image, Unconnected)
 
     def reset(self) -> None:
-        """Reset at once, also if synchronous: actuators go to their default, sensors clear faults of their circuit."""
+        """Reset at once, even if synchronous: an actuator goes to its default, a sensor clears faults of its
+        circuit."""
         self._image.reset_some((self._slot,))
 
     def acknowledge(self) -> bool:
@@ -182,7 +184,7 @@ class Atomic(Node):
 
 
 class Binary(Atomic, Generic[S]):
-    """A single bit with a logical meaning (section 4.4)."""
+    """A single bit with a logical meaning (the paper's section 4.4)."""
 
     __slots__ = ("_inverted", "_one", "_states", "_zero")
 
@@ -215,7 +217,7 @@ class Binary(Atomic, Generic[S]):
 
     @property
     def calibration(self) -> Calibration:
-        """`LEVEL`, or `INVERTED`."""
+        """Its calibration: `LEVEL`, or `INVERTED`."""
         return self._levels(self._inverted)
 
     def _levels(self, inverted: bool) -> Calibration:
@@ -257,7 +259,7 @@ class Binary(Atomic, Generic[S]):
         )
 
     def _nearest(self, given: object) -> str:
-        """The state to write for a text, a truth value or a number; "": none is near."""
+        """The state to write for a text, a truth value or a number, or "" if none is near."""
         for state in (self._one, self._zero):
             if isinstance(given, str) and given.casefold() in (state.name.casefold(), str(state.value).casefold()):
                 return f": write {shown(state)}"
@@ -280,7 +282,7 @@ class Calibration(NamedTuple):
     linearization: Linearization | None = None
     invalid_raws: tuple[int, ...] = ()
     rollover: bool | int = False
-    """Bits of a counter that rolls over; True: those of its channel; False: it does not."""
+    """Number of bits of a counter that rolls over; True for those of its channel; False if it does not roll over."""
 
 
 LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)
@@ -288,7 +290,7 @@ LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1
 
 
 class Digital(Atomic):
-    """A group of bits with a numeric meaning (section 4.4)."""
+    """A group of bits with a numeric meaning (the paper's section 4.4)."""
 
     __slots__ = ("_calibration", "_maximum", "_minimum", "_units")
 
@@ -332,8 +334,8 @@ class Digital(Atomic):
 
     @property
     def resolution(self) -> float:
-        """The change of the value for one bit; negative where the circuit counts the other way. With a linearization:
-        the change of the electrical quantity."""
+        """The change of the value for one bit; negative if the circuit counts the other way. With a linearization: the
+        change of the electrical quantity."""
         return self._calibration.resolution
 
     @property
@@ -343,7 +345,8 @@ class Digital(Atomic):
 
     @property
     def linearization(self) -> Linearization | None:
-        """The function from the electrical quantity to the value; None: the value is raw * resolution + zero_offset."""
+        """The function from the electrical quantity to the value, or None if the value is raw * resolution +
+        zero_offset."""
         return self._calibration.linearization
 
     @property
@@ -391,7 +394,7 @@ class Digital(Atomic):
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError) as error:  # an array of many, an integer beyond floats
-            raise RangeError(f"{name}: no number in {self._units} ({error})") from None
+            raise RangeError(f"{name}: this is not a number in {self._units} ({error})") from None
         if not math.isfinite(number):
             raise RangeError(f"{name}: {number} is not finite")
         return number

@@ -13,19 +13,20 @@ from umo.text import did_you_mean
 from umo.user_code import abstract_names
 
 FIRST = "; a new one gets its first value in the class or in `setup`"
-"""Words of a message: what to do where another attribute was meant."""
+"""Words of a message: what to do if another attribute was meant."""
 OBJECTS = "umo.objects."
 assign = object.__setattr__
-"""An assignment without a look. By this name it is found sooner: a machine of 10,000 objects makes 200,000."""
+"""Assignment without a check. A lookup by this name is faster, and a machine of 10,000 objects makes 200,000
+assignments."""
 
 
 class DeclaredAttributes:
-    """Base of what has only the attributes that its class declares, which are those that a type checker knows.
+    """Base of objects with only the attributes that their class declares, which are those that a type checker knows.
 
-    These are the names in the body of the class and of its bases (fields, annotations, values, functions), what a
-    function in it assigns to its own object (`self.started = ...`), and what is assigned while `__init__` or `setup` of
-    the object run, or of one that contains it. Names that begin with _ are not checked: a descriptor may keep its value
-    there. Any other assignment raises AttributeError with the nearest name."""
+    These are the names in the body of the class and of its bases (fields, annotations, values, functions), the
+    attributes that a function in it assigns to its own object (`self.started = ...`), and those that are assigned while
+    `__init__` or `setup` of the object, or of one that contains it, runs. Names that begin with _ are not checked: a
+    descriptor may keep its value there. Any other assignment raises AttributeError with the nearest name."""
 
     __slots__ = ()
 
@@ -68,7 +69,7 @@ def own_names(cls: type) -> set[str]:
 
 
 def shared(names: Iterable[str]) -> frozenset[str]:
-    """These names as a set that is there once, as many objects have the same."""
+    """Return these names as a set that exists only once, as many objects have the same names."""
     return _the_same(frozenset(names))
 
 
@@ -78,8 +79,8 @@ def _the_same(names: frozenset[str]) -> frozenset[str]:
 
 
 def check_declared(owner: Any, name: str, instead: str = "") -> None:
-    """AttributeError for an attribute that is assigned, and that no class declares. `instead`: what to write; default:
-    the nearest name."""
+    """Check an assignment. AttributeError if no class declares the attribute. `instead`: advice on what to write;
+    default: the nearest name."""
     if name.startswith("_") or name in getattr(owner, "__dict__", ()) or _is_made(owner, name, sys._getframe(2)):
         return
     if name not in names_in(type(owner)):  # a class may have got it since it was made

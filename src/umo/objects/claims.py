@@ -1,4 +1,4 @@
-"""Who drives an actuator: the greatest rank that is in force has it (decision 94).
+"""Who drives an actuator: the highest rank in force (decision 94).
 
     STOP       the machine ends: no write reaches a driver any more, only resets do; no period follows that shows it
     FAULT      its equipment is in fault; several levels, one for each equipment around it

@@ -42,11 +42,11 @@ CONTAINERS: Mapping[Any, str] = {
     **dict.fromkeys((list, Sequence, tuple), "Sequence"),
     **dict.fromkeys((dict, Mapping, MappingProxyType), "Mapping"),
 }
-"""The annotations for several parts, and what each should be."""
+"""The annotations for several parts, each with the type that it should have."""
 
 
 SERVICES = frozenset(("now", "dt", "cycle"))
-"""The names of a compound that say something of the running cycle."""
+"""The attributes of a compound that belong to the running cycle."""
 RESERVED = SERVICES | {
     "setup", "sample", "control", "update", "reset", "acknowledge", "interlocks", "on_suspend", "on_resume",
 }  # fmt: skip
@@ -55,7 +55,7 @@ RESERVED = SERVICES | {
 
 @dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(dataclasses.field,))
 class Compound(Node):
-    """Base of compound objects: annotate a field for each part, give the parts as keywords.
+    """Base of compound objects: annotate a field for each part, and give the parts as keywords.
 
         class ServoAxis(Compound):
             motor: DigitalActuator
@@ -65,36 +65,35 @@ class Compound(Node):
     Parts may also stand in lists and dicts. They are frozen at construction, to tuples and read-only mappings: annotate
     them `Sequence[ServoAxis]` and `Mapping[str, ServoAxis]`. A class's own state belongs in `setup`.
 
-    Settings of a class are class keywords. A subclass has those of its base that it does not give itself:
+    Settings of a class are class keywords. A subclass inherits the settings that it does not give itself:
 
         class Press(Compound, stop_order=("ram.motor", "zones.*.heater", "valves"), max_period="10 ms"):
 
     stop_order: The order in which the objects are reset to their defaults: paths below this object, patterns, and names
-        of lists and dicts (all that is in them). Default: as declared; what is not named follows in this order. A part
-        uses its own `stop_order`, unless a parent names the part's objects.
+        of lists and dicts (for all objects in them). Default: as declared; objects that are not named follow in this
+        order. A part uses its own `stop_order`, unless a parent names the part's objects.
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
     equipment: Whether it fails alone (the equipment module of ISA-88): if one of its objects, its `control` or a
         sequence that was started in it fails, its actuators go to their defaults, in stop order, its sequences end, and
         it is in fault (`cycle.fault`) until `cycle.clear()`; the rest of the machine continues. "manual": in manual
-        mode only, as an axis. Default: False: a failure is that of the equipment around it, of the machine the end of
-        the run. On the machine itself it has no effect.
+        mode only, as an axis. Default: False: a failure belongs to the equipment around it, or ends the run if there is
+        none. On the machine itself it has no effect.
     numbers: The numbers that are not fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
-        of the object that returns them. Those of the base are kept; for a name in both, those of the
-        subclass count.
+        of the object that returns them. Those of the base are kept; for a name in both, those of the subclass count.
     when_suspended: What happens to the actuators and axes below in a change to manual mode, and to those that an action
         has left when its client's lease ends. "default": actuators go to their defaults, axes are disabled. "hold":
         actuators keep their values, axes stop on their profiles and stay under control. "run on": actuators keep their
-        values, motions continue to their ends. An actuator that a law (`control`) writes in each period is the law's.
-        The nearest declaration counts. Default: actuators "default", axes "hold".
+        values, motions continue to their ends. A law (`control`) that writes an actuator in each period continues to do
+        so. The nearest declaration counts. Default: actuators "default", axes "hold".
     every: The rate of a part of the machine: it is sampled, controlled and updated in every n-th period (`every=10`),
-        or at a period of its own, a multiple of the machine's (`every="10 ms"`). What is in it has the same rate,
-        unless its class has `every` too. Its `dt` and `cycle.period` are those of its own periods. A period carries out
-        the parts at its own rate first, their outputs included, then those that are due. On the machine itself it has
-        no effect. Default: that of the object around it, of the machine 1.
-    alarms: The alarms of an operator (ISA-18.2): `umo.operation.alarms.Alarm` by their names, or a function of the
-        object that returns this. Those of the base are kept; for a name in both, that of the subclass counts.
-        The path of an alarm is that of the object and its name: `tank.overfill`.
+        or at a period of its own, a multiple of the machine's (`every="10 ms"`). Objects in it have the same rate,
+        unless their class has `every`, too. `dt` and `cycle.period` of the part are those of its own periods. A period
+        carries out the parts with the machine's rate first, their outputs included, then those that are due. On the
+        machine itself it has no effect. Default: that of the object around it; 1 for the machine.
+    alarms: The alarms for the operator (ISA-18.2): each an `umo.operation.alarms.Alarm` by its name, or a function of
+        the object that returns this. Those of the base are kept; for a name in both, that of the subclass counts. The
+        path of an alarm is that of the object and its name: `tank.overfill`.
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 
@@ -217,24 +216,26 @@ class Compound(Node):
         return ()
 
     def on_suspend(self) -> None:
-        """The machine changes to manual mode: the sequences of the application wait. Override it to bring what this
-        object does to a safe state; what it writes stays. Called once, a parent before its parts."""
+        """Called when the machine changes to manual mode, in which the sequences of the application wait. Override it
+        to bring the work of this object to a safe state; the values that it writes remain. Called once, for a parent
+        before its parts."""
 
     async def on_resume(self) -> None:
-        """The machine changes back to automatic mode: the actuators have the values again that the application gave
-        them. Override it with what must happen before the application continues, such as a spindle's run-up; a failure
-        leads back to manual mode."""
+        """Called when the machine changes back to automatic mode, and the actuators have the values of the application
+        again. Override it for work that must be done before the application continues, such as a spindle's run-up. A
+        failure leads back to manual mode."""
 
     # One period ------------------------------------------------------------------------------------
 
     def sample(self) -> bool:
-        """Read every synchronous sensor below; True if all are GOOD. DriverError lists what failed. With `outputs = "at
-        next tick"` that of the whole machine first sends what `update` left, and lists what was not accepted."""
+        """Read every synchronous sensor below, and return True if all are GOOD. DriverError lists the failures. With
+        `outputs = "at next tick"`, `sample` of the whole machine first sends the outputs that `update` left, and also
+        lists those not accepted."""
         return self._machine.sample(self)
 
     def update(self) -> bool:
-        """Send every synchronous actuator below; True when all were accepted, else DriverError. With
-        `outputs = "at next tick"` in the wiring's `[process]` that of the whole machine leaves them to the next
+        """Send every synchronous actuator below, and return True if all were accepted; otherwise DriverError. With
+        `outputs = "at next tick"` in the wiring's `[process]`, `update` of the whole machine leaves them to the next
         `sample`."""
         return self._machine.update(self)
 
@@ -259,7 +260,7 @@ class Compound(Node):
 
     @property
     def cycle(self) -> Cycle:
-        """The running cycle, seen from this object: `m.cycle.start(...)`, `m.cycle.running`."""
+        """The running cycle as this object sees it: `m.cycle.start(...)`, `m.cycle.running`."""
         return Cycle(self._machine, self)
 
     def _enter_fault(self) -> None:
@@ -384,7 +385,8 @@ def _check_type(where: str, value: object, hint: Any) -> None:
 
 
 def check_machine(function: str, given: object) -> None:
-    """DeclarationError for what is not a machine, such as its class or the function that makes it."""
+    """Check a machine. DeclarationError for an object that is not one, such as its class or the function that makes
+    it."""
     if not isinstance(given, Compound):
         hint = f"; call it: {function}({given.__name__}(...))" if hasattr(given, "__name__") else ""
         raise DeclarationError(f"{function}() takes a machine, a Compound, not {cut_repr(given)}{hint}")

@@ -1,4 +1,4 @@
-"""Objects as they are described to other processes and in tables."""
+"""Descriptions of objects, for other processes and for tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.objects.vector import Vector
 
 
 def described(item: Atomic) -> Described:
-    """Path, kind and meaning of an object; once it is connected, how it is wired (`wire`)."""
+    """Return path, kind and meaning of an object and, once it is connected, its wiring (`wire`)."""
     about: dict[str, Any] = {"path": item.path, "kind": type(item).__name__, "synchronous": item.synchronous}
     if item.connected:
         about["wire"] = item._image.wire_texts[item._slot]
@@ -24,15 +24,15 @@ def described(item: Atomic) -> Described:
 
 
 def row_of(item: Atomic) -> TableRow:
-    """A connected object with its value in the process image: no device is accessed."""
+    """Return a connected object with its value in the process image; no device is accessed."""
     image, slot = item._image, item._slot
     note = restriction(image.claims.inhibited(slot))
     return TableRow(described(item), float(image.values[slot]), int(image.quality[slot]), int(image.raws[slot]), note)
 
 
 def converted(row: TableRow, unit: str | None) -> TableRow:
-    """A number in another unit, with its resolution; a value without a unit is unchanged. DeclarationError, RangeError
-    as in `convert`."""
+    """Return a number in another unit, with its resolution; a value without a unit is unchanged. DeclarationError and
+    RangeError as in `convert`."""
     about = row.about
     if unit is None or not about.is_number:
         return row
@@ -42,8 +42,8 @@ def converted(row: TableRow, unit: str | None) -> TableRow:
 
 @never_raises
 def html_of(thing: Node | Vector[Any]) -> str:
-    """An object, or many: a compound with all below it, a Vector. Values are those of the process image: no device is
-    accessed."""
+    """Return HTML of an object, of a compound with all objects below it, or of a Vector. Values are those of the
+    process image; no device is accessed."""
     if isinstance(thing, Vector):
         title, items = f"Vector of {len(thing)}", list(thing)
     else:

@@ -1,6 +1,6 @@
 """Interpolation that is equally quick for one number and for many, and gives identical results for both.
 
-Beyond their ends both kinds continue along a straight line.
+Beyond their ends, curves continue along a straight line.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from umo.objects.scaling import FloatArray, IntArray
 
 NEWTON_STEPS = 6
-"""Number of steps of Newton's method to the inverse."""
+"""Number of steps of Newton's method for the inverse."""
 Function = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Values and derivatives at an array of x."""
+"""Function that returns values and derivatives at an array of x."""
 
 
 def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
-    """c0 + c1 x + c2 x^2 + ..."""
+    """Return c0 + c1 x + c2 x^2 + ... by Horner's method."""
     result = np.full_like(xs, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         result = result * xs + coefficient
@@ -30,13 +30,13 @@ def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
 
 
 class CurveTable(NamedTuple):
-    """A curve as C has it (`generate/runtime/umo_curves.h`)."""
+    """A curve in the form for C (`generate/runtime/umo_curves.h`)."""
 
     cubic: bool
     size: int
     """The number of points, or of cells."""
     first: float
-    """For cubics: the beginning of the first cell."""
+    """For cubics: the start of the first cell."""
     per_x: float
     """For cubics: cells per unit of x."""
     numbers: bytes
@@ -91,7 +91,8 @@ class Cubics:
 
     @classmethod
     def both_ways(cls, function: Function, low: float, high: float, cells: int) -> tuple[Self, Self]:
-        """A strictly monotonic function from `low` to `high`, and its inverse, which Newton's method finds."""
+        """Return the interpolation of a strictly monotonic function from `low` to `high`, and of its inverse, which
+        Newton's method finds."""
         xs = np.linspace(low, high, cells + 1)
         ys, slopes = function(xs)
         start = Segments(ys.tolist(), xs.tolist())
@@ -158,11 +159,12 @@ def _evaluate(
 
 
 Group = tuple[Any, IntArray | None]
-"""An interpolation, and the indices of the elements that it is for; None: all."""
+"""An interpolation, and the indices of the elements that it is for; None means all."""
 
 
 def groups_of(each: Sequence[Any]) -> list[Group]:
-    """A calculation on an array of which each element has its own function, something with `many`, or None."""
+    """Return a calculation on an array whose elements have their own functions: each is an object with `many`, or
+    None."""
     cubics = [(place, one) for place, one in enumerate(each) if isinstance(one, Cubics)]
     others: dict[Any, list[int]] = {}
     for place, one in enumerate(each):

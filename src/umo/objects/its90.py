@@ -81,7 +81,7 @@ class Reference(NamedTuple):
     a: tuple[float, float, float] | None = None
 
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Voltage and derivative, mV/K."""
+        """Return the voltage in mV and its derivative in mV/K."""
         voltage = horner(self.c, t)
         slope = horner([i * c for i, c in enumerate(self.c)][1:], t)
         if self.a is not None:
@@ -104,7 +104,8 @@ def references() -> dict[str, tuple[Reference, ...]]:
 
 
 def voltages(kind: str, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Voltages in mV and derivatives in mV/K at temperatures in degC; beyond its ends the last range continues."""
+    """Return voltages in mV and derivatives in mV/K at temperatures in degC; beyond its ends the last range
+    continues."""
     voltage, slope = np.empty((2, len(t)))
     for number, piece in enumerate(references()[kind]):
         of = t >= piece.start if number else np.ones(len(t), np.bool_)

@@ -24,10 +24,10 @@ AlarmsByName = Mapping[str, Any] | Callable[[Any], Mapping[str, Any]]
 
 Reaction = Literal["default", "hold", "run on"]
 """How actuators and axes react while nothing controls them. Actuators go to their defaults, or keep their values
-("hold" and "run on"). Axes are disabled; stop on their profiles and stay under control; or continue their motions to
-the end (homing and jogs stop)."""
+("hold" and "run on"). Axes are disabled ("default"), stop on their profiles and stay under control ("hold"), or
+continue their motions to the end, except homing and jogs, which stop ("run on")."""
 REACTIONS: tuple[Reaction, ...] = ("default", "hold", "run on")
-"""Reactions of a compound."""
+"""The possible reactions of a compound."""
 
 IN_MANUAL = "manual"
 """Value of `equipment`: the compound contains its failures in manual mode only."""
@@ -40,22 +40,24 @@ class ClassSettings(NamedTuple):
     max_period: str | float | None = None
     equipment: bool | Literal["manual"] = False
     numbers: tuple[ByAttribute, ...] = ()
-    """Numbers of the class, then of its bases."""
+    """The numbers of the class, then those of its bases."""
     when_suspended: Reaction | None = None
     every: int | str | None = None
     alarms: tuple[AlarmsByName, ...] = ()
-    """Alarms of the class, then of its bases."""
+    """The alarms of the class, then those of its bases."""
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
-    """The settings of a class with the class keywords that it was given, not None, and what its bases have.
-    DeclarationError for a keyword that there is not, and for a value that is none of its type."""
+    """Return the settings of a class from its class keywords (not None) and the settings of its bases. DeclarationError
+    for an unknown keyword, and for a value of a wrong type."""
     own = {name: value for name, value in given.items() if value is not None}
     for name, value in own.items():
         if name not in KEYWORDS:
             near = f" (did you mean {FORMER_NAMES[name]!r}?)" if name in FORMER_NAMES else did_you_mean(name, KEYWORDS)
             known = ", ".join(KEYWORDS)
-            raise DeclarationError(f"class {cls.__name__}: no class keyword {name!r}{near}; there are: {known}")
+            raise DeclarationError(
+                f"class {cls.__name__}: there is no class keyword {name!r}{near}; there are: {known}"
+            )
         if not _is_valid(name, value):
             raise DeclarationError(f"class {cls.__name__}: {name} is {KEYWORDS[name]}, not {value!r}")
     cls._own_settings = own  # type: ignore[attr-defined]
@@ -84,16 +86,16 @@ KEYWORDS = {
     "every": 'a number of periods from 1 on, or a duration such as "10 ms"',
     "alarms": "a mapping of names to Alarms, or a function of the object that returns one",
 }
-"""The class keywords, and what each of them is."""
+"""The class keywords, each with its type in words."""
 FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
 """Former names of class keywords."""
 MISSPELT_RATIO = 0.8
-"""Similarity (difflib's ratio) from which a name in a class body is taken for a misspelt keyword."""
+"""Similarity (difflib's ratio) from which on a name in a class body counts as a misspelt keyword."""
 
 
 def refuse_in_body(cls: type, fields: Collection[str]) -> None:
-    """DeclarationError for a setting that the body of the class assigns, where it has no effect, also one that is
-    misspelt or has its former name. Fields (of these names), methods and classes are the class's own."""
+    """Check the body of a class. DeclarationError if it assigns a setting, also one that is misspelt or has a former
+    name, because it has no effect there. Fields with these names, methods and classes are allowed."""
     for name, value in vars(cls).items():
         if name.startswith("_") or name in fields or isinstance(value, type):
             continue

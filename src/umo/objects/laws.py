@@ -1,4 +1,5 @@
-"""The laws of a compound: what its code has made besides its parts, such as control laws and state machines."""
+"""The laws of a compound: the objects that its code has made besides its parts, such as control laws and state
+machines."""
 
 from __future__ import annotations
 
@@ -11,14 +12,14 @@ from umo.objects.node import Node
 from umo.objects.paths import walk
 
 PLAIN = (bool, int, float, str, Enum)
-"""The types of what a wiring can set."""
+"""The types of values that a wiring can set."""
 NO_LAW = (Node, *PLAIN, type)
 """The types of attributes that are not laws; most are parts."""
 
 
 def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
-    """Its public attributes that are neither parts nor plain data, of lists, tuples and dicts what is in them, each
-    with its name."""
+    """The public attributes of a compound that are neither parts nor plain data, each with its name; for lists, tuples
+    and dicts, the objects in them."""
     for name, value in vars(node).items():
         if name.startswith("_") or isinstance(value, NO_LAW):
             continue
@@ -30,7 +31,7 @@ def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
 
 
 def has_loops(law: Any) -> bool:
-    """True if it is a control law, on whose loops there are experiments (`umo.control.experiment`)."""
+    """True if an object is a control law, whose loops have experiments (`umo.control.experiment`)."""
     return all(callable(getattr(law.__class__, name, None)) for name in ("experiments", "loops"))
 
 

@@ -1,4 +1,4 @@
-"""Non-linear calibration: what lies between the electrical quantity and the value in units.
+"""Non-linear calibration: the function from the electrical quantity to the value in units.
 
     value = f(x), x = raw * resolution + zero_offset
 
@@ -27,17 +27,18 @@ from umo.objects.units import same_unit
 
 
 class Linearization(ABC):
-    """A strictly monotonic function from an electrical quantity to a value in units, and its inverse. Two that are
-    equal are the same function. The scalar and the array forms give identical numbers."""
+    """A strictly monotonic function from an electrical quantity to a value in units, and its inverse. Equal
+    linearizations are the same function. The scalar and the array forms give identical numbers."""
 
     units: str | None = None
-    """The units of the value; None: those of the object."""
+    """The units of the value; None means those of the object."""
     _forward: Cubics | Segments
     _inverse: Cubics | Segments
 
     @abstractmethod
     def over(self, minimum: float, maximum: float) -> Self:
-        """This function for an object of that range; DeclarationError unless it is strictly monotonic there."""
+        """Return this function for an object with a given range. DeclarationError unless it is strictly monotonic
+        there."""
 
     def to_value(self, x: float) -> float:
         """The value for an electrical quantity."""
@@ -199,14 +200,14 @@ class Linearizations:
 
     @property
     def in_c(self) -> list[tuple[int, CurveTable]] | None:
-        """Return each curve to values with its place, as C needs them; None if there is a function of the user's."""
+        """Return each curve to values with its place, in the form for C; None if one of them is user-defined."""
         curves = [(place, one) for place, one in enumerate(self._each) if one is not None]
         if any(isinstance(one, _OneByOne) for _, one in curves):
             return None
         return [(place, cast(Cubics | Segments, one).in_c) for place, one in curves]
 
     def to_values(self, xs: FloatArray) -> FloatArray:
-        """Electrical quantities to values, in a new array."""
+        """Convert electrical quantities to values, in a new array."""
         found = xs
         for function, places in self._forward:
             if places is None:
@@ -217,7 +218,8 @@ class Linearizations:
         return found
 
     def to_inputs(self, values: FloatArray, where: BoolArray) -> FloatArray:
-        """Values to electrical quantities, in a new array, at the places where it is True; the others are kept."""
+        """Convert values to electrical quantities, in a new array, at the places where the mask is True; the others are
+        kept."""
         found = values.copy()
         for function, places in self._inverse:
             of_group = np.arange(len(values)) if places is None else places

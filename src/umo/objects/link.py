@@ -38,9 +38,9 @@ class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
 
     write: Callable[[int, float], bool]
-    """Write a value within its range to the actuator with this slot; whether it was taken."""
+    """Write a value within its range to the actuator with this slot. Return whether it was accepted."""
     values: memoryview[float]
-    """Values: of sensors as last kept, of actuators as last accepted by the hardware."""
+    """The values: for sensors as last kept, for actuators as last accepted by the hardware."""
     pending: memoryview[float]
     """Values of actuators as written, to be sent."""
     raws: memoryview
@@ -68,14 +68,15 @@ class Image(Protocol):
 
 
 class Task(Protocol):
-    """A started sequence. Another sequence may await it: the result; TaskFailed if it failed or was cancelled."""
+    """A started sequence. Another sequence may await it, and gets its result, or TaskFailed if it failed or was
+    cancelled."""
 
     paused: bool
     """True if it takes no steps, so that no time passes for it; default: False. A program may set it."""
 
     @property
     def done(self) -> bool:
-        """True if it has ended, in whatever way."""
+        """True if it has ended, for any reason."""
 
     @property
     def result(self) -> Any:
@@ -93,14 +94,14 @@ class Clock(Protocol):
     period: float
     dt: float
     ticks: int
-    """Number of ticks that the last read of the timer consumed; above 1: periods were missed."""
+    """Number of ticks that the last read of the timer consumed; above 1 if periods were missed."""
 
     @property
     def now(self) -> float: ...
 
 
 class Machine(Protocol):
-    """The connected machine, seen from its compounds."""
+    """The connected machine as its compounds see it."""
 
     @property
     def clock(self) -> Clock: ...
@@ -114,7 +115,8 @@ class Machine(Protocol):
     def random(self) -> Random: ...
     @property
     def laws(self) -> Sequence[tuple[Any, str, Any]]:
-        """The laws with loops of the machine as it was connected, each with the compound that has it and its path."""
+        """The laws of the machine that have loops, as found when it was connected, each with the compound that has it
+        and its path."""
 
     @property
     def current_task(self) -> Task | None:
@@ -136,8 +138,8 @@ class Machine(Protocol):
 
 
 class Cycle:
-    """The running cycle, seen from a compound: `m.cycle`. Outside `connect` all but `connected` and `running` raise
-    NotConnected."""
+    """The running cycle as a compound sees it: `m.cycle`. Outside `connect` all members except `connected` and
+    `running` raise NotConnected."""
 
     __slots__ = ("_machine", "_part")
 
@@ -145,11 +147,11 @@ class Cycle:
         self._machine, self._part = machine, part
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        """Start a sequence of this object. It runs from the next period on, beside the others.
+        """Start a sequence of this object. It runs from the next period on, in parallel with the others.
 
-        If it fails, a sequence that awaits it gets TaskFailed. If nobody in the same equipment awaits it, the equipment
-        is in fault; of the machine itself, `control` raises the error and the run ends. EquipmentFault if the equipment
-        is in fault already.
+        If it fails, a sequence that awaits it gets TaskFailed. If no sequence of the same equipment awaits it, the
+        equipment enters a fault; outside of equipment, `control` raises the error and the run ends. EquipmentFault if
+        the equipment is already in fault.
         """
         return self._machine.start(sequence, self._part)
 
@@ -162,36 +164,36 @@ class Cycle:
     def clear(self) -> list[str]:
         """End the fault of the equipment that contains this object, and of all equipment in it. Returns their paths.
 
-        Actuators, and the sensors that had failed, are initialised again; the incremental ones of these are
+        Actuators, and the sensors that had failed, are initialised again; incremental sensors among them become
         UNREFERENCED. Then it may be started again. EquipmentFault while one of its sensors cannot be read, DriverError
-        if an object cannot be initialised: it stays in fault.
+        if an object cannot be initialised; then the equipment stays in fault.
         """
         return self._machine.clear(self._part)
 
     def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
-        """Say what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.
+        """Report what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.
 
         It is shown by `umo run`, `umo show stations`, `umo show values` and the plot, and is in the frames (the first
-        64 bytes). Numbers that are not given stay. RangeError unless they are whole and 0 or more.
+        64 bytes). Numbers that are not given do not change. RangeError unless they are whole and 0 or more.
         """
         self._machine.progress(text, done, total)
 
     def result(self, so_far: Any) -> None:
-        """Say what the run has produced so far: plain data, or a function that returns them.
+        """Report what the run has produced so far: plain data, or a function that returns them.
 
             m.cycle.result({"accepted": accepted, "rejected": rejected})
             m.cycle.result(lambda: shift.report())  # called once, at the end
 
-        It is the result of the run, in its table and its summary, however the run ends, unless the application returns
-        one: an operator stops it, its time is over, it fails. The last call counts. Data are read at the end, so a dict
-        may be changed on; a function is called when every actuator is at its default and the machine is no longer
-        connected: it may use what was counted, and read no objects.
+        It is the result of the run, in its table and its summary, however the run ends (an operator stops it, its time
+        is over, or it fails), unless the application returns a result. The last call counts. Data are read at the end,
+        so a dict may still be changed; a function is called when every actuator is at its default and the machine is no
+        longer connected: it may use counts of the program, but must not read objects.
         """
         self._machine.result(so_far)
 
     def tell(self, text: str) -> None:
-        """Say that something has happened to this object: an event, which `umo show stations`, the page, frames and
-        black boxes have. Of a text that is longer than 448 bytes others see the beginning."""
+        """Record an event of this object, which `umo show stations`, the page, frames and black boxes show. If the text
+        is longer than 448 bytes, other processes see only its beginning."""
         self._machine.tell(self._part._path, text)
 
     @property
@@ -210,14 +212,14 @@ class Cycle:
 
     @property
     def random(self) -> Random:
-        """Random numbers of the machine, the same in each run of the same seed (`connect.seed`; default: 0), so that a
-        recording of it can be replayed."""
+        """Random numbers of the machine, the same in each run with the same seed (`connect.seed`; default: 0), so that
+        a recording of it can be replayed."""
         return self._machine.random
 
     @property
     def period(self) -> float:
-        """The sampling period in s; of a part with a rate of its own (`every`), or on a controller with a `cycle`, the
-        period of that."""
+        """The sampling period in s; for a part with a rate of its own (`every`), or on a controller with a `cycle`, the
+        period of the part."""
         return self._machine.period
 
 

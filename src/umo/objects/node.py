@@ -15,8 +15,8 @@ from umo.text import some
 class Node(DeclaredAttributes):
     """An object with one parent and a path. Base of the atomic objects and of `Compound`.
 
-    It is equal to itself only. With a number, a text or a state it is compared by mistake: TypeError names what to
-    compare."""
+    It is equal to itself only. A comparison with a number, a text or a state is a mistake: TypeError names what to
+    compare instead."""
 
     __slots__ = ("__weakref__", "_name", "_parent")
 
@@ -62,7 +62,9 @@ class Node(DeclaredAttributes):
 
     def _meant(self, name: str, sign: str, other: object) -> str:
         """Return what to write instead of such a comparison."""
-        return f"a {type(self).__name__} has none: compare that of an object in it ({some(list(self._children))})"
+        return (
+            f"a {type(self).__name__} has no value: compare the value of an object in it ({some(list(self._children))})"
+        )
 
     def control(self) -> None:
         """Called once per period. Override it to implement control. A parent is called before its children."""
@@ -70,12 +72,12 @@ class Node(DeclaredAttributes):
     def acknowledge(self) -> bool:
         """Acknowledge latched interlocks: free the actuators of this object whose condition is no longer true.
 
-        True: none of its actuators is inhibited.
+        Returns True if none of its actuators is inhibited any more.
         """
         raise NotImplementedError
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        """`copy` and `pickle` raise DeclarationError: an object belongs to one place in one machine."""
+        """Make `copy` and `pickle` raise DeclarationError, because an object belongs to one place in one machine."""
         name = f"{self._path} ({type(self).__name__})" if self._path else type(self).__name__
         raise DeclarationError(f"{name} cannot be copied or pickled; call machine() to declare another one")
 

@@ -1,7 +1,5 @@
-"""The numbers of a machine: what a wiring sets, what is tuned and shown; fields of compounds and laws, and what these
-declare in `numbers`.
-
-bool, text and Enum are numbers here too, as far as a wiring sets them.
+"""The numbers of a machine, which a wiring sets, and which are tuned and shown: the fields of compounds and laws, and
+the numbers that these declare in `numbers`. bool, text and Enum also count as numbers if a wiring sets them.
 """
 
 from __future__ import annotations
@@ -35,26 +33,27 @@ class MachineNumber(NamedTuple):
     owner: Any
     name: str
     kind: type | None
-    """Type: bool, int, float, str or an Enum; None: a number without an annotation, which stays an int as long as it is
-    whole."""
+    """Type: bool, int, float, str or an Enum; None means a number without an annotation, which stays an int as long as
+    it is whole."""
     is_field: bool
-    """True if it is a field of a compound, of which `setup` may make others."""
+    """True if it is a field of a compound, from which `setup` may compute others."""
     settable: bool
-    """True if a wiring may set it: a field, or what is declared in `numbers` and not just shown."""
+    """True if a wiring may set it: a field, or a number that is declared in `numbers` and not only shown."""
 
     @property
     def value(self) -> Any:
-        """Its value now; NaN if reading it fails."""
+        """Its present value; NaN if reading it fails."""
         value, error = attempt(getattr, self.owner, self.name)
         return nan if error is not None else value
 
     def read(self) -> float:
-        """Its value now as a float; NaN if reading it fails, or it has none."""
+        """Its present value as a float; NaN if reading it fails, or it has none."""
         number, error = attempt(float, self.value)
         return nan if error is not None else number
 
     def checked(self, value: object) -> Any:
-        """The value to set, an Enum by its name; RangeError if it has another type or is out of the range."""
+        """Return the value to set, with an Enum given by its name. RangeError if it has another type or is out of the
+        range."""
         if self.kind in (bool, str):
             if type(value) is not self.kind:
                 raise RangeError(f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a text'}")
@@ -74,21 +73,23 @@ class MachineNumber(NamedTuple):
         return float(number)
 
     def of_its_type(self, value: object) -> object:
-        """The value as it is; RangeError if it is not one of its type, whatever its range."""
+        """Return the value unchanged. RangeError if it does not have the type of the number; the range is not
+        checked."""
         self.converted(value)
         return value
 
     def converted(self, value: object) -> Any:
-        """The value as it is set, whatever its range; RangeError if it is not one of its type."""
+        """Return the value in the form in which it is set. RangeError if it does not have the type of the number; the
+        range is not checked."""
         return self._replace(declared=Number(self.declared.unit)).checked(value)
 
     def assign(self, value: Any) -> None:
-        """Set a checked value, as it is."""
+        """Set a value that was already checked."""
         setattr(self.owner, self.name, value)
 
     def set(self, value: object) -> None:
-        """Tune it. RangeError if the value is not a number within the range, or its owner does not accept it; then the
-        number is what it was."""
+        """Tune it. RangeError if the value is not a number within the range, or if its owner does not accept it; then
+        the number is not changed."""
         number, before = self.checked(value), self.value
         _, error = attempt(self._set, number)
         if error is not None:
@@ -101,7 +102,8 @@ class MachineNumber(NamedTuple):
 
     @property
     def states(self) -> Mapping[int, str]:
-        """The names of the values of an Enum by their numbers, or those that are declared; empty for a plain number."""
+        """The names of the values of an Enum by their numbers, or the declared names of values; empty for a plain
+        number."""
         return states_of(self.kind) if isinstance(self.kind, EnumMeta) else self.declared.names
 
     def describe(self) -> dict[str, Any]:
@@ -111,7 +113,8 @@ class MachineNumber(NamedTuple):
 
 @cache
 def states_of(kind: EnumMeta) -> Mapping[int, str]:
-    """The names of an Enum's members by number: their values where all are whole numbers, else their places from 0."""
+    """The names of an Enum's members by number: by their values if all are whole numbers, otherwise by their places
+    from 0."""
     members: list[Any] = list(kind.__members__.values())
     whole = all(type(each.value) is int for each in members)
     return {each.value if whole else place: each.name.lower().replace("_", " ") for place, each in enumerate(members)}
@@ -123,9 +126,9 @@ def number_in(kind: EnumMeta, member: Any) -> int:
 
 
 def numbers_of(root: Compound) -> dict[str, MachineNumber]:
-    """Return every number of a machine, by path: for each compound what it declares in `numbers`, its fields, then
-    those of its laws. Declarations of a compound override those of its laws. DeclarationError for an invalid
-    declaration."""
+    """Return every number of a machine, by path: for each compound the numbers that it declares in `numbers`, its
+    fields, then those of its laws. Declarations of a compound override those of its laws. DeclarationError for an
+    invalid declaration."""
     found: dict[str, MachineNumber] = {}
     for node in (root, *walk(root)):
         if isinstance(node, Compound):

@@ -35,7 +35,7 @@ def walk(node: Node) -> Iterator[Node]:
 
 
 def is_within(node: Node | None, compound: Node) -> bool:
-    """True if an object is this compound, or below it."""
+    """True if an object is this compound, or is below it."""
     while node is not None and node is not compound:
         node = node._parent
     return node is not None
@@ -47,7 +47,8 @@ def atoms(node: Node) -> Iterator[Atomic]:
 
 
 def find(node: Node, path: str) -> Node:
-    """The object at a path below this one, such as "z.motor"; PathError with the nearest one otherwise."""
+    """Return the object at a path below this one, such as "z.motor". PathError with the nearest one if there is
+    none."""
     known = _below(node)
     if path not in known:
         raise _no_object(node, path, known)
@@ -55,7 +56,7 @@ def find(node: Node, path: str) -> Node:
 
 
 def named(node: Node, pattern: str) -> list[Node]:
-    """The objects below this one that a path, the path of a list or dict (all that is in it), or a pattern
+    """The objects below this one that a path, the path of a list or dict (for all objects in it), or a pattern
     (`zones.*.heater`) names, in declared order; PathError if there is none, unless its list is empty."""
     known = _below(node)
     found = [each for path, each in known.items() if matches(pattern, path) or _is_in(pattern, path, each)]
@@ -86,4 +87,4 @@ def _is_in(pattern: str, path: str, node: Node) -> bool:
 
 
 def _no_object(node: Node, path: str, known: Mapping[str, Node]) -> PathError:
-    return PathError(f"no object {path!r} in {node._path or type(node).__name__}{did_you_mean(path, known)}")
+    return PathError(f"there is no object {path!r} in {node._path or type(node).__name__}{did_you_mean(path, known)}")

@@ -16,7 +16,7 @@ from umo.objects.units import check_unit
 from umo.text import cut_repr
 
 MAX_NAMED = 2**53
-"""Largest number that may have a name: up to there a float has every whole number."""
+"""Largest number that may have a name: a float has every whole number up to it."""
 
 
 class Ranged(Protocol):
@@ -32,10 +32,9 @@ class Ranged(Protocol):
 
 @dataclass(frozen=True)
 class Range:
-    """Unit and bounds of a number: `Range("um", 0.0, 80_000.0)`. Both bounds belong to it.
-
-    The unit is a text that pint knows; "": a plain number. An infinite bound: not limited. DeclarationError if the unit
-    is not known or there is no number between the bounds.
+    """Unit and bounds of a number: `Range("um", 0.0, 80_000.0)`. Both bounds are included. The unit is a text that pint
+    knows; "" means a plain number. An infinite bound means not limited. DeclarationError if the unit is not known or
+    there is no number between the bounds.
     """
 
     unit: str
@@ -56,27 +55,28 @@ class Range:
 
     @classmethod
     def of(cls, item: Ranged) -> Range:
-        """Unit and range of an object: of a position the encoder's, of an output the actuator's."""
+        """Return the range of an object: for a position that of the encoder, for an output that of the actuator."""
         return cls(item.units, item.minimum, item.maximum)
 
     def check(self, name: str, value: object) -> float:
-        """The value as a float; RangeError if it is not a finite number within the range."""
+        """Return the value as a float. RangeError if it is not a finite number within the range."""
         return float(self.checked(name, value))
 
     def check_whole(self, name: str, value: object) -> int:
-        """The value as an int, exactly; RangeError if it is not a whole number within the range."""
+        """Return the value as an exact int. RangeError if it is not a whole number within the range."""
         number = self.checked(name, value)
         if number != int(number):
             raise RangeError(f"{name}: {value!r} is not a whole number")
         return int(number)
 
     def admits(self, values: Sequence[object]) -> bool:
-        """True if `check` takes each of them."""
+        """True if `check` accepts each of these values."""
         low, high = max(self.minimum, -float_info.max), min(self.maximum, float_info.max)
         return {*map(type, values)} <= {int, float} and all(low <= value <= high for value in values)  # type: ignore[operator]
 
     def checked(self, name: str, value: object) -> float:
-        """The value as it is, an int or a float that a float can express; RangeError as `check`."""
+        """Return the value unchanged, an int or a float. RangeError like `check`, and for an int that a float cannot
+        express."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise RangeError(f"{name}: {value!r} is not a number{self._in_unit}")
         if not -float_info.max <= value <= float_info.max:
@@ -103,8 +103,8 @@ class Range:
 
 @dataclass(frozen=True)
 class Number(Range):
-    """Unit, range and use of a number of a machine: `Number("V/mm", 0.0, 3.0, tunable=True)`. Of a number with a plain
-    `Range` the only use is that a wiring may set it."""
+    """Unit, range and use of a number of a machine: `Number("V/mm", 0.0, 3.0, tunable=True)`. The only use of a number
+    with a plain `Range` is that a wiring may set it."""
 
     unit: str = ""
     minimum: float = -inf
@@ -115,10 +115,10 @@ class Number(Range):
     shown: bool = False
     """True if it is shown beside the objects: in frames, trace, plot and `umo show values`."""
     kept: bool = False
-    """True if its last value is kept over a restart: of a float, int, bool or Enum. It is shown in frames, too."""
+    """True if its last value is kept over a restart: for a float, int, bool or Enum. It is also shown in frames."""
     names: Mapping[int, str] = field(default_factory=dict, hash=False)
-    """Names of its values where it is shown, such as `{0: "none", 1: "glue"}`; an Enum brings its own. Empty: it is a
-    plain number."""
+    """Names with which its values are shown, such as `{0: "none", 1: "glue"}`; an Enum has its own. Empty for a plain
+    number."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,12 +1,12 @@
-"""The one place where raw integers and values are turned into each other.
+"""The only place where raw integers and values are converted into each other.
 
     value = raw * resolution + zero_offset
     raw   = round((value - zero_offset) / resolution), half to even
 
-The paper's `resolution` is the change of the value for one bit, `zero_offset` the value of raw 0 (section 4.5).
-Divided, never multiplied by a reciprocal: that differs in the half-step cases. The scalar and the vectorised forms, and
-the C of blocks and controllers (`umo_scaling.h`), do the same IEEE operations in the same order; tests prove them
-equal. An inverted binary channel is resolution -1, zero offset 1.
+The paper's `resolution` is the change of the value for one bit, `zero_offset` the value of raw 0 (section 4.5). The
+code divides and never multiplies by a reciprocal, which would differ in the half-step cases. The scalar and the
+vectorised forms, and the C of blocks and controllers (`umo_scaling.h`), do the same IEEE operations in the same order;
+tests prove them equal. An inverted binary channel is resolution -1, zero offset 1.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 BOUND_TOLERANCE = 1e-6
-"""Tolerance of the bounds of a range, in raw integers: rounding errors of the division."""
+"""Tolerance of the bounds of a range, in raw integers, for rounding errors of the division."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -34,8 +34,8 @@ def to_raw(value: float, resolution: float, zero_offset: float) -> int:
 
 
 def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: float) -> tuple[int, int]:
-    """The least and the greatest raw integer whose value lies within the range; the least is above the greatest where
-    there is none. A value that misses a bound by a rounding error of the division lies at it."""
+    """The least and the greatest raw integer whose value lies within the range; the least is above the greatest if
+    there is none. A value that differs from a bound only by a rounding error of the division counts as equal to it."""
     ends = sorted((bound - zero_offset) / resolution for bound in (minimum, maximum))
     return math.ceil(ends[0] - BOUND_TOLERANCE), math.floor(ends[1] + BOUND_TOLERANCE)
 
@@ -43,7 +43,8 @@ def raw_bounds(minimum: float, maximum: float, resolution: float, zero_offset: f
 def to_values(
     raws: FloatArray | IntArray, resolution: FloatArray, zero_offset: FloatArray | None, out: FloatArray | None = None
 ) -> FloatArray:
-    """`zero_offset`: None where all are 0. `out`: the array to fill, which may be `raws`; None: a new one."""
+    """Convert raw integers to values. `zero_offset`: None if all are 0. `out`: the array to fill, which may be `raws`;
+    None means a new one."""
     values = np.multiply(raws, resolution, out)
     return values if zero_offset is None else np.add(values, zero_offset, values)
 
@@ -51,7 +52,7 @@ def to_values(
 def to_steps(
     values: FloatArray, resolution: FloatArray, zero_offset: FloatArray | None, out: FloatArray | None = None
 ) -> FloatArray:
-    """Raw integers that are not rounded yet. The arguments are those of `to_values`."""
+    """Convert values to raw integers that are not rounded yet. The arguments are those of `to_values`."""
     shifted = values if zero_offset is None else np.subtract(values, zero_offset, out)
     return np.divide(shifted, resolution, out)
 
@@ -63,7 +64,8 @@ def to_raws(
     least: FloatArray | float = -(2.0**63),
     greatest: FloatArray | float = 2.0**63 - 1024.0,
 ) -> IntArray:
-    """Clipped before they become integers: the bounds are whole numbers that a raw integer can have."""
+    """Convert values to raw integers. They are clipped before they become integers, since the bounds are valid raw
+    integers."""
     scaled = to_steps(values, resolution, zero_offset)
     np.rint(scaled, out=scaled)
     np.maximum(scaled, least, out=scaled)

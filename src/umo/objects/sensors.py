@@ -21,18 +21,19 @@ OnError: TypeAlias = Literal["raise", "hold", "mark"]
 
 
 class Sensor(Atomic):
-    """The common part of the two."""
+    """The common part of binary and digital sensors."""
 
     __slots__ = ()
 
     direction = Direction.INPUT
     _max_age: float | None
-    """Time in s for which the last value is held after a failure; None: not at all."""
+    """Time in s for which the last value is held after a failure; None means not at all."""
     _marks: bool
     """True if a failure marks the value BAD and raises nothing."""
 
     def sample(self) -> bool:
-        """Synchronous: read the hardware and keep the value; True if its quality is GOOD. Asynchronous: True."""
+        """Synchronous: read the hardware and keep the value; return True if its quality is GOOD. Asynchronous: return
+        True."""
         return self._image.sample_some((self._slot,)) if self._synchronous else True
 
 
@@ -60,7 +61,7 @@ class BinarySensor(Sensor, Binary[S]):
 
     def read(self) -> S:
         """Synchronous: the state kept by the last `sample`. Asynchronous: reads the hardware now. BadInput for a sensor
-        that was never read (`on_error="mark"`): it has no state."""
+        that was never read (`on_error="mark"`), because it has no state."""
         image = self._image
         level = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         if not level:
@@ -79,16 +80,16 @@ class DigitalSensor(Sensor, Digital):
     an open thermocouple; such a reading has failed.
 
     `rollover`: the bits of a counter that starts again at 0 after its highest number, such as 16 for a line encoder;
-    True: those of its channel. The value counts on, by the shortest way: between two readings the counter must change
-    by less than half of its range. `filter`: time constant in s (or "20 ms") of a low pass of the first order on the
-    value. `velocity`: the sensor also has `sensor.velocity`, the change of the unfiltered value per second, shown as
-    `PATH.velocity`; this is the time constant of its low pass, 0: no low pass. Default: none of them.
-
-    `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
-    is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
-    "raise". "mark": the quality is BAD, after `max_age` if it is given, and nothing is raised: control laws refuse the
-    value, `quality` shows it, and the other sensors and the run continue. `read` then returns the last value, NaN if
-    there was none: in conditions, such as those of interlocks, use `value_of` of `umo.control`, which raises.
+    True means the bits of its channel. The value continues by the shortest way, so between two readings the counter
+    must change by less than half of its range. `filter`: time constant in s (or "20 ms") of a low pass of the first
+    order on the value. `velocity`: the sensor also has `sensor.velocity`, the change of the unfiltered value per
+    second, shown as `PATH.velocity`; the setting is the time constant of its low pass; 0 means no low pass. Default:
+    none of these. `on_error` is the reaction to a failed reading. "raise" (default): the quality becomes BAD, and
+    DriverError is raised. "hold": the last value is kept for `max_age` (s, or a text such as "50 ms") with the quality
+    STALE, which control laws accept; then as "raise". "mark": the quality becomes BAD, after `max_age` if it is given,
+    and no error is raised; control laws refuse the value, `quality` shows it, and the other sensors and the run
+    continue. `read` then returns the last value, NaN if there was none: in conditions, such as those of interlocks, use
+    `value_of` of `umo.control`, which raises.
     """
 
     __slots__ = ("_filter", "_incremental", "_marks", "_max_age", "_velocity")
@@ -139,11 +140,12 @@ class DigitalSensor(Sensor, Digital):
         return self._image.velocity(self._slot)
 
     def referenced(self, known: bool = True, *, at: float | None = None) -> None:
-        """Mark the value as referenced by homing. False: the reference is lost, the quality is UNREFERENCED again.
+        """Mark the value as referenced by homing. With False the reference is lost, and the quality is UNREFERENCED
+        again.
 
         `at` is the true value in `units` of the last reading, for a counter that homing cannot preset: from now on
-        `zero_offset` is such that `read`, the range, frames and traces agree with it. It holds until the machine is
-        disconnected. BadInput if there is no reading, DeclarationError for a sensor with a linearization.
+        `zero_offset` is changed so that `read`, the range, frames and traces agree with it. This is valid until the
+        machine is disconnected. BadInput if there is no reading, DeclarationError for a sensor with a linearization.
         """
         if not self._incremental:
             raise DeclarationError(f"{self.path} is not declared incremental")
@@ -157,7 +159,7 @@ class DigitalSensor(Sensor, Digital):
 
 
 def checked_rollover(bits: bool | int) -> bool | int:
-    """DeclarationError unless it is True, False or a number of bits from 2 to 62."""
+    """Check the setting `rollover`. DeclarationError unless it is True, False or a number of bits from 2 to 62."""
     if isinstance(bits, bool) or (isinstance(bits, int) and MIN_COUNTER <= bits <= MAX_COUNTER):
         return bits
     raise DeclarationError(f"rollover={bits!r} is not the number of a counter's bits, {MIN_COUNTER} to {MAX_COUNTER}")

@@ -1,5 +1,5 @@
-"""The attributes that the functions of a class assign to their object, `self.started = self.now`: what a type checker
-takes as declared, read from the compiled code."""
+"""The attributes that the functions of a class assign to their object, `self.started = self.now`: those that a type
+checker counts as declared. They are read from the compiled code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from umo.errors import DeclarationError
 from umo.text import CodePlace, shown_place
 
 MAKING = frozenset(("__init__", "__post_init__", "setup"))
-"""The functions of an object in which it is given its own attributes."""
+"""The functions of an object that create its attributes."""
 SHORTEST = 4
 """Least length of a name for which a misspelling can be distinguished from another word."""
 _STORE, _EXTENDED = opmap["STORE_ATTR"], opmap["EXTENDED_ARG"]
@@ -38,7 +38,7 @@ def stores_in(cls: type) -> Iterator[Store]:
 
 
 def functions_of(value: Any) -> Iterator[FunctionType]:
-    """The functions of a value in a class: of a property its own, of a decorated function that, too."""
+    """The functions of a value in a class, including those of a property and of a decorated function."""
     if isinstance(value, property):
         inner = [value.fget, value.fset, value.fdel]
     elif isinstance(value, cached_property):
@@ -99,7 +99,7 @@ def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> 
 
 
 def is_slip(name: str, meant: str) -> bool:
-    """True if two neighbouring letters are changed, or one within the name is missing or one too many."""
+    """True if two neighbouring letters are swapped, or if a letter within the name is missing or added."""
     if min(len(name), len(meant)) < SHORTEST or name[0] != meant[0]:
         return False
     short, long = sorted((name, meant), key=len)

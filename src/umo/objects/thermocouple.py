@@ -12,11 +12,11 @@ from umo.objects.its90 import voltages
 from umo.objects.linearization import Linearization, check_covers
 
 CELLS, FULL_CELLS = 2048, 32768
-"""Number of cells in which a reference function is interpolated, over its usual range and over all of it."""
+"""Number of cells in which a reference function is interpolated, over its usual range and over its whole range."""
 
 
 class Limits(NamedTuple):
-    """Ends of a type's range in degC. From `usual` on a voltage is known to a temperature well."""
+    """Ends of a type's range in degC. Above `usual` the temperature follows from the voltage with good accuracy."""
 
     start: float
     usual: float
@@ -42,8 +42,8 @@ class Thermocouple(Linearization):
     reference functions of ITS-90 (NIST Monograph 175, NIST Standard Reference Database 60, IEC 60584-1).
 
     Types, in degC: B 50 to 1820, E -270 to 1000, J -210 to 1200, K -270 to 1372, N -270 to 1300, R and S -50 to 1768.1,
-    T -270 to 400. Accuracy of the interpolation: 1e-5 degC, N 1e-3 degC. Of an object whose range begins below -200
-    degC 1e-4 degC down to -260 degC and 0.05 degC below, where 1 degC is about 1 uV.
+    T -270 to 400. Accuracy of the interpolation: 1e-5 degC, for type N 1e-3 degC. For an object whose range begins
+    below -200 degC: 1e-4 degC down to -260 degC, and 0.05 degC below, where 1 degC is about 1 uV.
     """
 
     kind: str
@@ -53,7 +53,7 @@ class Thermocouple(Linearization):
 
     def __post_init__(self) -> None:
         if not isinstance(self.kind, str) or self.kind not in KINDS:
-            raise DeclarationError(f"no thermocouple of type {self.kind!r}; known: {', '.join(KINDS)}")
+            raise DeclarationError(f"there is no thermocouple of type {self.kind!r}; known: {', '.join(KINDS)}")
 
     def over(self, minimum: float, maximum: float) -> Thermocouple:
         limits = KINDS[self.kind]

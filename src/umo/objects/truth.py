@@ -16,5 +16,6 @@ def checked_truth(name: str, value: object) -> bool:
 
 
 def is_one_of(given: object, texts: Collection[str]) -> bool:
-    """True if a setting is one of these texts. A state is none: beside a text it raises (`umo.states`)."""
+    """True if a setting is one of these texts. A state is not a text, and raises an error when compared with one
+    (`umo.states`)."""
     return isinstance(given, str) and given in texts

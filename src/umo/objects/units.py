@@ -1,6 +1,6 @@
-"""Units are pint's; values in the loop are plain floats in the declared unit.
+"""Units are those of pint; values in the loop are plain floats in the declared unit.
 
-pint is imported with the first declaration, not with umo: it costs 0.2 s (notes: import late, cache).
+pint is imported with the first declaration, not with umo: because that takes 0.2 s.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @cache
 def registry() -> UnitRegistry[Any]:
-    """umo's one pint registry; it knows `sampling_period`, the unit of the paper's `Timer_Input`."""
+    """umo's only pint registry, which also has `sampling_period`, the unit of the paper's `Timer_Input`."""
     from pint import UnitRegistry
 
     units: UnitRegistry[Any] = UnitRegistry()
@@ -37,7 +37,7 @@ _PRODUCT = rf"{_FACTOR}(?:(?:\s*[*/·⋅]\s*|\s+){_FACTOR})*"
 _UNIT = re.compile(rf"\s*(?:{_PRODUCT}(?:\s*/\s*\({_PRODUCT}\))?)?\s*")
 """Form of a unit: names, their products and quotients and small powers. pint would calculate "9**9**9 mm" for hours."""
 MAX_LENGTH = 100
-"""Length of a unit at most, characters."""
+"""Largest length of a unit, in characters."""
 _USUAL_NAMES = """
     A Hz J K L MPa N Nm Pa V W bar cm count counts dB dBm deg degC g h kHz kJ kN kPa kV kW kg km l m mA mL mV mW mbar
     min ml mm mol ms ohm pH percent ppm rad rpm s sampling_period t um us %
@@ -46,11 +46,11 @@ _USUAL = frozenset(_USUAL_NAMES.split())
 """Names that pint knows, as most machines declare them: units made of them are accepted without pint, whose import and
 whose registry take 0.3 s at each start."""
 LOGARITHMIC_DIGITS = 12
-"""Number of digits to which a way over logarithms is good: 30 dBm are 1000 mW, not 1000.0000000000007."""
+"""Number of digits that a conversion through logarithms gives: 30 dBm are 1000 mW, not 1000.0000000000007."""
 
 
 def check_unit(unit: str) -> str:
-    """The unit itself when pint knows it; DeclarationError otherwise."""
+    """Return the unit if pint knows it; DeclarationError otherwise."""
     if not isinstance(unit, str):
         raise DeclarationError(f"{cut_repr(unit)} is not a unit; write a text such as mm/s")
     return _checked_unit(unit)
@@ -80,7 +80,7 @@ def _unit_names() -> list[str]:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """True if two units that pint knows are the same: "degC" and "degree_Celsius"."""
+    """True if pint considers two units the same: "degC" and "degree_Celsius"."""
     if one == other:
         return True
     parse = registry().parse_units
@@ -89,7 +89,7 @@ def same_unit(one: str, other: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def line_between(source: str, target: str) -> tuple[float, float] | None:
-    """Factor and offset of the conversion; None if it is not linear: logarithmic units such as dBm."""
+    """Factor and offset of the conversion; None if it is not linear, as for logarithmic units such as dBm."""
     zero, one, two, three = (_exactly(x, source, target) for x in (0.0, 1.0, 2.0, 3.0))
     if not math.isclose(two - one, three - two, rel_tol=1e-6):
         return None
@@ -111,8 +111,8 @@ def _angle(unit: str) -> float:
 
 
 def convert(value: float, source: str, target: str) -> float:
-    """The value in another unit of the same dimension; DeclarationError if there is none, or if only one of the two
-    contains an angle ("Hz" and "rpm"); RangeError for a value that the other unit cannot express (0 mW in dBm)."""
+    """Return the value in another unit of the same dimension; DeclarationError if there is none, or if only one of the
+    two contains an angle ("Hz" and "rpm"); RangeError for a value that the other unit cannot express (0 mW in dBm)."""
     check_unit(source)
     check_unit(target)
     if _angle(source) != _angle(target):

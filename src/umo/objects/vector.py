@@ -1,4 +1,4 @@
-"""Many objects of one kind, read or written at once with the same methods as one."""
+"""Many objects of one kind, read or written at once with the methods of a single object."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ FLOAT64 = np.dtype(np.float64)
 class Vector(Generic[A]):
     """Objects of one kind: `motors = Vector(axis.motor for axis in m.axes)`, `motors.write(array)`.
 
-    One kind means: the same class, the same units or two-state type, all synchronous or all asynchronous. Values are
-    float64 arrays in the order given. For binary objects 1.0 is the state declared as `one` (before an inversion in
-    the wiring); `write` takes one state for all, a sequence of states, or an array of levels. A Vector can be created
-    before or after connecting.
+    Objects of one kind have the same class and the same units or two-state type, and are all synchronous or all
+    asynchronous. Values are float64 arrays in the order given. For binary objects 1.0 is the state declared as `one`
+    (before an inversion in the wiring); `write` takes one state for all, a sequence of states, or an array of levels. A
+    Vector can be created before or after connecting.
     """
 
     def __init__(self, objects: Iterable[A]) -> None:
@@ -70,8 +70,8 @@ class Vector(Generic[A]):
         return self._objects[index]
 
     def read(self) -> FloatArray:
-        """The values, a new array of shape (n,), NaN where one was never read; asynchronous sensors are read from the
-        hardware now."""
+        """Return the values as a new array of shape (n,), with NaN for objects that were never read; asynchronous
+        sensors are read from the hardware now."""
         slots = self._located()
         if not self._objects[0].synchronous and self._objects[0].direction is Direction.INPUT:
             slots.image.sample_some(slots.all_slots)
@@ -79,8 +79,8 @@ class Vector(Generic[A]):
 
     @property
     def quality(self) -> ByteArray:
-        """The numbers of `Quality` as a new uint8 array of shape (n,); 0 is GOOD. `read` gives every value, whatever
-        its quality; `value_of` of `umo.control` refuses what control laws refuse."""
+        """The numbers of `Quality` as a new uint8 array of shape (n,); 0 is GOOD. `read` returns every value,
+        regardless of its quality; `value_of` of `umo.control` refuses the qualities that control laws refuse."""
         slots = self._located()
         return np.array(slots.image.columns.quality[slots.slots])
 
@@ -93,7 +93,7 @@ class Vector(Generic[A]):
 
     @property
     def pending(self) -> FloatArray:
-        """Actuators: the values last written, sent by the next `update`; a new array of shape (n,)."""
+        """For actuators: the values last written, sent by the next `update`; a new array of shape (n,)."""
         slots = self._located()
         return np.array(slots.image.columns.pending[slots.slots])
 
@@ -105,10 +105,10 @@ class Vector(Generic[A]):
     ) -> bool:
         """Set new values: an array of shape (n,) or one value for all. If it raises RangeError, no value is changed.
 
-        `where`: booleans of shape (n,); objects where it is False are not written. Default: all are written.
-        True: all accepted unchanged; False: some were clamped (limits="clamp"), are inhibited by an interlock, or
-        were not accepted by their device (asynchronous ones).
-        Synchronous: sent by the next `update`. Asynchronous: sent at once.
+        `where`: booleans of shape (n,); objects where it is False are not written. Default: all are written. Returns
+        True if all were accepted unchanged, False if some were clamped (limits="clamp"), are inhibited by an interlock,
+        or were not accepted by their device (asynchronous ones). Synchronous: sent by the next `update`. Asynchronous:
+        sent at once.
         """
         if self._objects[0].direction is not Direction.OUTPUT:
             raise DeclarationError(f"{self!r} contains sensors; only actuators can be written")
@@ -236,7 +236,7 @@ class _Limits:
             item = cast(Digital, objects[index])
             raise RangeError(
                 f"{item.path}: {measure(numbers[index], item.units)} is outside {span(item.minimum, item.maximum)}; "
-                f"{int(refused.sum())} of {len(objects)} values refused, none taken"
+                f"{int(refused.sum())} of {len(objects)} values are refused, and none is used"
             )
         clamped = np.where(above, np.where(below, numbers, self.maximum), self.minimum)  # np.clip changes a -0.0
         return clamped, False

@@ -1,4 +1,4 @@
-"""A state machine as data: its states, and where commands and finished sequences lead."""
+"""A state machine as data: its states, and the states to which commands and finished sequences lead."""
 
 from __future__ import annotations
 

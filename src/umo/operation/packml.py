@@ -132,32 +132,32 @@ class PackML(UnitStates):
 
     @action(harmless=True)
     def reset(self) -> str:
-        """From Stopped or Complete to Idle."""
+        """Go from Stopped or Complete to Idle."""
         return self.command("reset")
 
     @action(harmless=True)
     def start(self) -> str:
-        """From Idle to Execute."""
+        """Go from Idle to Execute."""
         return self.command("start")
 
     @action(harmless=True)
     def hold(self) -> str:
-        """To Held, for a cause in the machine itself; Execute continues from there after `unhold`."""
+        """Go to Held, for a cause in the machine itself; Execute continues from there after `unhold`."""
         return self.command("hold")
 
     @action(harmless=True)
     def unhold(self) -> str:
-        """From Held to Execute."""
+        """Go from Held to Execute."""
         return self.command("unhold")
 
     @action(harmless=True)
     def suspend(self) -> str:
-        """To Suspended, for a cause outside of the machine, such as missing material."""
+        """Go to Suspended, for a cause outside of the machine, such as missing material."""
         return self.command("suspend")
 
     @action(harmless=True)
     def unsuspend(self) -> str:
-        """From Suspended to Execute."""
+        """Go from Suspended to Execute."""
         return self.command("unsuspend")
 
     @action(harmless=True)

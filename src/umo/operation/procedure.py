@@ -94,30 +94,30 @@ class Procedure(UnitStates):
 
     @action(harmless=True)
     def start(self) -> str:
-        """From Idle to Running."""
+        """Go from Idle to Running."""
         return self.command("start")
 
     @action(harmless=True)
     def pause(self) -> str:
-        """To Paused, at a safe place in the procedure."""
+        """Go to Paused, at a safe place in the procedure."""
         return self.command("pause")
 
     @action(harmless=True)
     def resume(self) -> str:
-        """From Paused to Running."""
+        """Go from Paused to Running."""
         return self.command("resume")
 
     @action(harmless=True)
     def hold(self) -> str:
-        """To Held: a known state, from which `restart` continues."""
+        """Go to Held, a known state, from which `restart` continues."""
         return self.command("hold")
 
     @action(harmless=True)
     def restart(self) -> str:
-        """From Held to Running."""
+        """Go from Held to Running."""
         return self.command("restart")
 
     @action(harmless=True)
     def reset(self) -> str:
-        """From Complete or Stopped to Idle."""
+        """Go from Complete or Stopped to Idle."""
         return self.command("reset")

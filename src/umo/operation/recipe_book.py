@@ -14,27 +14,27 @@ from umo.text import did_you_mean
 
 R = TypeVar("R", bound=Recipe)
 MAX_RECORDED = 100
-"""Number of different recipes that a run records; of the others only the number of their batches is counted."""
+"""Number of different recipes that a run records; for the others only the number of batches is counted."""
 
 
 class RecipeBook(Generic[R]):
     """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
 
-    Recipes are read when it is made; after that no file is read. RecipeError if one of them is wrong. A client chooses
-    another one by the action `choose`; the program takes it with its next `next()`, never within a batch. Frames show
-    which recipe was begun last and which one is chosen (`begun`, `choice`). The choice is kept over a restart by its
-    name; of a recipe whose values a client has sent it is not.
+    Recipes are read when it is made; after that no file is read. RecipeError if one of them is invalid. A client
+    chooses another recipe by the action `choose`; the program gets it by its next `next()`, never within a batch.
+    Frames show which recipe was begun last and which one is chosen (`begun`, `choice`). The choice is kept over a
+    restart by its name, except for a recipe whose values a client has sent.
     """
 
     def __init__(self, kind: type[R], place: Path) -> None:
         self.kind = kind
         self.place = place
-        """Folder, or file."""
+        """The folder, or the file, of the recipes."""
         self.recipes: dict[str, R] = read_recipes(kind, place)
         self.current: R | None = None
         """The recipe that `next` returned last."""
         self.chosen: R | None = None
-        """The recipe that a client has chosen; None: the program's own."""
+        """The recipe that a client has chosen; None means the program's own."""
         self.begun = 0
         """The number of `current` (`number_of`)."""
         self._choice = 0
@@ -48,7 +48,7 @@ class RecipeBook(Generic[R]):
 
     @property
     def choice(self) -> int:
-        """The number of `chosen`. RangeError where it is set to one whose values are not known."""
+        """The number of `chosen`. RangeError if it is set to a recipe whose values are not known."""
         return self._choice
 
     @choice.setter
@@ -58,16 +58,15 @@ class RecipeBook(Generic[R]):
         self.chosen, self._choice = self._by_number[number], number
 
     def begin(self) -> None:
-        """A run begins: nothing is recorded and nothing has been used. What was chosen stays."""
+        """Begin a run: nothing is recorded, and no recipe has been used. The choice of a client remains."""
         self.current, self.begun = None, 0
         self._record, self._others = {}, 0
 
     @action(harmless=True)
     def choose(self, name: str, content: str = "") -> str:
-        """Choose the recipe of the batches that begin from now on; its name and hash.
-
-        RecipeError if it is refused: then the earlier choice stays. `content`: its values as JSON; without it those
-        that were read at the start.
+        """Choose the recipe for the batches that begin from now on. Returns its name and hash. RecipeError if it is
+        refused; then the earlier choice remains. `content`: its values as JSON; default: the values that were read at
+        the start.
         """
         found = recipe_from_content(self.kind, name, content) if content else self._known(name)
         number = self.number_of(found)
@@ -77,7 +76,7 @@ class RecipeBook(Generic[R]):
 
     @action(harmless=True)
     def follow_plan(self) -> None:
-        """Forget what was chosen: the batches that begin from now on have the recipes of the program."""
+        """Forget the choice of a client: the batches that begin from now on have the recipes of the program."""
         self.choice = 0
 
     def next(self, planned: str = "") -> R:
@@ -90,8 +89,8 @@ class RecipeBook(Generic[R]):
         return self.current
 
     def number_of(self, recipe: R | None) -> int:
-        """The number of a recipe, for a shown number with `recipe_names`. 0: none; from 1 on those that were read at
-        the start; then those of the same names with other values; then any other."""
+        """The number of a recipe, for a shown number with `recipe_names`. 0 means none; the numbers from 1 on are those
+        of the recipes read at the start, then of recipes with the same names and other values, then of any other."""
         if recipe is None:
             return 0
         known = list(self.recipes)
@@ -124,12 +123,12 @@ class RecipeBook(Generic[R]):
     def _known(self, name: str) -> R:
         if name not in self.recipes:
             near = did_you_mean(name, self.recipes)
-            raise RecipeError(f"no recipe {name[:60]!r}{near}; known: {', '.join(self.recipes)}")
+            raise RecipeError(f"there is no recipe {name[:60]!r}{near}; known: {', '.join(self.recipes)}")
         return self.recipes[name]
 
 
 def recipe_names(known: Iterable[str], none: str) -> dict[int, str]:
-    """The names of the numbers of recipes (`RecipeBook.number_of`). `none`: that of 0."""
+    """The names of the numbers of recipes (`RecipeBook.number_of`). `none`: the name of 0."""
     found = list(known)
     return dict(enumerate([none, *found, *(f"{name}, other values" for name in found), "another one"]))
 

@@ -19,8 +19,8 @@ _PLAIN = {float, int, bool, str}
 
 
 def value_for(hint: Any, given: Any, *, units: bool = True) -> Any:
-    """The value as this type; RangeError, StateError or DeclarationError if it is not one. `units`: whether a number
-    may be a text with a unit; a unit that was not met before takes 1 ms."""
+    """Return the value in this type. RangeError, StateError or DeclarationError if it is not valid. `units`: whether a
+    number may be a text with a unit; a new unit takes 1 ms."""
     return _value(*parts_of(hint), given, units)
 
 
@@ -46,7 +46,7 @@ def parts_of(hint: Any) -> tuple[Any, Range | None]:
 
 
 def range_of(hint: Any) -> Range | None:
-    """Range of a value, or of the values of a sequence; None for what has none."""
+    """Range of a value, or of the values of a sequence; None if it has none."""
     kind, limits = parts_of(hint)
     if limits is None and get_origin(kind) in SEQUENCES:
         return range_of(get_args(kind)[0])
@@ -54,13 +54,13 @@ def range_of(hint: Any) -> Range | None:
 
 
 def unit_of(hint: Any) -> str:
-    """Unit of a value, or of the values of a sequence; "" for what has none."""
+    """Unit of a value, or of the values of a sequence; "" if it has none."""
     limits = range_of(hint)
     return limits.unit if limits else ""
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: an Enum as the name of its member, a tuple as a list."""
+    """Return a value in the form for JSON: an Enum as the name of its member, a tuple as a list."""
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, tuple | list):

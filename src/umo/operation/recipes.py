@@ -21,7 +21,7 @@ from umo.text import did_you_mean
 from umo.toml_lines import lines_of
 
 MAX_FILE = 1_000_000
-"""Size of a file of recipes at most, bytes."""
+"""Largest size of a file of recipes, in bytes."""
 NAME_FORM = re.compile(r"\w[\w .-]{0,59}")
 """Form of a recipe's name."""
 
@@ -43,7 +43,7 @@ class Recipe:
     """Name: the stem of its file, or the name of its table."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """DeclarationError for a field that has the name of something that every recipe has."""
+        """Check the fields. DeclarationError for a field with the name of a member that every recipe has."""
         super().__init_subclass__(**keywords)
         for name in vars(cls).get("__annotations__", {}):
             if name == "name" or hasattr(Recipe, name):
@@ -59,12 +59,12 @@ class Recipe:
 
     @property
     def content(self) -> str:
-        """Its values as JSON: what a client sends."""
+        """Its values as JSON, in the form that a client sends."""
         return json.dumps(self.values, separators=(",", ":"), ensure_ascii=False)
 
     @property
     def hash(self) -> str:
-        """The first 12 digits of the SHA-256 of its values, whatever their order and the units of its file."""
+        """The first 12 digits of the SHA-256 of its values, regardless of their order and of the units in its file."""
         text = json.dumps(self.values, separators=(",", ":"), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -75,8 +75,8 @@ R = TypeVar("R", bound=Recipe)
 def recipe_of(
     kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "", *, units: bool = True
 ) -> R:
-    """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file.
-    `units`: whether numbers may be texts with units."""
+    """Return the recipe with these values. RecipeError with all mistakes, and with lines if `text` is the text of the
+    file. `units`: whether numbers may be texts with units."""
     mistakes: list[tuple[float, Mistake]] = []
     values: dict[str, Any] = {}
     hints = hints_of(kind)  # type: ignore[arg-type]
@@ -108,7 +108,7 @@ def recipe_of(
 
 
 def recipe_from_content(kind: type[R], name: str, content: str) -> R:
-    """The recipe with the values in a text of JSON, numbers in the units of their fields; RecipeError."""
+    """The recipe with the values in a text of JSON, numbers in the units of their fields. Raises RecipeError."""
     try:
         given = json.loads(content)
     except (ValueError, RecursionError) as error:

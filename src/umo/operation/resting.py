@@ -1,7 +1,7 @@
 """Brings the outputs of a part to rest while its work waits, unless the part does so itself.
 
 The reactions are those in manual mode (`umo.objects.keywords`): an actuator goes to its default, or holds its value if
-it, or a compound around it, is declared so. Laws continue to write their outputs. When the work continues, each
+it, or a compound around it, is declared to hold. Laws continue to write their outputs. When the work continues, each
 actuator that is still at its default gets the value back that the work had left."""
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Resting:
         return self._actuators[0]._image
 
     def begin(self) -> None:
-        """The work waits. What was left before stays known. What a client has taken is not the work's."""
+        """Begin to rest, as the work waits. Values that were left before are still known. Actuators that a client has
+        taken do not belong to the work."""
         if not self._actuators:
             return
         image = self._image
@@ -39,7 +40,7 @@ class Resting:
         image.settle(resting, ToDefault.SEND)
 
     def end(self) -> None:
-        """The work continues."""
+        """End the rest, as the work continues."""
         left = self.forget()
         if left:
             image = self._image

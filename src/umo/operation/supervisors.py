@@ -15,10 +15,10 @@ from umo.user_code import refuse_exit
 
 
 class Supervisor(Protocol):
-    """A law that looks after the sequences of its part."""
+    """A law that supervises the sequences of its part."""
 
     part: Compound
-    """Its part: what `supervise` raises is a failure of this."""
+    """Its part, to which an error of `supervise` belongs."""
 
     def begin(self, path: str) -> None:
         """Set the place of the law while the machine is connected. DeclarationError if it cannot be."""
@@ -27,15 +27,15 @@ class Supervisor(Protocol):
         """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
 
     def note_faults(self) -> None:
-        """Equipment is now in fault; it may be the equipment around its part. It may be cleared before the next period;
-        its sequences are ended after this call."""
+        """Called when equipment has entered a fault; it may be the equipment around its part. It may be cleared before
+        the next period; its sequences are ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
         """Its path, its states and its commands, as plain data."""
 
 
 class Supervisors(Capability):
-    """The laws of one machine that look after sequences."""
+    """The laws of one machine that supervise sequences."""
 
     def __init__(self, laws: Sequence[tuple[str, Supervisor]]) -> None:
         """`laws`: each with its path."""
@@ -44,7 +44,7 @@ class Supervisors(Capability):
         """The supervisors of the parts in each compound, by its id."""
 
     def attach(self, machine: Any) -> None:
-        """DeclarationError for one whose part can have no states."""
+        """Attach the supervisors. DeclarationError for one whose part cannot have states."""
         self._machine = machine
         machine.directory.units = [law for _, law in self._laws]
         for path, law in self._laws:
@@ -55,7 +55,7 @@ class Supervisors(Capability):
         machine.under_way.noting.append(self.note_faults)
 
     def note_faults(self, faults: Sequence[Equipment]) -> None:
-        """This equipment has come into fault."""
+        """Note that this equipment has entered a fault."""
         found = [law for each in faults for law in self._within.get(id(each.compound), ())]
         for law in {id(law): law for law in found}.values():
             law.note_faults()

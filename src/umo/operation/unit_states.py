@@ -19,26 +19,26 @@ from umo.operation.unit_checks import check_excluded, check_sequences
 from umo.user_code import attempt, briefly, check_overrides
 
 MAX_RESULT_TEXT = 100
-"""Length of a wrong result of `refusal` in its message at most, characters."""
+"""Largest length of a wrong result of `refusal` in its message, in characters."""
 MANUAL_COMMANDS = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo do STATION clear`)"}
-"""The commands that are possible while the machine is in manual mode, and what to do instead where one of them waits
-for a sequence."""
+"""The commands that are possible while the machine is in manual mode, and what to do instead if one of them waits for a
+sequence."""
 
 
 class UnitStates(DeclaredAttributes):
     """Base of `PackML` and `Procedure`: the states of a part that is equipment.
 
-    A part makes it in its `setup`. A subclass overrides what is to be done in the acting states, as sequences of the
-    part. Each sequence belongs to the part: if it fails, the part is in fault, which is the state `aborted`.
+    A part makes it in its `setup`. A subclass defines the work in the acting states, as sequences of the part. Each
+    sequence belongs to the part: if it fails, the part is in fault, which is the state `aborted`.
 
-    `part` is the compound. DeclarationError on connect if it is not declared with `equipment=True`, or is the machine
-    itself, whose fault ends the run.
+    `part` is the compound. DeclarationError on connect if the part is not declared with `equipment=True`, or is the
+    machine itself, whose fault ends the run.
     """
 
     _capability: ClassVar = Supervisors
     model: ClassVar[StateModel]
     excluded: ClassVar[Mapping[UnitMode, Sequence[IntEnum]]] = {}
-    """The states that a mode does not have: no command leads there, and of acting states the next one follows. A mode
+    """The states that a mode does not have: no command leads to them, and an acting state among them is skipped. A mode
     has the first state, and those to which stop, abort and clear lead."""
     changes_mode: ClassVar[Sequence[IntEnum]] = ()
     """The states in which the mode may be changed."""
@@ -66,7 +66,7 @@ class UnitStates(DeclaredAttributes):
         self._state = self.model.first
         self._mode = UnitMode.PRODUCTION
         self.produced = self.rejected = 0
-        """Counts of good and of bad products: the program counts them."""
+        """Numbers of good and of bad products, which the program counts."""
         self._task: Task | None = None
         """The sequence of an acting state."""
         self._work: Task | None = None
@@ -109,15 +109,15 @@ class UnitStates(DeclaredAttributes):
         return None
 
     async def execute(self) -> None:
-        """The work. Its end leads to the next state; by default it does not end."""
+        """The main work of the part. Its end leads to the next state; by default it does not end."""
         while True:
             await one_period()
 
     # Commands ------------------------------------------------------------------------------------------
 
     def command(self, name: str) -> str:
-        """Carry out a command; the state to which it has led. CommandRefused if it is not possible now: nothing was
-        changed. EquipmentFault or DriverError if a fault cannot be cleared."""
+        """Carry out a command, and return the resulting state. CommandRefused if it is not possible now; then nothing
+        is changed. EquipmentFault or DriverError if a fault cannot be cleared."""
         if (why := self._refusal(name)) is not None:
             raise CommandRefused(f"{self.path or type(self).__name__}: {why}")
         target = self.model.commands[name][self.state]
@@ -166,17 +166,17 @@ class UnitStates(DeclaredAttributes):
 
     @action(harmless=True, apart=True)
     def stop(self) -> str:
-        """To Stopped: an orderly end."""
+        """Go to Stopped: an orderly end."""
         return self.command(STOP)
 
     @action(harmless=True, apart=True)
     def abort(self) -> str:
-        """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
+        """Go to Aborted: outputs go to their defaults, and the part is in fault until it is cleared."""
         return self.command(ABORT)
 
     @action(harmless=True)
     def clear(self) -> str:
-        """From Aborted to Stopped: end the fault."""
+        """Go from Aborted to Stopped: end the fault."""
         return self.command(CLEAR)
 
     @action(harmless=True)
@@ -195,7 +195,7 @@ class UnitStates(DeclaredAttributes):
     # Each period ---------------------------------------------------------------------------------------
 
     def begin(self, path: str) -> None:
-        """The machine is being connected; the states have this place in it."""
+        """Set the place of the states in the machine, while it is being connected."""
         part = self.part
         if part._settings.equipment is not True or part._parent is None:
             need = f"class {type(part).__name__}(Compound, equipment=True)"
@@ -222,7 +222,8 @@ class UnitStates(DeclaredAttributes):
             self._enter(then)
 
     def note_faults(self) -> None:
-        """Equipment has come into fault: its sequences end. It counts also if it is cleared before `supervise`."""
+        """Note that equipment has entered a fault, and that its sequences end. This counts even if the fault is cleared
+        before `supervise`."""
         if self._in_fault and self._state is not self.model.aborted:
             self._state, self._task, self._work = self.model.aborted, None, None
             self._tell_state()

@@ -1,4 +1,4 @@
-"""A controller box in front of a plant: its registers and its watchdog. No network in here."""
+"""A controller box in front of a plant: its registers and its watchdog. It does not use the network."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ WRITE_FUNCTIONS = frozenset((5, 6, 15, 16, 22, 23))
 
 
 class Watchdog:
-    """Armed by a write, fed by every request; expires once after `seconds` without one (0: never)."""
+    """A watchdog that a write arms and every request resets; it expires once after `seconds` without a request (0 means
+    never)."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -24,7 +25,7 @@ class Watchdog:
 
     @property
     def milliseconds(self) -> int:
-        """The time as its register holds it; a time above 0 is never 0, which is off."""
+        """The time in the form of its register; a time above 0 is never rounded to 0, which means off."""
         return min(max(round(self.seconds * 1000), 1 if self.seconds else 0), 0xFFFF)
 
     def feed(self, now: float, *, write: bool) -> None:
@@ -32,7 +33,7 @@ class Watchdog:
         self._armed = self._armed or write
 
     def expired(self, now: float) -> bool:
-        """True once: the outputs are to be dropped now."""
+        """True once, when the outputs must be dropped."""
         if not self._armed or self.seconds == 0 or now - self._fed < self.seconds:
             return False
         self._armed = False
@@ -43,11 +44,11 @@ class Watchdog:
 class Box:
     """One register map of a plant.
 
-    The plant is brought up to the moment of each request, so that the answer is the present state, however coarse the
-    timer of the event loop. Reads of outputs give what was written; bits of a register that no object has are 0.
-    Exceptions: 2 for an address that is not mapped, a register without an output that is written, a part of a
-    whole value of several registers that is written; 3 for a written value that does not fit the
-    plant's channel; 4 if the plant fails, or what a sensor reads does not fit its register.
+    The plant is advanced to the moment of each request, so that the answer is the present state, however coarse the
+    timer of the event loop. Reads of outputs return the written values; bits of a register that belong to no object are
+    0. Exceptions: 2 for an address that is not mapped, for a write to a register without an output, and for a write to
+    a part of a value with several registers; 3 for a written value that does not fit the plant's channel; 4 if the
+    plant fails, or if the reading of a sensor does not fit its register.
     """
 
     def __init__(self, simulation: Simulation, registers: RegisterMap) -> None:
@@ -65,7 +66,7 @@ class Box:
             self._cells["holding", registers.watchdog_register] = []
 
     def request(self, request: bytes) -> bytes:
-        """The answer to one request, both from their function code on."""
+        """Return the answer to one request; both start with their function code."""
         simulation = self._simulation
         self.requests += 1
         try:
@@ -89,7 +90,7 @@ class Box:
     # The four tables ------------------------------------------------------------------------------
 
     def read(self, table: str, address: int, count: int) -> list[int]:
-        """Return the cells. Every object is read once, also if it takes two registers."""
+        """Return the cells. Every object is read once, even if it has two registers."""
         places = [self._place(table, address + i) for i in range(count)]
         words = {point: self._words(point) for point in dict.fromkeys(point for each in places for point in each)}
         found = []

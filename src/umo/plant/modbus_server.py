@@ -1,7 +1,6 @@
-"""The device's side of Modbus TCP, as little of it as a controller box needs.
-
-Not pymodbus's server: its tables cannot refuse the address beside a mapped coil, it takes 70 us more for each
-request (a period has four), and a box should not be made of the same parts as the driver that is tried on it.
+"""The device's side of Modbus TCP, reduced to the needs of a controller box. It is not pymodbus's server, because its
+tables cannot refuse an address next to a mapped coil, because it takes 70 us more for each request (a period has four),
+and because a box should not consist of the same parts as the driver that is tested with it.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ _ON, _OFF = 0xFF00, 0x0000
 
 
 class ExceptionAnswer(Exception):
-    """The request is answered by this exception."""
+    """Raised to answer a request by this exception."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -36,7 +35,7 @@ class RegisterCells(Protocol):
 
 
 def answer(request: bytes, cells: RegisterCells) -> bytes:
-    """The answer to a request, both without their header; `request` has a function code at least."""
+    """Return the answer to a request, both without their header. `request` has at least a function code."""
     function, body = request[0], request[1:]
     try:
         return bytes([function & 0x7F]) + _answer(function, body, cells)
@@ -128,10 +127,10 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 class Connection(asyncio.Protocol):
-    """One client. `handle` answers its requests, whatever unit they name; `peers` holds the open connections.
-
-    One request is answered in a turn of the event loop: clients that flood the box take turns with the others. While
-    requests wait, or answers that the client does not take, nothing is read; so what is kept of it is bounded.
+    """One client. `handle` answers its requests, regardless of the unit; `peers` holds the open connections. One
+    request is answered in a turn of the event loop, so clients that flood the box take turns with the others. While
+    requests wait, or the client does not read its answers, no further data are read, so that the buffered data are
+    bounded.
     """
 
     def __init__(self, handle: Callable[[bytes], bytes], peers: set[asyncio.Transport]) -> None:

@@ -20,8 +20,8 @@ class Point:
     """One object between its channel of the plant and its cells in a table of the box.
 
     The raw integer is passed unchanged if both wirings give the object the same scale (resolution, zero offset and
-    linearization, or inversion); otherwise the box converts it through the value, and a raw integer that is invalid at
-    the plant becomes the invalid one of the bus. `slot` is the index of the plant's wire."""
+    linearization, or inversion); otherwise the box converts it through the value, and an invalid raw integer of the
+    plant becomes the invalid one of the bus. `slot` is the index of the plant's wire."""
 
     def __init__(self, slot: int, plant: Wire, bus: Wire) -> None:
         channel = bus.channel
@@ -42,11 +42,11 @@ class Point:
         self._bits = channel.bits if channel.low is not None or channel.table.full == 1 else 16 * channel.cells
 
     def to_plant(self, raw: int) -> int:
-        """The plant's raw integer for one of the box; OverflowError if it does not fit the plant's channel."""
+        """Return the plant's raw integer for one of the box. OverflowError if it does not fit the plant's channel."""
         return self._converted(raw, self._bus, self._plant)
 
     def to_bus(self, raw: int) -> int:
-        """The box's raw integer for one of the plant; OverflowError if it does not fit the register."""
+        """Return the box's raw integer for one of the plant. OverflowError if it does not fit the register."""
         if raw in self._plant.invalid_raws and self._bus.invalid_raws:
             return self._bus.invalid_raws[0]
         return self._converted(raw, self._plant, self._bus)
@@ -68,7 +68,7 @@ class Point:
         return words[::-1] if self._little else words
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that these cells hold; OverflowError if it is none."""
+        """The raw integer that these cells hold; OverflowError if they hold none."""
         packed = struct.pack(self._layout, *(reversed(words) if self._little else words))
         if not self._scale:
             whole = int.from_bytes(packed, "big") >> self._low & (1 << self._bits) - 1
@@ -101,20 +101,20 @@ class RegisterMap:
     watchdog_register: int | None = None
     """The holding register of the watchdog's time in ms."""
     watchdog: float = 0.0
-    """The watchdog's time at power-up in s; 0: off."""
+    """The watchdog's time at power-up in s; 0 means off."""
 
 
 def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
     """A map for each Modbus driver of `bus`, its objects joined with those of `plant` by path.
 
-    WiringError if `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two things would have
-    one address.
+    WiringError if `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two objects would have
+    the same address.
     """
     _check_plant(plant)
     slots = {wire.path: slot for slot, wire in enumerate(plant.wires)}
     missing = [wire.path for wire in bus.wires if wire.path not in slots]
     if missing:
-        raise WiringError(f"the plant has no {', '.join(missing)}")
+        raise WiringError(f"the plant has no object for {', '.join(missing)}")
     maps = []
     for name, driver in ((name, bare(driver)) for name, driver in bus.drivers.items()):
         if isinstance(driver, Modbus):

@@ -1,4 +1,5 @@
-"""Boxes on the network: each serves its registers over Modbus TCP, in one process and one plant's time."""
+"""Boxes on the network: each serves its registers over Modbus TCP; all are in one process, with the time of one
+plant."""
 
 from __future__ import annotations
 
@@ -25,17 +26,17 @@ from .register_map import RegisterMap
 from .simulation import Simulation
 
 MAX_WATCHDOG = 65.535
-"""Time in s that the register of a watchdog can hold at most."""
+"""Longest time in s that the register of a watchdog can hold."""
 REPORT_INTERVAL = 0.1
 """Time in s between two looks at the plant's report."""
 
 Ready = Callable[[str, str, int], object]
-"""Function that is called with each box's name, host and port once requests are taken."""
+"""Function that is called with each box's name, host and port once requests are accepted."""
 Summary = dict[str, Any]
 
 
 def serve_until_signal(plant: Wired, maps: Sequence[RegisterMap], *, ready: Ready, report: Path | None) -> Summary:
-    """`serve`, blocking until SIGINT or SIGTERM. A further one ends a plant whose step does not end."""
+    """Run `serve` until SIGINT or SIGTERM. A further signal ends a plant whose step does not end."""
 
     async def main() -> Summary:
         stop = asyncio.Event()
@@ -54,7 +55,7 @@ async def serve(
     ready: Ready = lambda name, host, port: None,
     report: Path | None = None,
 ) -> Summary:
-    """Serve each map at its host and port (0: a free one) until `stop` is set; returns what is reported.
+    """Serve each map at its host and port (0 for a free one) until `stop` is set, and return the report.
 
     `report` is a JSON file, replaced whole, written whenever the plant's report has changed and at the end. WiringError
     for a watchdog's time that its register cannot hold, if `report` is not a regular file or an address is taken;
@@ -123,7 +124,7 @@ async def _keep_pace(
 
 
 def turn(simulation: Simulation, boxes: Sequence[Box]) -> None:
-    """Let the time pass that is due. Raises what the plant raised, also in a request."""
+    """Advance the plant to the present time. Raises the error of the plant, even if it was raised in a request."""
     if simulation.failure is None:
         for box in boxes:
             box.watch()
@@ -133,7 +134,7 @@ def turn(simulation: Simulation, boxes: Sequence[Box]) -> None:
 
 
 def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
-    """The plant's report as plain data, and what the boxes have to add to it."""
+    """Return the plant's report as plain data, with additions of the boxes."""
     return {str(key): plain(value) for key, value in simulation.report().items()} | {
         "requests": sum(box.requests for box in boxes),
         "watchdog_drops": sum(box.watchdog.drops for box in boxes),
@@ -142,9 +143,8 @@ def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
 
 
 class ReportFile:
-    """A report in JSON that is always replaced completely, so that readers never find a part of one. A symlink stays,
-    the file behind it is replaced. Nothing but a regular file is ever replaced. WiringError at once where none can be
-    written.
+    """A report in JSON that is always replaced completely, so that readers never find a part of one. For a symlink the
+    file behind it is replaced. Only a regular file is ever replaced. WiringError at once if none can be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -159,7 +159,7 @@ class ReportFile:
             raise WiringError(f"no report can be written to {path}: {reason_of(error)}") from None
 
     def write(self, content: Mapping[str, object]) -> None:
-        """DriverError if it cannot be written any more; the file is then unchanged."""
+        """Write the report. DriverError if it can no longer be written; the file is then unchanged."""
         try:
             self._fill_draft(json.dumps(content, indent=2) + "\n")
             self._look()

@@ -1,4 +1,4 @@
-"""A plant in wall-clock time: its drivers, opened and kept up with a clock. No network and no registers in here."""
+"""A plant in wall-clock time: its drivers, opened and advanced with a clock. It has no network and no registers."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from umo.errors import DriverError, Failure, text_of
 from umo.wiring import Wired
 
 MAX_PERIODS = 20
-"""Periods of the plant in one go at most; requests are answered in between."""
+"""Largest number of periods of the plant in one go; requests are answered in between."""
 MAX_LAG = 1000
-"""Periods behind at most: with more the plant stops catching up and lets them go."""
+"""Largest number of periods that the plant may be behind; if it is further behind, these periods are skipped."""
 
 
 class Pace:
@@ -38,13 +38,13 @@ class Pace:
         return due
 
     def left(self, now: float) -> float:
-        """Seconds until the next period is due; 0 when it is already."""
+        """Time in s until the next period is due; 0 if it is already due."""
         return max(0.0, self._start + (self._passed + 1) * self._period - now)
 
 
 class Simulation:
-    """The drivers of a simulated wiring. `with simulation:` opens them, all outputs at their defaults; from then on
-    time passes: each period of `clock` (s) is one reading of the timer's channel.
+    """The drivers of a simulated wiring. `with simulation:` opens them, with all outputs at their defaults; from then
+    on time passes: each period of `clock` (s) is one reading of the timer's channel.
 
     Slots are indexes of `wired.wires`. Raises DriverError if a driver cannot be opened or closed.
     """
@@ -110,8 +110,8 @@ class Simulation:
         return failures
 
     def catch_up(self) -> None:
-        """Let the periods pass that are due by the clock, at most `MAX_PERIODS`. Whatever the plant raises is kept as
-        `failure` too."""
+        """Carry out the periods that are due by the clock, at most `MAX_PERIODS`. An error of the plant is also stored
+        as `failure`."""
         try:
             for _ in range(self.pace.due(self.clock())):
                 self._periods += 1
@@ -121,18 +121,18 @@ class Simulation:
             raise
 
     def read(self, slot: int) -> int:
-        """The raw integer of a sensor's channel, now."""
+        """Return the present raw integer of a sensor's channel."""
         return self._transfer.read(slot)
 
     def write(self, slot: int, raw: int) -> None:
         self._transfer.write(slot, raw)
 
     def report(self) -> dict[str, Any]:
-        """The reports of all drivers in one. One that fails says why in its place."""
+        """Return the reports of all drivers as one. If a report fails, the reason takes its place."""
         found: dict[str, Any] = {}
         for name in self._opened:
             try:
                 found |= self._segments.report(name)
             except Exception as error:
-                found[f"no report of {name}"] = text_of(error.__cause__ or error)
+                found[f"the report of {name} failed"] = text_of(error.__cause__ or error)
         return found

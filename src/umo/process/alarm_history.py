@@ -1,4 +1,4 @@
-"""Writing the history of a station's alarms from its frames, in a process beside the control process."""
+"""Writing the history of a station's alarms from its frames, in a process other than the control process."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from umo.operation.alarms import alarm_file
 from umo.operation.alarms.alarm_file import AlarmRecord
 from umo.process.frames import RunReader
 
-LOST = "{} events were gone before they could be noted; changes of alarms may be missing"
+LOST = "{} events were overwritten before they could be stored; changes of alarms may be missing"
 
 
 class AlarmHistory:
-    """The history of one run. `next`: the number of the first event that has not been looked at."""
+    """The history of one run. `next`: the number of the first event that has not been examined."""
 
     def __init__(self, next_event: int = 0) -> None:
         self.next = next_event
 
     def take(self, reader: RunReader, frame: Any) -> None:
         """Add the changes of alarms among the new events, and the number of events that were lost before. OSError if
-        they cannot be written: the next call tries again. `frame`: a frame of the run, for the UTC of the cycle's
+        they cannot be written; the next call tries again. `frame`: a frame of the run, for the UTC of the cycle's
         clock."""
         new = reader.events(self.next) if reader.layout.alarms else []
         utc_at_zero = utc_of(frame) - float(frame["time"])

@@ -1,4 +1,4 @@
-"""Compiled laws of a run, where its wiring asks for them: what compiles them is imported then only."""
+"""Compiled laws of a run, if its wiring requests them; the compiler's modules are imported only then."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 
 def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object]) -> PreparedLaws | None:
-    """Compile the laws of a machine that is not connected yet. None: the wiring does not ask for it, or something is in
-    the way, which is said."""
+    """Compile the laws of a machine that is not connected yet. Return None if the wiring does not request it, or if
+    there is an obstacle, which is printed."""
     if not wired.process.compile:
         return None
     from umo.generate.compiled_laws import prepare
@@ -29,7 +29,8 @@ def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object])
 
 
 def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say: Callable[[str], object]) -> None:
-    """The machine has its laws, and no device is open yet: its laws are compared, then run compiled."""
+    """Start the compiled laws of a machine that has its laws and no open device yet: they are first compared, then run
+    compiled."""
     if prepared is None:
         return
     from umo.generate.compiled_laws import COMPARED, CompiledLaws

@@ -1,4 +1,4 @@
-"""The control process: connects the machine, holds the loop and nothing else, leaves safely, reports."""
+"""The control process: it connects the machine, runs the loop and nothing else, disconnects safely, and reports."""
 
 from __future__ import annotations
 
@@ -51,12 +51,13 @@ from umo.system.streams import late, limit_waits, lost_lines, never_wait, send_w
 from umo.text import Moment, in_brackets
 
 RESUMING_TIMEOUT = 0.1
-"""Timeout in s for a guardian's sign of life when a suspended computer goes on: five looks."""
+"""Timeout in s for a guardian's sign of life after a suspended computer resumes: five looks."""
 
 OOM_SCORE_CHANGE = 100
-"""Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
+"""Change of the control process's score for the kernel's choice when memory runs out: so that a guardian remains, which
+resets the machine."""
 ADMISSION_INTERVAL = 0.0005
-"""Time in s between two looks whether the control process may begin."""
+"""Time in s between two checks whether the control process may begin."""
 ADMISSION_TIMEOUT = 10.0
 """Timeout in s for the guardian's signs of life before the control process begins."""
 
@@ -81,7 +82,8 @@ class Control:
         self._channel = channel
         self._guardian = guardian
         self._frames = frames
-        """The descriptors of the memory for frames, and the server that gives clients theirs; None: no frames."""
+        """The descriptors of the memory for frames, and the server that gives clients theirs, or None without
+        frames."""
         self._run_end = run_end
         """The work of a guardian, for the case that there is none any more."""
         self._stands_in = False
@@ -101,12 +103,13 @@ class Control:
         self._connection: connect[Any] | None = None
 
     def take_note(self, number: int, frame: object) -> None:
-        """A signal that asks to stop, before the machine is connected. What the guardian has asked stands."""
+        """Note a signal that requests a stop before the machine is connected. A request of the guardian takes
+        precedence."""
         if not self._run_state.asked:
             self._run_state.ask(number)
 
     def wait_for_admission(self) -> None:
-        """Wait for the standby guardian, then use the devices. Nothing is driven before: this ends the process if the
+        """Wait for the standby guardian, then use the devices. No device is driven before. The process ends if the
         guardian dies, or gives no sign of life."""
         while not self._run_state.admitted:
             if self._run_state.gone(ADMISSION_INTERVAL, Who.GUARDIAN) or self._run_state.unwatched > ADMISSION_TIMEOUT:
@@ -114,7 +117,7 @@ class Control:
         self._device_claim.hold.used_here()
 
     def stand_aside(self) -> None:
-        """Give up the devices in a process that control code forked. It ends as soon as it would use one."""
+        """Give up the devices in a process that control code forked. The process ends as soon as it would use one."""
         if self._stands_in:
             return
 
@@ -145,8 +148,8 @@ class Control:
                 tell_final_message(self._channel, self._plan.name, outcome)
 
     def reset_if_alone(self, outcome: Outcome) -> Outcome:
-        """Actuators were not reached, and no guardian is left who would retry: this process does, as that would. It
-        opens the devices anew, also those off the cycle, whose worker may be dead."""
+        """Retry the reset in this process if actuators were not reached and no guardian is left to do it. The devices
+        are opened again, also those off the cycle, whose worker may be dead."""
         if not (outcome.unreached and outcome.unsafe and self._run_end is not None):
             return outcome
         self._end_guardian()
@@ -179,7 +182,7 @@ class Control:
 
     @property
     def keeps_time(self) -> bool:
-        """True if the loop keeps its periods by the wall clock: no output may hold it up."""
+        """True if the loop runs by the wall clock, so that no printed output may delay it."""
         return self._plan.wired.realtime
 
     def tell_lost_lines(self) -> None:
@@ -210,7 +213,8 @@ class Control:
         return outcome
 
     def report(self, outcome: Outcome) -> None:
-        """Report how the machine ended. It stands if this process is killed or hangs before the next report."""
+        """Report how the machine ended. The report remains valid if this process is killed or hangs before the next
+        one."""
         self._run_state.report(outcome.encode())
         self._run_state.enter(Stage.ENDED)
 
@@ -332,7 +336,8 @@ class Control:
             self._stopped_by = clients.stopped_by
 
     def each_period(self, frame: Frame) -> None:
-        """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
+        """Called in each period: give a sign of life, and check whether this process was suspended, asked to stop, or
+        lost its guardian."""
         run_state = self._run_state
         excused = run_state.excused  # first: a look of the guardian's that sees the new sign of life ends it
         gap = run_state.beat()
@@ -383,7 +388,7 @@ class Control:
 
 
 def drive_and_report(control: Control, traces: IO[bytes]) -> int:
-    """Run the control process to its exit status. On request it writes its present line to `traces`."""
+    """Run the control process to its exit status. On request it writes the present line of its code to `traces`."""
     name_process("umo control")
     adjust_oom_score(OOM_SCORE_CHANGE)
     os.register_at_fork(after_in_child=control.stand_aside)

@@ -1,4 +1,4 @@
-"""The control process as its guardian sees it: whether it lives, where it stands, how it ended."""
+"""The guardian's view of the control process: whether it lives, where its code is, how it ended."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from umo.system.signal_handling import SIGNALS, signal_name
 from umo.text import in_brackets, place_among
 
 WHERE_SIGNAL = signal.SIGUSR2
-"""Signal at which the control process writes down where its Python code stands."""
+"""Signal at which the control process writes the present place of its Python code to a file."""
 UNABLE_STATES = "TtDX"
-"""States of a process that cannot do that: stopped, in a call of the kernel that no signal ends, gone."""
+"""States of a process that cannot do that: stopped, in an uninterruptible call of the kernel, ended."""
 WHERE_TIMEOUT = 0.05
-"""Timeout in s for what it writes; a process that has a processor needs 0.1 ms. The machine is reset afterwards."""
+"""Timeout in s for this text; a running process needs 0.1 ms. The machine is reset afterwards."""
 
 
 class ControlWatch:
@@ -34,14 +34,15 @@ class ControlWatch:
         """Time at which waiting for a process that cannot be killed ends."""
 
     def is_dead(self, within: float = 0.0) -> bool:
-        """True if it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
-        device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
+        """True if it has ended, so that its connections are closed. A process that is blocked in the kernel, in a call
+        of its device, counts as dead after a while, because its end cannot be awaited. During the wait the guardian's
+        signs of life are given."""
         self._unkillable_from = self._unkillable_from or calls.now() + DEATH_TIMEOUT
         self._run_state.watch()
         return self._run_state.wait(lambda: self.process.ended, within) or calls.now() >= self._unkillable_from
 
     def ending(self) -> str:
-        """Return how it ended, as text. To be called after it was killed: it waits for its end."""
+        """Return how it ended, as text. To be called after the process was killed; it waits for the end."""
         self.is_dead(DEATH_TIMEOUT)
         status = self.process.status
         if status is None:
@@ -53,7 +54,7 @@ class ControlWatch:
         return f"ended with status {os.WEXITSTATUS(status)} without resetting the machine"
 
     def silent(self, how: str, moment: str) -> str:
-        """Return that it hangs or was kept from running (`how`), where and when, as text."""
+        """Return as text that it hangs or was kept from running (`how`), where and when."""
         stopped = " (it was stopped by a signal)" if self.process.is_stopped else ""
         return f"the control process {how}{stopped}{in_brackets(moment, self._where())}"
 

@@ -1,7 +1,6 @@
 """The guardian watches the frames: when a period was missed, it saves the last ones in a black box. It makes their
-memory, and answers those who look for the station.
-
-Nothing here raises. After an error there may be no black box, and the run may not be watched or commanded.
+memory, and answers clients that look for the station. Nothing here raises an error. After a failure there may be no
+black box, and the run may not be watched or commanded.
 """
 
 from __future__ import annotations
@@ -20,17 +19,18 @@ from umo.system.processes import Child, wait_until
 from umo.text import Moment
 
 BLACK_BOX_INTERVAL = 10.0
-"""Time in s from one black box of a missed period to the next at least."""
+"""Shortest time in s between two black boxes of missed periods."""
 BLACK_BOX_TIMEOUT = 5.0
 """Timeout in s at the end of a run for a black box that is being written."""
 
 
 class FrameWatcher:
-    """Follows the frames of one run. Writes in a child process: the disk does not delay the guardian."""
+    """Follows the frames of one run. It writes in a child process, so that the disk does not delay the guardian."""
 
     def __init__(self, station: str) -> None:
         self.frames: tuple[RunDescriptors, FrameServer] | None = None
-        """The descriptors by which the control process writes, and the server that it makes listen; None: no frames."""
+        """The descriptors by which the control process writes, and the server that it makes listen, or None without
+        frames."""
         self._station = station
         self._reader: Reader | None = None
         self._cells: ClientMemory | None = None
@@ -40,10 +40,10 @@ class FrameWatcher:
         self._child: Child | None = None
         """The process that writes a black box."""
         self._wanted_reason = ""
-        """Reason for which a black box is to be written as soon as the one before is finished; empty: none is."""
+        """Reason for which a black box is to be written as soon as the one before is finished, or empty if none is."""
 
     def make(self) -> str:
-        """Make the memory, which the control process inherits; why there is none, or ""."""
+        """Make the memory, which the control process inherits. Return the reason if that fails, or ""."""
         try:
             path = new_path(self._station)
             ends, readers = RunDescriptors.pair()
@@ -53,7 +53,7 @@ class FrameWatcher:
         return ""
 
     def forked(self) -> None:
-        """Close this process's end of the pipe: it closes for readers when the control process ends."""
+        """Close this process's end of the pipe: so that readers see it closed when the control process ends."""
         if self.frames is not None:
             calls.close(self.frames[0].alive)
 
@@ -111,8 +111,8 @@ class FrameWatcher:
         return ""
 
     def finish(self, wait: Callable[[Callable[[], bool], float], object] = wait_until) -> None:
-        """Finish the black boxes that are written or requested, and remove a ring that is left. `wait` waits for a
-        condition, at most for this time in s."""
+        """Finish the black boxes that are written or requested, and remove a remaining ring. `wait`: function that
+        waits for a condition, at most for the given time in s."""
         if self._box_due is not None and not self._wanted_reason:
             self.keep(blackbox.MISSED_PERIOD)
         wait(self._is_at_rest, BLACK_BOX_TIMEOUT)

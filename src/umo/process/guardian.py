@@ -1,6 +1,6 @@
 """The guardian: forks the control process, watches it, and resets the machine if it dies or hangs.
 
-It reserves everything that a reset needs at its start: a child that resets, descriptors, shared memory, and the standby
+At its start it reserves everything that a reset needs: a child that resets, descriptors, shared memory, and the standby
 guardian, which takes its place if it dies (`standby`). It resets the machine after any error of its own, and whenever
 the control process has not reported that every actuator is at its default.
 """
@@ -46,15 +46,15 @@ from umo.system.streams import late, never_wait, send_waiting
 from umo.text import in_brackets, some
 
 OOM_SCORE_CHANGE = -500
-"""Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
+"""Change of the guardian's score for the kernel's choice when memory runs out, if that is permitted."""
 MAX_NOTICES = 1000
 """Largest number of notices for the user, because a run may last for years."""
 MAX_DEAF_LOOKS = 3
-"""The number of looks in which listening failed before the machine is stopped."""
+"""Number of looks with failed listening after which the machine is stopped."""
 
 
 def main(file: int, job_file: int) -> int:
-    """A guardian process from its job to its exit status."""
+    """Run a guardian process, from its job to its exit status."""
     never_wait()  # what is printed, here or in the control process, can neither end a run nor hold it up
     name_process("umo guardian")
     adjust_oom_score(OOM_SCORE_CHANGE)
@@ -106,7 +106,7 @@ def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
 
 
 class Guardian:
-    """Keeps one control process."""
+    """Watches one control process."""
 
     def __init__(self, plan: Plan, channel: MessageSocket, device_claim: DeviceClaim) -> None:
         self._plan = plan
@@ -183,7 +183,7 @@ class Guardian:
 
     @property
     def is_driving(self) -> bool:
-        """True if the control process may use the devices."""
+        """True if the control process may be using the devices."""
         return self._run_state.admitted
 
     def give_up(self, outcome: Outcome) -> Outcome:
@@ -199,7 +199,7 @@ class Guardian:
 
     @property
     def is_followed(self) -> bool:
-        """True if a process lives that takes over when this one ends."""
+        """True if there is a living process that takes over when this one ends."""
         return self.is_driving and any(map(self._run_state.is_able, FOLLOWERS))
 
     def _guard(self) -> Outcome:

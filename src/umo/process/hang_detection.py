@@ -1,4 +1,4 @@
-"""The signs of life of the control process, as its guardian sees them: when is it hung, when kept from running?"""
+"""Decides from the signs of life of the control process whether it hangs or is kept from running."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ REPORTING_LIMIT = 5.0
 """Timeout in s for the report of the control process when the machine has been reset."""
 
 MIN_GUARDIAN_LIMIT = 0.5
-"""Minimum time in s without a sign of life before a guardian counts as lost: a busy computer delays it."""
+"""Minimum time in s without a sign of life before a guardian counts as lost: because a busy computer delays it."""
 
 
 def guardian_limit(hang: float) -> float:
-    """Limit in s for a guardian's own signs of life. `hang`: the limit for those of its control process."""
+    """Return the limit in s for a guardian's own signs of life. `hang`: the limit for the signs of its control
+    process."""
     return max(hang, MIN_GUARDIAN_LIMIT)
 
 

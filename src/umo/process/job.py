@@ -36,7 +36,7 @@ class Job:
 
     station: str | None = None
     machine: str | None = None
-    """`module:function`, where there is not a station."""
+    """`module:function`, if there is no station."""
     application: str | None = None
     wiring: str | dict[str, Any] | None = None
     options: dict[str, Any] = field(default_factory=dict)
@@ -46,7 +46,7 @@ class Job:
     fresh: bool = False
     """True if it starts without the kept values of the last run."""
     until: float | None = None
-    """Time in s on the machine's clock at which it is stopped."""
+    """Time in s on the machine's clock at which the run is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))
     script: str | None = None
     """The file that `__main__` came from, if a function of it is meant."""
@@ -70,7 +70,8 @@ class Job:
 
 
 def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
-    """A function as `module:name`, and the script that it is in; DeclarationError if it cannot be imported."""
+    """Return a function as `module:name`, and the script that contains it. DeclarationError if it cannot be
+    imported."""
     name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
     if not name.isidentifier() or module is None:
         raise DeclarationError(f"{function!r} is not a function of a module: the control process cannot import it")
@@ -86,7 +87,7 @@ def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
 
 
 class Plan:
-    """A job with everything found: the machine declared, its wiring resolved, options handed out."""
+    """A job with everything that it needs: the declared machine, its resolved wiring, and the options for each part."""
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -98,7 +99,7 @@ class Plan:
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
         self.shares = shares = distribute_options(job.options, machine=make, application=main, wiring=self.wiring)
-        """The options, as each part of the run takes them."""
+        """The options for each part of the run."""
         self.application: Application[Any] | None = None if main is None else partial(main, **shares.application)
         self.machine_options = {name: value for name, value in job.options.items() if name in shares.machine}
         if station is not None:
@@ -109,15 +110,15 @@ class Plan:
         actions_of(self.machine), numbers_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
         self.sources = self._sources()
-        """The hashes of the files that were read for it (`source_files`): as soon as they have been read."""
+        """The hashes of the files that were read for the run (`source_files`), computed right after reading."""
         self.prepared: PreparedLaws | None = None
-        """The machine's laws, where they are compiled (`umo.process.compiling`)."""
+        """The machine's laws, if they are compiled (`umo.process.compiling`)."""
 
     def _sources(self) -> dict[str, str]:
         return source_files(self.place, self.wiring, self.machine)
 
     def all_sources(self) -> dict[str, str]:
-        """The same with those of modules that were imported later, as by `setup`."""
+        """The same hashes, with those of modules that were imported later, for example by `setup`."""
         return self._sources() | self.sources
 
     @property
@@ -126,7 +127,8 @@ class Plan:
 
     @property
     def launch(self) -> str:
-        """A digest that is the same for each start of the same station, wiring and options, as by a supervisor."""
+        """A digest that is the same for each start of the same station, wiring and options, such as a start by a
+        supervisor."""
         wiring = str(self.wiring.resolve()) if isinstance(self.wiring, Path) else self.wiring
         what = [str(self.place), self.job.machine, wiring, self.job.options]
         return hashlib.sha256(json.dumps(what, sort_keys=True, default=as_plain).encode()).hexdigest()[:24]

@@ -22,8 +22,8 @@ from umo.wiring.json_values import as_plain
 
 
 def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-    """The facts about a run. `kept`: what it has taken over from the last run, by section. Values that are not plain
-    data (a driver that is an object) are given as text. Nothing raises: where they cannot be told there is only
+    """The facts about a run. `kept`: the data taken over from the last run, by section. Values that are not plain data
+    (such as a driver object) are given as text. It raises no error: if the facts cannot be found, there is only
     `error`."""
     try:
         return _facts(plan, kept)

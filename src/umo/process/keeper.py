@@ -1,11 +1,11 @@
 """The keeper: a process that writes kept values and the history of alarms to the disk while a machine runs, and at its
 end.
 
-The guardian forks it and looks after it. It maps the frames read-only, takes the last whole frame every half a second,
-and writes one file if what is kept has changed: all of it is of this one period. It appends the changes of alarms to
-their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
-ends. It survives all other processes of the run until then, and holds nothing of theirs: no device and no socket.
-Nobody waits for a disk but the keeper.
+The guardian forks and supervises it. It maps the frames read-only, takes the last complete frame every half second, and
+writes one file if the kept values have changed; all values in it belong to this one period. It appends the changes of
+alarms to their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
+ends. It outlives all other processes of the run, and holds none of their resources, neither a device nor a socket. Only
+the keeper waits for a disk.
 """
 
 from __future__ import annotations
@@ -31,24 +31,26 @@ from umo.system import calls, realtime
 from umo.system.processes import Child, ProcessHandle, adjust_oom_score, name_process
 
 INTERVAL = 0.5
-"""Time in s from one look of the keeper's to the next. What a look finds stands until the next one is written, after
-this time and the disk's: where the disk takes at most as long, what is kept is never older than twice this time."""
+"""Time in s between two looks of the keeper. The values of a look are valid until those of the next one are written,
+after this time and the time of the disk. If the disk takes at most as long, kept values are never older than twice this
+time."""
 LAST_TIMEOUT = 5.0
 """Timeout in s at the end of a run for the last values."""
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
-"""Time in s from one replacement of a keeper to the next: it doubles."""
+"""Shortest and longest time in s between two replacements of a keeper; it doubles."""
 OOM_SCORE_CHANGE = 600
-"""Change of the keeper's score, from the guardian's: where memory runs out, it goes before all that resets."""
+"""Change of the keeper's score, relative to the guardian's: if memory runs out, it is killed before all processes that
+reset."""
 NO_FOLDER = "nothing is kept: there is no folder for what outlives a run"
 HELD_BY_ANOTHER = -1
-"""In place of an error number: another run of this station with this wiring uses the file."""
+"""Stands for an error number if another run of this station with this wiring uses the file."""
 
 
 class KeeperMessage(IntEnum):
     """The keeper's messages in shared memory."""
 
     BEGUN, ERROR, FINISHED, HISTORY_ERROR, NEXT_EVENT = range(5)
-    """Cells: 1 if there is a keeper whose end nobody has noticed; the number of the error of the last write, 0 without
+    """Cells: 1 if there is a keeper whose end was not noticed; the number of the error of the last write, 0 without
     one; 1 at its end; the error of the history of alarms; the number of the first event that it has not read."""
 
 
@@ -63,8 +65,8 @@ class Keeper:
         say: Callable[[str], object],
         core: int | None = None,
     ) -> None:
-        """`path`: the file; None: there is no folder for it. `title`: what stands in it of the station.
-        `core`: that of the control process, which the keeper leaves."""
+        """`path`: the file, or None if there is no folder for it. `title`: the data about the station in the file.
+        `core`: the core of the control process, which the keeper leaves."""
         self.path = path
         self._title = title
         self._run_state = run_state
@@ -81,7 +83,7 @@ class Keeper:
 
     def look(self, reader: Reader | None) -> None:
         """Fork the keeper as soon as there are frames with something to keep; replace it if it has died or was stopped
-        by a signal; tell that it cannot write."""
+        by a signal; report if it cannot write."""
         if reader is None or not self._has_something(reader):
             return
         if self.path is None:
@@ -101,7 +103,7 @@ class Keeper:
 
     def finish(self, reader: Reader | None) -> str:
         """Wait for the last values at the end, when the machine has been reset. Return why they were not written, or
-        "". A late keeper is ended: it must not overwrite what a later run keeps."""
+        "". A late keeper is ended: because it must not overwrite the values of a later run."""
         if reader is None or not self._has_something(reader):
             return ""
         if self.path is None:
@@ -193,7 +195,7 @@ def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int |
 
 
 ALIVE = 3
-"""The one descriptor that the keeper has: the pipe that hangs up when the writer of the frames is gone."""
+"""The only descriptor of the keeper: the pipe that hangs up when the writer of the frames has ended."""
 
 
 def _close_all_but(alive: int) -> None:
@@ -275,8 +277,9 @@ class Writer:
 def keep(
     reader: Reader, writer: Writer, is_gone: Callable[[float], bool], now: Callable[[], float] | None = None
 ) -> None:
-    """Write until the run has ended, then the last frame. `is_gone` waits so many s at most for the writer's end. The
-    time that the disk takes does not delay the next look, unless it is longer than `INTERVAL`."""
+    """Write until the run has ended, then the last frame. `is_gone`: function that waits at most the given time in s
+    for the writer's end. The time that the disk takes does not delay the next look, unless it is longer than
+    `INTERVAL`."""
     now = now or calls.now
     gone, due = False, now()  # the first at once: it may take the place of a keeper that was killed
     while not gone:

@@ -1,8 +1,8 @@
-"""The file of kept values: one for each station and wiring, in the user's folder for what outlives a run.
+"""The file of kept values: one for each station and wiring, in the user's folder for data that outlive a run.
 
 It is JSON, ASCII: `{"checksum": ..., "content": {...}}`. The content has the version, station, wiring, run, the number
-and the UTC of the period, and the sections, all of this one period. It counts as whole only if it is, byte for byte,
-what `encode` makes of its content. A file that does not is kept aside under another name.
+and the UTC of the period, and the sections, all of this one period. It is valid only if it equals, byte for byte, the
+result of `encode` for its content. An invalid file is kept aside under another name.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from umo.system.file_locks import lock_within
 FOLDER, SUFFIX = "kept", ".json"
 VERSION = 1
 MAX_BYTES = 4 << 20
-"""Size of a file at most, bytes."""
+"""Largest size of a file, in bytes."""
 MAX_ASIDE = 10
-"""Number of damaged files of one station and wiring that are kept aside; the oldest go first."""
+"""Number of damaged files of one station and wiring that are kept aside; the oldest are removed first."""
 MODE = 0o1600
-"""Mode of a file and of its lock: for the sticky bit systemd-tmpfiles leaves old files alone (tmpfiles.d(5)). One of
-values that do not change is old while the run goes on."""
+"""Mode of a file and of its lock: because of the sticky bit systemd-tmpfiles does not remove an old file
+(tmpfiles.d(5)). A file whose values do not change becomes old during the run."""
 NUMBERS, ALARMS, STATES = "numbers", "alarms", "states"
-"""The sections: of the kept numbers value, unit and type of each, by path; of alarms that are not normal the number of
-the state, by path; of state machines (`umo.operation`) the name of the state, by path, which the next run does not take
-over: it begins stopped."""
+"""The sections, each by path: for kept numbers value, unit and type; for alarms that are not normal the number of the
+state; for state machines (`umo.operation`) the name of the state, which the next run does not take over, because it
+begins stopped."""
 
 
 class KeptFileError(UmoError):
@@ -44,7 +44,7 @@ class KeptFileError(UmoError):
 
 @dataclass
 class KeptValues:
-    """The content of a file: what was kept in one period of a run."""
+    """The content of a file: the values kept in one period of a run."""
 
     station: str
     wiring: str
@@ -52,16 +52,16 @@ class KeptValues:
     """Folder or script of the station."""
     pid: int = 0
     started: float = 0.0
-    """s since 1970: the run's control process, and when it was started."""
+    """Pid of the run's control process, and its start in s since 1970."""
     period: int = 0
     """Number of the period."""
     utc: float = 0.0
-    """s since 1970: when the period began."""
+    """Beginning of the period in s since 1970."""
     sections: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """The kept numbers by path: value, unit and type; None: the number had no value."""
+        """The kept numbers by path: value, unit and type, or None if the number had no value."""
         return self.sections.get(NUMBERS, {})
 
 
@@ -76,7 +76,7 @@ class FileSystem(Protocol):
 
 
 def path_of(station: str, wiring: str) -> Path:
-    """The file of a station and a wiring; OSError where there is no folder for it."""
+    """The file of a station and a wiring; OSError if there is no folder for it."""
     folder = state_folder() / FOLDER
     plain = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in station)[:40]
     digest = hashlib.sha256(f"{station}\0{wiring}".encode(errors="surrogateescape")).hexdigest()[:16]
@@ -94,7 +94,7 @@ def dump(values: KeptValues) -> bytes:
 
 
 def load(data: bytes) -> KeptValues:
-    """KeptFileError, in words, for what is not a whole file of this version."""
+    """Return the content of a file. KeptFileError for anything but a valid file of this version."""
     try:
         content = json.loads(data.decode("ascii"))["content"]
         whole = encode(content) == data
@@ -139,7 +139,8 @@ def read(path: Path) -> KeptValues | None:
 
 
 def write(path: Path, data: bytes, system: FileSystem = calls) -> None:
-    """Replace the file, whole or not at all, also when the computer goes down. OSError: the old file stands."""
+    """Replace the file, either completely or not at all, even if the computer loses power. After an OSError the old
+    file is unchanged."""
     if len(data) > MAX_BYTES:
         raise OSError(errno.EFBIG, f"more than {MAX_BYTES} bytes of kept values")
     new = path.with_name(f".{path.name}.new")  # one writer has the lock: one name, and nothing is left behind
@@ -161,7 +162,7 @@ def write(path: Path, data: bytes, system: FileSystem = calls) -> None:
 
 
 def set_aside(path: Path, now: float) -> Path:
-    """Give a file that cannot be used another name; OSError where that cannot be."""
+    """Rename a file that cannot be used. OSError if that fails."""
     aside = path.with_name(f"{path.stem}.aside-{datetime.fromtimestamp(now, UTC):%Y%m%dT%H%M%S}")
     number = 0
     while (new := aside.with_name(f"{aside.name}-{number}" if number else aside.name)).exists():
@@ -174,7 +175,7 @@ def set_aside(path: Path, now: float) -> Path:
 
 
 def all_kept(station: str) -> Iterator[tuple[Path, KeptValues | KeptFileError]]:
-    """The files of a station, one for each wiring, and those whose names say that they may be its."""
+    """The files of a station, one for each wiring, and those whose names may be names of its files."""
     for path in sorted((state_folder() / FOLDER).glob(f"*{SUFFIX}")):
         try:
             values = read(path)
@@ -198,7 +199,7 @@ def locked(path: Path, within: float) -> Iterator[bool]:
 
 
 def lock_file(path: Path) -> int:
-    """The descriptor whose lock is that of the file of kept values."""
+    """Return the descriptor whose lock protects the file of kept values."""
     folders.checked(path.parent)
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
     return calls.open(lock_of(path), flags, MODE)
@@ -209,7 +210,8 @@ def lock_of(path: Path) -> Path:
 
 
 def take_lock(file: int, within: float = 0.0) -> bool:
-    """True if it is ours, now or within some s. The kernel gives it back when this process ends."""
+    """Take the lock, at once or within some s, and return True if that succeeded. The kernel releases it when this
+    process ends."""
     try:
         return lock_within(file, within)
     except OSError:

@@ -17,15 +17,15 @@ from umo.process.kept_file import KeptFileError, KeptValues
 from umo.system import calls
 
 LOCK_TIMEOUT = 2.0
-"""Timeout in s at the start for the keeper of an earlier run, which may still write the last values of that one."""
+"""Timeout in s at the start for the keeper of an earlier run, which may still be writing its last values."""
 MAX_TOLD = 5
-"""Number of values of which is told on the terminal why they were not taken; all are in the events."""
+"""Number of values for which the terminal shows why they were not taken; the events have all."""
 Say = Callable[[str], object]
 Sections = dict[str, dict[str, Any]]
 
 
 def file_of(plan: Plan) -> Path | None:
-    """The file of a run; None where there is no folder for it."""
+    """The file of a run; None if there is no folder for it."""
     with suppress(OSError):
         return kept_file.path_of(plan.name, plan.wiring_name)
     return None
@@ -36,8 +36,8 @@ def title_of(plan: Plan) -> KeptValues:
 
 
 def take_over(plan: Plan, say: Say) -> Sections:
-    """Return what the last run in real time has kept, by section. It raises nothing: a section that cannot be read is
-    set aside, and its values are lost."""
+    """Return the values that the last run in real time has kept, by section. It raises no error: a section that cannot
+    be read is set aside, and its values are lost."""
     path = file_of(plan)
     try:
         if path is None or not (path.exists() or kept_file.lock_of(path).exists()):  # nothing was ever kept
@@ -57,7 +57,7 @@ def take_over(plan: Plan, say: Say) -> Sections:
 
 
 def copy(plan: Plan, say: Say) -> dict[str, Any]:
-    """The kept numbers of the last run in real time, for a run in virtual time: it writes none, and moves no file."""
+    """The kept numbers of the last run in real time, for a run in virtual time, which writes none and moves no file."""
     path = file_of(plan)
     kept = {} if path is None or plan.job.fresh else _read(plan, path, say, aside=False)
     return kept.get(kept_file.NUMBERS, {})
@@ -95,4 +95,4 @@ def tell(connection: connect[Any]) -> Iterator[str]:
         if number < MAX_TOLD:
             yield f"the kept value of {path} is not taken: {why}"
     if len(refused) > MAX_TOLD:
-        yield f"{len(refused) - MAX_TOLD} more kept values are not taken: the events of the run tell which"
+        yield f"{len(refused) - MAX_TOLD} more kept values are not taken: the events of the run name them"

@@ -10,12 +10,12 @@ from typing import Any
 from umo.system import calls
 
 MAX_BYTES = 1 << 18
-"""Size of a message at most, bytes."""
+"""Largest size of a message, in bytes."""
 
 
 class MessageSocket:
-    """One end of a pair of sockets. The guardian and the control process both hold the other end: it closes when both
-    have ended."""
+    """One end of a pair of sockets. The guardian and the control process both hold the other end, which closes when
+    both have ended."""
 
     def __init__(self, end: calls.Socket) -> None:
         self._socket = end
@@ -24,7 +24,7 @@ class MessageSocket:
 
     @classmethod
     def pair(cls) -> tuple[MessageSocket, calls.Socket]:
-        """An end to keep and one to hand on."""
+        """Return an end to keep and an end to pass on."""
         here, there = calls.message_sockets(MAX_BYTES)
         return cls(here), there
 
@@ -62,7 +62,7 @@ class MessageSocket:
         return b"", []
 
     def peer_is_gone(self, within: float) -> bool:
-        """True if the other end is closed, now or `within` s. Messages of its may still be unread."""
+        """True if the other end is closed, now or `within` s. Messages from it may still be unread."""
         return bool(calls.ready(self._file, within, 0) & calls.HUNG_UP)
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
 """Files that the code of a station names and may read later: modules that a function imports, data files by their text.
 
-The code is read, not run. A name that it puts together, or a folder that it searches, is not seen.
+The code is read, not run. Names that it composes, and folders that it searches, are not found.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 MAX_NAME = 200
-"""Characters of a text that is looked at as the name of a file."""
+"""Largest number of characters of a text that is examined as the name of a file."""
 
 
 def named_files(modules: Iterable[str], folder: Path) -> list[str]:
-    """The files of a folder, by their absolute paths, that these modules of it name, and modules that those import; not
-    the modules themselves."""
+    """The files of a folder, by absolute path, that these modules of it name, and the modules that they import; not the
+    given modules themselves."""
     given = {Path(each) for each in modules}
     found, waiting = set[Path](), [each for each in given if each.suffix == ".py" and each.is_relative_to(folder)]
     while waiting:

@@ -1,4 +1,4 @@
-"""The outcome of a run as plain data: sent to other processes, source of the exit status."""
+"""The outcome of a run as plain data, which is sent to other processes and determines the exit status."""
 
 from __future__ import annotations
 
@@ -33,11 +33,12 @@ USER_ERRORS = (
     TooFewDescriptors,
 )
 MAX_LENGTH = 12_000
-"""Length of a traceback, a message or a result at most, characters."""
+"""Largest length of a traceback, a message or a result, in characters."""
 MAX_BYTES = 60_000
-"""Size of an outcome at most, bytes, on its way to another process."""
+"""Largest size of an outcome in bytes, on its way to another process."""
 BOUNDS = ((100_000, MAX_LENGTH), (1000, 4000), (100, 400), (1, 40))
-"""The number of unreached actuators and the characters of each text that are passed on: the first that fits."""
+"""Pairs of the number of unreached actuators and of the characters of each text that are passed on; the first pair that
+fits is used."""
 
 
 @dataclass
@@ -64,17 +65,17 @@ class Failed:
 
 @dataclass
 class Outcome:
-    """How a control process ended. `unreached`: the actuators that are not at their defaults, by path."""
+    """The outcome of a control process. `unreached`: the actuators that are not at their defaults, by path."""
 
     failure: Failed | None = None
     stopped_by: int | None = None
     """The signal that requested the stop."""
     stopped_who: str = ""
-    """Client that has requested it: the page, `umo do STATION stop`, a program that is attached."""
+    """The client that has requested the stop: the page, `umo do STATION stop`, a program that is attached."""
     time_over: bool = False
     """True if its time limit (`umo run --until`) ended it."""
     driven: bool = False
-    """True if the machine was connected whole: every object initialised."""
+    """True if the machine was connected completely, with every object initialised."""
     unsafe: bool = False
     """True if the guardian had to reset the machine, or was lost. The next run must acknowledge this."""
     unreached: list[str] = field(default_factory=list)
@@ -85,18 +86,20 @@ class Outcome:
     simulated: float = 0.0
     """Time on the cycle's clock at the end, s."""
     result: Any = None
-    """The application's result, if it is plain data; else its text."""
+    """The application's result, if it is plain data; otherwise its text."""
 
     @property
     def outputs(self) -> str:
-        """Return where a run that ended safely has left its outputs, as text."""
+        """Return as text the state in which a run that ended safely has left its outputs."""
         if self.driven:
             return "every actuator is at its default"
-        return "it had not started: its outputs are as they were, or at their defaults where it had reached them"
+        return (
+            "the run had not started: the outputs that it had reached are at their defaults, the others are unchanged"
+        )
 
     @property
     def status(self) -> int:
-        """The exit status: as in `ExitStatus`, or 128 and the signal."""
+        """The exit status: as in `ExitStatus`, or 128 plus the signal."""
         if self.unreached:
             return ExitStatus.UNREACHED
         if self.failure is not None:
@@ -146,17 +149,17 @@ class Outcome:
 
 
 def plain(result: Any, longest: int = MAX_LENGTH) -> Any:
-    """A copy of plain data as JSON has them, if it is of a moderate size; else its text, cut."""
+    """Return a copy of plain data in the form of JSON, if its size is moderate; otherwise its text, cut."""
     return json.loads(as_json(result, longest))
 
 
 def plain_reports(reports: Mapping[str, Any], longest: int = MAX_LENGTH) -> dict[str, Any]:
-    """The same for the report of each driver that has one; together of a moderate size."""
+    """The same for the report of each driver that has one; if their total size is moderate."""
     return {name: plain(report, longest // len(reports)) for name, report in reports.items() if report}
 
 
 def status_of(failure: BaseException) -> int:
-    """Return the exit status: a user's mistake counts before the run, an error in the run as its failure."""
+    """Return the exit status: before the run an error is a user's mistake; during the run it is a failure."""
     if isinstance(failure, StopError):
         return ExitStatus.UNREACHED
     if isinstance(failure, Interrupted):
@@ -166,8 +169,8 @@ def status_of(failure: BaseException) -> int:
 
 
 def message_of(failure: BaseException) -> str:
-    """Return what, when and where in one line, and other failures in a second one. Mistakes in a wiring or in recipes,
-    and devices that stand stopped, have a line each."""
+    """Return the failure, its time and its place in one line, and other failures in a second one. Mistakes in a wiring
+    or in recipes, and devices that stand stopped, have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)

@@ -1,8 +1,8 @@
-"""The share of a processor that a control process has, as its guardian sees it and sees to it.
+"""The share of a processor that a control process has, which its guardian measures and enforces.
 
 A control process that works for long without a sign of life loses its priority over those of other stations; one that
-cannot run may use every core. So a station that loops for ever takes nothing from the others for longer than `OVERLONG`
-and a look.
+cannot run may use every core. So a station with an endless loop delays others for at most `OVERLONG` and the time
+between two looks.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from umo.system import calls
 from umo.system.processes import ProcessHandle, running_on, state, title_of
 
 OVERLONG = 0.04
-"""Time in s that a control process may work, or wait for a processor, before its guardian does something."""
+"""Time in s that a control process may work, or wait for a processor, before its guardian reacts."""
 
 
 class ProcessorShare:
     """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None, until
-    it is let onto every core. `say` prints what was done for it."""
+    it is let onto every core. `say` prints the reactions."""
 
     def __init__(self, process: ProcessHandle, core: int | None, say: Callable[[str], object]) -> None:
         self._process, self._pid = process, process.pid
@@ -40,8 +40,8 @@ class ProcessorShare:
 
     @property
     def kept_waiting(self) -> float:
-        """Return the time in s for which others had the processor, as far as certain: on a reserved core the other
-        process must be known. 0 for a control process that had worked for long itself."""
+        """Return the time in s for which other processes certainly had the processor; on a reserved core the other
+        process must be known. 0 for a control process that had itself worked for long."""
         certain = not self._priority and self._core is None
         return self._waited if certain else 0.0
 
@@ -51,7 +51,7 @@ class ProcessorShare:
         return self._occupant or "other processes had the processors"
 
     def begin(self) -> None:
-        """There was a sign of life: all is as before."""
+        """Start again, after a sign of life."""
         self._last, self._ran, self._waited, self._occupant = None, 0.0, 0.0, ""
         if self._priority and not self._process.ended:
             with suppress(OSError):
@@ -59,7 +59,7 @@ class ProcessorShare:
             self._priority = 0
 
     def look(self) -> None:
-        """There was none since the last look."""
+        """Check the share, as there was no sign of life since the last look."""
         if self._process.ended:  # its number may be another's
             return
         now = self._times()

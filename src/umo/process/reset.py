@@ -1,6 +1,6 @@
 """Resetting a machine to its defaults from another process, after its control process has died.
 
-Each attempt is made in its own child process, which opens the drivers again: a driver that hangs or crashes costs
+Each attempt is made in its own child process, which opens the drivers again: a driver that hangs or crashes affects
 only this attempt. The first child is forked before the control process and stands by, so it works even if a limit of
 processes or descriptors is reached later. If a later child cannot be forked, the guardian does the work itself. All
 calls go through the transfer stage.
@@ -35,7 +35,7 @@ CALL_MARGIN = 1.0
 RESERVE_INTERVAL = 0.1
 """Time in s between two looks of the child on standby for a guardian."""
 FORK_PAUSE = 1.0
-"""Time in s from one process beside the guardian that could not be forked to the next try."""
+"""Time in s to the next attempt after a process could not be forked."""
 ATTEMPT_PAUSE = 0.2
 """Time in s between two attempts."""
 LOOK_INTERVAL = 0.0005
@@ -45,7 +45,7 @@ DEATH_TIMEOUT = 5.0
 SPARE_DESCRIPTORS = 16
 """Number of descriptors that the child on standby keeps free for the drivers."""
 NO_TIME = "no time was left"
-"""The cause where the time of an attempt was over."""
+"""The cause if the time of an attempt was over."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that ask a run to stop. A process that resets, or waits to do so, ignores them."""
 
@@ -66,10 +66,10 @@ class Resetter:
         fork: Callable[[bool], int] = lambda first: calls.fork(),
         end: Callable[[Child, float], object] = Child.end,
     ) -> None:
-        """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
-        worker process that serves one of them is ended, and the next attempt opens its device. `fork` forks the child
-        that stands by: the first one, or one that takes the place of another that has begun to work. `end` ends it,
-        and waits so many s for that."""
+        """`guard` is called in the child that resets. `give_up` is called with the paths that an attempt has not
+        reached; it ends a worker process that serves one of them, so that the next attempt can open its device. `fork`
+        forks the child on standby: the first one, or one that replaces a child that has begun to work. `end` ends it,
+        and waits at most the given time in s for that."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
@@ -77,11 +77,11 @@ class Resetter:
         self._segments = DriverSegments(Transfer(self._wires, wired), wired)
         self._guard, self._give_up, self._fork_reserve, self._end = guard, give_up, fork, end
         self.in_reserve: Callable[[], bool] = lambda: False
-        """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
-        to wait any longer."""
+        """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits, and returns True
+        if it must not wait any longer."""
         self.takes_place: Callable[[float], bool] = lambda within: True
-        """Function that is called in the child on standby until it says that this is the one that waits: the one before
-        may not have begun yet. It waits up to so many s for that."""
+        """Function that is called in the child on standby until it returns True, because the previous child may not
+        have begun to work yet. It waits at most the given time in s for that."""
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.path for wire in self._wires]
         self._state = ResetState(self.paths)
@@ -106,7 +106,7 @@ class Resetter:
         self._start_pipe = self._waiting_pipe = -1
 
     def stand_by(self, first: bool = True) -> None:
-        """Fork the child of the first attempt now, or of the next one. OSError where it cannot be had."""
+        """Fork the child of the first attempt now, or of the next one. OSError if it cannot be forked."""
         pipe = self._waiting_pipe, self._start_pipe = calls.pipe()
         try:
             self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
@@ -117,13 +117,13 @@ class Resetter:
 
     @property
     def reserve(self) -> int:
-        """The pid of the child on standby; 0: there is none."""
+        """The pid of the child on standby, or 0 if there is none."""
         return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
-        """True if another child has replaced one that was killed or stopped by a signal. OSError where it cannot be
-        had: that is tried again `FORK_PAUSE` s later. Where the one before has failed by itself, the next one would
-        too: a child is forked when it is needed."""
+        """True if another child has replaced one that was killed or stopped by a signal. OSError if it cannot be
+        forked; that is tried again `FORK_PAUSE` s later. If the previous child has failed by itself, the next one would
+        fail, too, so a child is forked only when it is needed."""
         child = self._reserve
         if child is not None and (child.ended or child.was_stopped):
             self.dismiss()
@@ -139,11 +139,11 @@ class Resetter:
         return True
 
     def hand_over(self) -> None:
-        """Work for another guardian from now on, which calls this: the child was the guardian's."""
+        """Work for another guardian from now on, which calls this. The child belonged to the previous guardian."""
         self._reserve, self._next_fork = None, inf
 
     def dismiss(self) -> None:
-        """The machine ended safely: no reset is needed."""
+        """Dismiss the child, because the machine ended safely and needs no reset."""
         child, self._reserve, self._next_fork = self._reserve, None, inf
         if child is not None:
             self._end(child, DEATH_TIMEOUT)
@@ -157,13 +157,11 @@ class Resetter:
     ) -> dict[str, str]:
         """Bring every actuator to its default, in stop order. Return those not reached, with the cause.
 
-        There are attempts for `lasting` s, then as long as one reaches anything that none has reached before; for what
-        no attempt came to, up to as long again; and last of all one with the timeouts of the wiring, which is made
-        again as long as it reaches anything. So nothing stays driven on a device that answers when the last attempt
-        begins, or answers for a part of it.
-
-        `is_dead` says whether the old process is gone for certain: then everything is reset once more, and a last
-        time when a request that was still under way has been carried out."""
+        Attempts are made for `lasting` s, and then as long as one reaches an actuator that none has reached before; for
+        actuators that no attempt has tried, up to the same time again. The last attempt uses the timeouts of the
+        wiring, and is repeated as long as it reaches anything. So no output stays driven on a device that answers when
+        the last attempt begins, or during a part of it. `is_dead` returns whether the old process has certainly ended:
+        then everything is reset once more, and a last time when pending requests have been carried out."""
         until = calls.now() + lasting
         told = False
         while due := self._due():
@@ -467,7 +465,8 @@ def _ending(number: int) -> str:
 
 
 def summary(left: dict[str, str]) -> str:
-    """`z.motor, theta.step: connection refused`: each cause after the first objects that share it."""
+    """Return failures as text, each cause after the first objects that share it: `z.motor, theta.step: connection
+    refused`."""
     causes: dict[str, list[str]] = {}
     for path, cause in left.items():
         causes.setdefault(cause, []).append(path)

@@ -1,6 +1,7 @@
 """The state of each actuator during a reset, in memory shared with the process that resets.
 
-The child writes, the guardian reads: neither a pipe nor a message stands between them that could be full or broken.
+The child writes and the guardian reads it, so that there is no pipe or message between them that could be full or
+broken.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from umo.system import calls
 BEAT, AT, DEAD = range(3)
 HEADER = 64
 CAUSE_BYTES = 300
-"""Room for the cause of a failure, bytes."""
+"""Size in bytes for the cause of a failure."""
 CAUSE_ENTRY = 1 + CAUSE_BYTES
 
 
@@ -23,14 +24,14 @@ class Reached(IntEnum):
 
     UNTRIED = 0
     ONCE = 1
-    """Reset. It is reset again, in case a request that was still under way has undone it; if that attempt does not come
-    to an end, this counts as reached."""
+    """The actuator was reset. It is reset again, in case a pending request has undone that; if that attempt does not
+    end, the actuator counts as reached."""
     YES = 2
     NO = 3
 
 
 class ResetState:
-    """A line for each actuator, by number."""
+    """The state of each actuator, by number."""
 
     def __init__(self, paths: Sequence[str]) -> None:
         self.paths = list(paths)
@@ -39,7 +40,7 @@ class ResetState:
         self.clear()
 
     def clear(self) -> None:
-        """Before an attempt. Whether the old process is dead stays known."""
+        """Clear the states before an attempt, except whether the old process is dead."""
         for number in range(len(self.paths)):
             self._memory[HEADER + number * CAUSE_ENTRY] = Reached.UNTRIED
         self.begin(-1)
@@ -50,7 +51,7 @@ class ResetState:
         self._cells[BEAT] = calls.boottime_ns()
 
     def begin(self, number: int) -> None:
-        """A call for this actuator begins; -1: for none of them."""
+        """Note that a call for this actuator begins; -1 for none of them."""
         self._cells[AT] = number
         self.beat()
 
@@ -72,7 +73,7 @@ class ResetState:
 
     @property
     def silence(self) -> float:
-        """Seconds since the last call began."""
+        """Time in s since the last call began."""
         return (calls.boottime_ns() - self._cells[BEAT]) * 1e-9
 
     @property

@@ -1,4 +1,4 @@
-"""The end of a run: reset the machine where that is needed, record it, tell it."""
+"""The end of a run: reset the machine if needed, record the end, and report it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ STANDBY = "standby guardian"
 SPARE_DESCRIPTORS = 16
 """Number of descriptors kept free for the end: the drivers need them."""
 STARTER_END_TIMEOUT = 0.3
-"""Time in s for a starter that is killed too: its memory is given back before its end of the channel is closed."""
+"""Time in s for the end of a starter that is also killed, whose memory is freed before its end of the channel is
+closed."""
 MAX_MESSAGE_LENGTH = 1000
-"""Length of the message at most, characters."""
+"""Largest length of the message, in characters."""
 
 
 class RunEnd:
@@ -86,7 +87,8 @@ class RunEnd:
         realtime.prepare_guardian(process.priority - 1, process.cpu)
 
     def step_in(self, control: ControlWatch, why: str, said: Callable[[str], object]) -> Outcome:
-        """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
+        """Take over from a control process that died without resetting the machine, or hangs: make sure that it is
+        dead, then reset."""
         control.process.send(signal.SIGKILL)
         left = self._reset(control.is_dead, said)
         lost = "the guardian was lost; " if self.title == STANDBY else ""
@@ -95,8 +97,8 @@ class RunEnd:
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
 
     def settle(self, is_dead: Callable[[], bool], outcome: Outcome, said: Callable[[str], object]) -> Outcome:
-        """The control process has left the machine by itself. Retry the actuators that it could not reset. `is_dead`:
-        whether it has ended for certain, or does not use a device any more."""
+        """Finish after a control process that has disconnected by itself: retry the actuators that it could not reset.
+        `is_dead`: returns whether it has certainly ended, or no longer uses a device."""
         if outcome.unreached:
             left = self._reset(is_dead, said)  # all of them: the list may have been cut, and the order counts
             outcome.unsafe, outcome.unreached = True, list(left)
@@ -118,7 +120,8 @@ class RunEnd:
         return self.resetter.reset(lasting, is_dead=is_dead, said=said)
 
     def tell(self, outcome: Outcome) -> None:
-        """Record and report how the run ended. The standby guardian repeats it if the guardian is killed meanwhile."""
+        """Record and report how the run ended. The standby guardian repeats this if the guardian is killed during
+        it."""
         failure = outcome.failure
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
         with suppress(Exception):

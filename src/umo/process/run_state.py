@@ -1,9 +1,9 @@
 """Memory shared by the processes of a run: locks that report the death of their owners, signs of life, reports.
 
-A lock is a process-shared, robust pthread mutex: the kernel hands it on with EOWNERDEAD while the dead process is
-still being taken apart, 0.2 ms after a SIGKILL, where waiting for the exit took up to 30 ms with locked memory
-(POSIX.1-2017, pthread_mutexattr_setrobust). Nothing here needs a descriptor, so nothing that the control process does
-with its own can spoil it.
+A lock is a process-shared, robust pthread mutex: the kernel passes it on with EOWNERDEAD while the dead process is
+still being removed, 0.2 ms after a SIGKILL; waiting for the exit took up to 30 ms with locked memory (POSIX.1-2017,
+pthread_mutexattr_setrobust). Nothing here needs a descriptor, so the control process cannot damage it through its own
+descriptors.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Who(IntEnum):
     RESET = 3
     """The child that resets the machine, while it works."""
     RESERVE = 4
-    """The child of the guardian that waits to do that."""
+    """The child of the guardian that waits to reset the machine."""
     KEEPER = 5
     """The process that writes kept values."""
 
@@ -42,19 +42,20 @@ FOLLOWERS = (Who.STANDBY, Who.RESERVE)
 STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, EXCUSED, TOLD = range(8)
 CELLS = 16
 MAX_REPORT_BYTES = 1 << 16
-"""Length of a report at most, bytes."""
+"""Largest length of a report, in bytes."""
 HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
 TEST_TIME = 0.002
-"""Time in s for which the lock of a dead process may seem to be held: another one tests it."""
+"""Time in s for which the lock of a dead process may seem to be held, because another process tests it."""
 STOPPED_TIMEOUT = 0.2
-"""Time in s for which a process that was forked may stand stopped (SIGSTOP, a debugger) before it holds its lock."""
+"""Time in s for which a process that was forked may be stopped (SIGSTOP, a debugger) before it holds its lock."""
 FORK_TIMEOUT = 2.0
-"""Timeout in s for a process that was forked to hold its lock: it needs 1 ms of a processor, which others may have."""
+"""Timeout in s for a process that was forked to hold its lock: it needs 1 ms of a processor, which other processes may
+use."""
 FORK_LOOK_INTERVAL = 0.02
 """Time in s between two looks at a process that does not hold its lock yet."""
 END_TIMEOUT = 5.0
-"""Timeout in s for the end of a process that did not come to hold its lock, and was killed."""
+"""Timeout in s for the end of a process that was killed because it did not take its lock."""
 REPORT_AT = 8 * CELLS
 REPORT_BYTES = HEAD.size + MAX_REPORT_BYTES
 OUTCOME_AT = REPORT_AT + REPORT_BYTES
@@ -62,7 +63,7 @@ PIDS_AT = OUTCOME_AT + REPORT_BYTES
 
 
 class NotBegun(UmoError, OSError):
-    """A process that was forked has not come to hold its lock."""
+    """Raised if a forked process has not taken its lock."""
 
 
 def worker(number: int) -> int:
@@ -71,8 +72,8 @@ def worker(number: int) -> int:
 
 
 class RunState:
-    """Made by the guardian before it forks. `workers`: the number of worker processes. The clock of the signs of life
-    goes on while the computer is suspended (`calls.boottime_ns`)."""
+    """The shared memory of a run, made by the guardian before it forks. `workers`: the number of worker processes. The
+    clock of the signs of life continues while the computer is suspended (`calls.boottime_ns`)."""
 
     def __init__(self, workers: int = 0) -> None:
         count = len(Who) + workers
@@ -93,8 +94,9 @@ class RunState:
     # Every process -------------------------------------------------------------------------------------
 
     def fork(self, who: int) -> int:
-        """Fork a process in a session of its own, that holds its lock when this returns in its parent; 0 in the child.
-        OSError where no process or pipe can be had, or the process does not come to hold its lock: it is ended."""
+        """Fork a process in a session of its own, which holds its lock when this returns in the parent; returns 0 in
+        the child. OSError if no process or pipe is available, or if the process does not take its lock; then it is
+        ended."""
         held, holding = calls.pipe()
         try:
             pid = calls.fork()
@@ -134,7 +136,7 @@ class RunState:
 
     def hold(self, who: int, within: float = HOLD_LIMIT) -> bool:
         """Take a lock: from now on the others detect the death of this thread. Wait up to `within` s for a former
-        holder, which may be impossible to kill. Return True if it was taken."""
+        holder, which may not be killable. Return True if it was taken."""
         taken = self._take(who, within)
         if taken:  # numbers are written by the holder of the lock alone
             self._pids[who] = 0
@@ -143,7 +145,7 @@ class RunState:
         return taken
 
     def release(self, who: int) -> None:
-        """Give a lock back that this process has taken."""
+        """Release a lock that this process has taken."""
         self._held.pop(who, None)
         self._pids[who] = 0
         calls.unlock_mutex(self._locks[who])
@@ -153,9 +155,9 @@ class RunState:
         return self._held.get(who) == os.getpid()
 
     def process(self, who: int) -> ProcessHandle | None:
-        """The living holder of a lock; None: there is none, or it has just taken the lock. That it holds the lock after
-        its descriptor was opened proves that its number was not another process's meanwhile; the time of its start,
-        that the number is not one that a dead holder has left."""
+        """The living holder of a lock, or None if there is none, or it has just taken the lock. That it holds the lock
+        after its descriptor was opened proves that its pid does not belong to another process; the time of its start
+        proves that the pid was not left by a dead holder."""
         pid, started = int(self._pids[who]), int(self._starts[who])
         if not pid or self.gone(0.0, who):
             return None
@@ -204,7 +206,7 @@ class RunState:
         self.beat()
 
     def beat(self) -> float:
-        """A sign of life, in every period while running; s since the one before."""
+        """Give a sign of life, in every period while running. Return the time in s since the previous one."""
         cells, now = self._cells, calls.boottime_ns()
         before = cells[BEAT]
         cells[BEAT] = now
@@ -212,22 +214,23 @@ class RunState:
 
     @property
     def admitted(self) -> bool:
-        """True if the control process may begin: every process that can reset the machine is there."""
+        """True if the control process may begin: every process that can reset the machine exists."""
         return bool(self._cells[ADMITTED])
 
     @property
     def excused(self) -> float:
-        """s since the last sign of life for which others kept this process from running, as the guardian saw it."""
+        """Time in s, since the last sign of life, for which other processes kept this one from running, as measured by
+        the guardian."""
         return self._cells[EXCUSED] * 1e-9
 
     @property
     def unwatched(self) -> float:
-        """Seconds since the guardian last looked."""
+        """Time in s since the last look of the guardian."""
         return (calls.boottime_ns() - self._cells[WATCH]) * 1e-9
 
     @property
     def asked(self) -> int:
-        """The signal that the guardian asked to stop with; 0 for none."""
+        """The signal with which the guardian requested a stop; 0 for none."""
         return int(self._cells[ASKED])
 
     def report(self, text: bytes) -> None:
@@ -237,14 +240,14 @@ class RunState:
     # The guardian --------------------------------------------------------------------------------------
 
     def watch(self) -> None:
-        """The guardian's own sign of life."""
+        """Give the guardian's own sign of life."""
         self._cells[WATCH] = calls.boottime_ns()
 
     def admit(self) -> None:
         self._cells[ADMITTED] = 1
 
     def excuse(self, seconds: float) -> None:
-        """Note for how many s other processes kept the control process from running."""
+        """Note the time in s for which other processes kept the control process from running."""
         self._cells[EXCUSED] = round(seconds * 1e9)
 
     @property
@@ -253,7 +256,7 @@ class RunState:
         return int(self._cells[WATCH])
 
     def ask(self, number: int) -> None:
-        """Ask the control process to stop, as this signal does."""
+        """Request the control process to stop, as this signal does."""
         self._cells[ASKED] = number
 
     @property
@@ -270,7 +273,7 @@ class RunState:
 
     @property
     def silence(self) -> float:
-        """Seconds since the last sign of life."""
+        """Time in s since the last sign of life."""
         return (calls.boottime_ns() - self._cells[BEAT]) * 1e-9
 
     def reported(self) -> bytes:
@@ -284,17 +287,17 @@ class RunState:
 
     @property
     def concluding(self) -> bool:
-        """True if the guardian has begun to do that."""
+        """True if the guardian has begun to reset, record or report the end."""
         return bool(self._cells[CONCLUDING])
 
     def settle(self, text: bytes) -> None:
-        """The machine is reset, with this outcome. It remains if the guardian dies before it is recorded and
+        """Store the outcome, as the machine is reset. It remains if the guardian dies before it is recorded and
         printed."""
         _put(self._outcome, text)
         self.conclude()
 
     def note_told(self) -> None:
-        """The end is recorded and printed: no process takes over any more."""
+        """Note that the end is recorded and printed, so that no process takes over any more."""
         self._cells[TOLD] = 1
 
     @property
@@ -303,7 +306,7 @@ class RunState:
         return bool(self._cells[TOLD])
 
     def settled(self) -> bytes:
-        """The outcome, empty before there is one."""
+        """The outcome; empty before there is one."""
         return _get(self._outcome)
 
 

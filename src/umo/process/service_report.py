@@ -1,7 +1,7 @@
-"""The messages of a guardian to the service manager: that the machine runs, its state, that it lives, that it stops.
+"""The messages of a guardian to the service manager: start, state, signs of life and stop of the machine.
 
 Sent by the guardian, and by the standby guardian once it has taken over. The sign of life for the manager's watchdog is
-passed on from the control process: one for which no new sign of life came is not sent.
+passed on from the control process: without a new sign of life nothing is sent.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from umo.system import calls, notify
 from umo.system.notify import ServiceManager
 
 STATUS_INTERVAL = 1.0
-"""Time in s between two looks at what the machine tells of itself, at least."""
+"""Shortest time in s between two looks at the state of the machine."""
 SHOWN = ("mode", "progress", "in fault", "alarms")
-"""The facts of a run that its status line has."""
+"""The facts of a run in its status line."""
 
 
 class ServiceReport:
-    """Tells one run. `reader` returns the reader of its frames, None while there are none. Without a service manager
-    nothing is done. `clock` in s."""
+    """Reports one run to the service manager. `reader` returns the reader of its frames, or None while there are none.
+    Without a service manager nothing is done. `clock` in s."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class ServiceReport:
             self._tell_status()
 
     def stopping(self, why: str) -> None:
-        """The machine stops: said once. The manager's watchdog ends with it, and its timeout of the stop begins."""
+        """Report once that the machine stops. Then the manager's watchdog ends, and its timeout of the stop begins."""
         if self._manager.listens and not self._is_stopping:
             if self._has_run():  # a run may be over between two looks; one that was never ready counts as failed
                 self._ready()

@@ -1,7 +1,7 @@
 """The files that a run has read: its code, its wiring and its recipes, and which of them have changed on disk since.
 
-A run hashes them once, when it has read them, and publishes the hashes in its description. Who asks compares: the loop
-does not look at the disk.
+A run hashes them once, when it has read them, and publishes the hashes in its description. A process that needs to know
+compares them, so that the loop does not access the disk.
 """
 
 from __future__ import annotations
@@ -21,14 +21,13 @@ from umo.process.named_files import named_files
 from umo.text import INSTALLED, is_users, printable, shown_path, some
 
 MAX_FILE_BYTES = 8 << 20
-"""Bytes of a larger file that count, beside its size: a run waits for the hashes."""
+"""Number of bytes of a larger file that are hashed, in addition to its size, because a run waits for the hashes."""
 
 
 def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, str]:
     """The hash of each file that this process has read for a run, by its absolute path: the wiring if it is a file,
-    recipes, and every module that is neither umo's, nor Python's, nor of an installed package. `place`: the folder of
-    the station, whose own modules count wherever it is installed, or its script. A file that cannot be read does not
-    count."""
+    recipes, and every module that does not belong to umo, Python or an installed package. `place`: the folder of the
+    station, whose own modules always count, or its script. A file that cannot be read does not count."""
     folder = place.resolve()
     files = [str(wiring.resolve())] if isinstance(wiring, Path) else []
     files += [str(file) for file in _recipes(machine)]
@@ -37,23 +36,24 @@ def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, st
 
 
 def later_files(place: Path, known: Mapping[str, str]) -> dict[str, str]:
-    """The same of the files in the folder of the station that its code names, and that are not known to be read: a
-    module that is imported in the middle of a run, a table of values."""
+    """The same for files in the folder of the station that its code names, and that it may read later: a module that is
+    imported in the middle of a run, a table of values."""
     folder = _folder_of(place.resolve())
     return {file: found for file in named_files(known, folder) if file not in known and (found := digest_of(file))}
 
 
 class ChangedFile(NamedTuple):
     path: str
-    """Below the folder of the station, else absolute, or relative to the current folder if that is shorter."""
+    """The path relative to the folder of the station; for other files absolute, or relative to the current folder if
+    that is shorter."""
     is_gone: bool
     is_read: bool = True
-    """True if the run has read it; else its code names it, and the run may have."""
+    """True if the run has read it; otherwise its code names it, and the run may have read it."""
 
 
 def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
-    """The files of a run that are not on disk as it has read them, by what its frames tell of it (`Reader.about`).
-    None of a run on another computer, or one that has published no hashes."""
+    """The files of a run that have changed on disk since it read them, according to the hashes in its frames
+    (`Reader.about`). Empty for a run on another computer, and for one without hashes."""
     job = about.get("job")
     if not isinstance(job, Mapping) or job.get("host") != platform.node():
         return []
@@ -68,7 +68,8 @@ def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
 
 def other_files(job: Mapping[str, Any], place: Path) -> list[str] | None:
     """Names of the files that a recorded run had, or may have read, in the folder of its station, or beside its script,
-    and that differ in `place`. Its wiring does not count, as a recording has it. None: the job does not tell them."""
+    and that differ in `place`. Its wiring does not count, because a recording contains it. None if the job does not
+    have them."""
     known, where, wiring = job.get("sources"), job.get("place"), job.get("wiring")
     if not isinstance(known, Mapping) or not known or not isinstance(where, str):
         return None
@@ -137,7 +138,7 @@ def _recipes(machine: Compound) -> Iterator[Path]:
 
 
 def digest_of(file: str) -> str:
-    """SHA-256 in hex, its first 32 digits; empty if the file cannot be read."""
+    """The first 32 hexadecimal digits of the SHA-256; empty if the file cannot be read."""
     try:
         stat = Path(file).stat()
         return _digest_of(file, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino)

@@ -22,7 +22,8 @@ from umo.system.processes import Child, ProcessHandle, carry_out, identity, name
 LOOK_INTERVAL = 0.1
 """Time in s between two looks at the guardian's signs of life; its death is seen at once."""
 CONCLUDING_LIMIT = 30.0
-"""Timeout in s for the guardian's signs of life while it resets, records and tells: drivers and disks may be slow."""
+"""Timeout in s for the guardian's signs of life while it resets, records and reports, because drivers and disks may be
+slow."""
 RESERVE_GRACE = 1.0
 """Time in s, beyond those limits, that the reserve leaves to the standby guardian."""
 
@@ -36,7 +37,7 @@ class Silence:
         self._last = self._looks = 0
 
     def look(self) -> float:
-        """The time in s by which it is longer than its limit; below 0: it is not."""
+        """Return the time in s by which the silence exceeds its limit; below 0 if it does not."""
         run_state = self._run_state
         self._looks = self._looks + 1 if run_state.last_watch == self._last else 0
         self._last = run_state.last_watch
@@ -45,8 +46,8 @@ class Silence:
 
 class Standby:
     """The standby guardian, and the reserve, of the process that makes this. `limit`: timeout in s for a guardian's
-    signs of life. `take_over` is carried out in the one that follows. The starter gets its pid; `say` prints what went
-    wrong."""
+    signs of life. `take_over` is carried out in the process that takes over. The starter gets its pid; `say` prints
+    failures."""
 
     def __init__(
         self,
@@ -67,7 +68,7 @@ class Standby:
         """Time at which another one is forked, if there is none."""
 
     def appoint(self) -> None:
-        """Fork it, and wait until it watches. If it cannot be forked, a notice is printed."""
+        """Fork the standby guardian, and wait until it watches. If it cannot be forked, a notice is printed."""
         try:
             pid = self._run_state.fork(Who.STANDBY)
         except OSError as error:
@@ -80,7 +81,7 @@ class Standby:
         tell_who(self._channel, "standby", pid)
 
     def look(self) -> None:
-        """Fork another one if it has died or was stopped by a signal."""
+        """Fork another standby guardian if it has died or was stopped by a signal."""
         if self._child is not None:
             if not (self._child.ended or self._child.was_stopped):
                 return
@@ -91,7 +92,7 @@ class Standby:
             self.appoint()
 
     def dismiss(self) -> None:
-        """End it, after the run was recorded and reported."""
+        """End the standby guardian, after the run was recorded and reported."""
         child, self._child = self._child, None
         if child is not None:
             self._run_state.end_process(child, DEATH_TIMEOUT)
@@ -145,5 +146,5 @@ class Standby:
 
 
 def tell_who(channel: MessageSocket, kind: str, pid: int) -> None:
-    """Tell the starter which process this is; no other one can be taken for it."""
+    """Send the starter the identity of this process, which cannot be mistaken for another one."""
     channel.send(kind, pid=pid, identity=identity(pid))

@@ -35,7 +35,7 @@ from umo.text import some
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment in which numpy starts no threads of its own: the loop's process holds one."""
+"""Environment in which numpy starts no threads of its own: the loop's process must have only one."""
 FIXED_HASHES = {HASH_SEED: "0"}
 """Environment in which sets of texts have the same order in each run, unless another one is given: a recording of the
 run can be replayed."""
@@ -44,18 +44,19 @@ CONTROL = "control process"
 GUARDIANS = ("guardian", "standby guardian", "reset process")
 """The processes each of which can stop and reset the machine."""
 NAMES = {"control": CONTROL, "running": CONTROL, "standby": "standby guardian", "reserve": "reset process"}
-"""The process that a message of this kind is about."""
+"""The process to which a message of each kind refers."""
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
 START_STOP_TIMEOUT = 10.0
-"""Timeout in s for a guardian to stop that was asked to before it guards: a station's code may pass over that."""
+"""Timeout in s for the end of a guardian that was asked to stop before it guards, because a station's code may ignore
+that."""
 GUARDIAN_END_TIMEOUT = 2.0
-"""Timeout in s for the end of a guardian that has told the outcome."""
+"""Timeout in s for the end of a guardian that has reported the outcome."""
 UNKNOWN_TIMEOUT = 2.0
-"""Timeout in s, when all processes that the starter knows have ended, for those that it has not been told of: a worker
-that still resets its device, or a process that was stopped by a signal before anything was driven."""
+"""Timeout in s, when all processes that the starter knows have ended, for processes that were not reported to it: a
+worker that still resets its device, or a process that was stopped by a signal before anything was driven."""
 STANDBY_END_TIMEOUT = 1.0
-"""Timeout in s for the end of a standby guardian that has told the outcome."""
+"""Timeout in s for the end of a standby guardian that has reported the outcome."""
 
 
 class RunFailed(TaskFailed):
@@ -81,13 +82,13 @@ def start(
         with umo.start("ztheta", "modbus", parts=2) as machine:
             outcome = machine.wait()
 
-    `station` is a station's name or folder, or a function that declares the machine, then with an `application`;
-    both must be importable by another process, so not defined in a notebook. `wiring` is one of the station's, a
-    file, or its contents. `options` are passed to the application and the drivers, as on the command
-    line. `acknowledge` starts a machine whose last run ended unsafely. `manual`: in manual mode, in which the
-    application waits (`umo.attach`). `fresh`: without the kept values of the last run. Linux only (DriverError
-    elsewhere). If the other process finds a mistake, such as an unknown option or a mistake in the wiring, `wait`
-    raises RunFailed.
+    `station` is a station's name or folder, or a function that declares the machine, together with an `application`.
+    Both functions must be importable by another process, so they cannot be defined in a notebook. `wiring` is a wiring
+    of the station by name, a file, or its contents. `options` are passed to the application and the drivers, as on the
+    command line. `acknowledge` starts a machine whose last run ended unsafely. `manual` starts in manual mode, in which
+    the application waits (`umo.attach`). `fresh` starts without the kept values of the last run. Linux only
+    (DriverError elsewhere). If the other process finds a mistake, such as an unknown option or a mistake in the wiring,
+    `wait` raises RunFailed.
     """
     if callable(station):
         machine, script = reference(station)
@@ -101,15 +102,15 @@ def start(
 
 
 class Started:
-    """A machine that runs in other processes. It is stopped when the `with` block ends or this program ends."""
+    """A machine that runs in other processes. It is stopped when the `with` block, or this program, ends."""
 
     def __init__(self, job: Job, *, is_service: bool = False) -> None:
-        """`is_service`: this program is only there for the run, which speaks for it to a service manager."""
+        """`is_service`: True if this program exists only for the run, which reports for it to a service manager."""
         if not LINUX:
             raise DriverError("umo.start needs Linux; virtual time works everywhere")
         descriptors.ensure()
         self.pid: int | None = None
-        """The control process, once it is running."""
+        """The pid of the control process, once it is running."""
         self.frames: Reader | None = None
         """Reader of all frames from the first one on; None before it is running. Use it in one place only."""
         self.refusals: list[Refusal] = []
@@ -332,9 +333,9 @@ class Started:
 
 
 def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: str, *, running: bool) -> Outcome:
-    """The outcome if no process has reported it: from the guardian's exit status, and from the control process's own
-    report, if there is one. `actuators`: those of the machine, as far as they are known; `name`: its station.
-    `running`: whether the machine had been started."""
+    """The outcome if no process has reported it: it is derived from the guardian's exit status, and from the control
+    process's own report, if there is one. `actuators`: the actuators of the machine, as far as known; `name`: its
+    station. `running`: whether the machine had been started."""
     if status < 0 and left is not None:
         what = f"the guardian was killed ({signal_name(-status)}) after the control process had ended; {INSPECT}"
         if left.failure is None:

@@ -1,4 +1,4 @@
-"""Find a station: a directory, or a package that ships with umo."""
+"""Finds a station: a directory, or a package that ships with umo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from umo.text import did_you_mean, in_brackets, shown_place
 from umo.user_code import definition, is_interrupt, raise_as
 
 GROUP = "umo.stations"
-"""Entry points of stations that packages install: the name, and the package that is the station's folder."""
+"""Entry points of stations that packages install: each has the name and the package that is the station's folder."""
 
 
 class StationError(UmoError, LookupError):
@@ -66,19 +66,19 @@ class Station:
 
     @property
     def make(self) -> Callable[..., Any]:
-        """`machine` of objects.py. Its parameters are options of the station."""
+        """The function `machine` of objects.py. Its parameters are options of the station."""
         make: Callable[..., Any] | None = getattr(self.module("objects"), "machine", None)
         if not callable(make):
             raise StationError(f"{self.path / 'objects.py'} has no machine()")
         return make
 
     def machine(self, **options: Any) -> Compound:
-        """A new machine, declared and not connected. The options are parameters of its `machine`."""
+        """A new machine, declared and not connected. The options are parameters of `machine` in objects.py."""
         return declared(self.make, f"machine() of {self.path / 'objects.py'}", options)
 
     @property
     def main(self) -> Callable[..., Any] | None:
-        """`main` of application.py; None without this file. StationError if the file has no `main`."""
+        """The function `main` of application.py; None without this file. StationError if the file has no `main`."""
         module = self.module("application")
         if module is None:
             return None
@@ -95,7 +95,7 @@ class Station:
         return {name: found[name] for name in sorted(found, key=lambda name: (name != "simulated", name))}
 
     def wiring(self, name: str | None) -> Path | None:
-        """A wiring of the station by name, or any file; None (everything simulated) where it has none."""
+        """A wiring of the station by name, or any file; None (everything simulated) if it has none."""
         if name is None:
             return next(iter(self.wirings.values()), None)
         if name in self.wirings:
@@ -103,7 +103,7 @@ class Station:
         if Path(name).is_file():
             return Path(name)
         known = ", ".join(self.wirings) or "none"
-        raise StationError(f"no wiring {name!r}{did_you_mean(name, self.wirings)}; {self.name} has: {known}")
+        raise StationError(f"there is no wiring {name!r}{did_you_mean(name, self.wirings)}; {self.name} has: {known}")
 
 
 def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
@@ -162,4 +162,4 @@ def find(name: str | Path) -> Station:
     if path.is_file() and (path.parent / MARK).is_file():
         raise StationError(f"{text} is a file of a station: give its folder, {path.parent}")
     near = did_you_mean(text, [*known, *(each.parent.name for each in Path().glob(f"*/{MARK}"))])
-    raise StationError(f"no station {text!r}{near}: give a folder, or one of: {', '.join(known)}")
+    raise StationError(f"there is no station {text!r}{near}: give a folder, or one of: {', '.join(known)}")

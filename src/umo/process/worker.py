@@ -1,8 +1,7 @@
-"""A worker process: serves drivers off the cycle that belong together, beside the control process.
-
-It answers the requests of whoever connects or resets the machine, and transfers at the drivers' own periods while the
-control process lives and asks for it. It is an ordinary process: it takes no time from the control process but what the
-kernel gives it. If control process and guardians are gone it brings its outputs to their defaults, and ends.
+"""A worker process: serves drivers off the cycle that belong together, next to the control process. It answers the
+requests of the process that connects or resets the machine, and transfers at the drivers' own periods while the control
+process lives and requests it. It is an ordinary process, which the kernel runs only when the control process does not
+need the processor. If control process and guardians are gone it brings its outputs to their defaults, and ends.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from umo.system.processes import name_process
 REQUEST_INTERVAL = 0.0005
 """Time in s between two looks for a request while nothing is controlled."""
 ORDER_INTERVAL = 0.005
-"""Time in s, at most, between two looks for an order while the machine runs."""
+"""Longest time in s between two looks for an order while the machine runs."""
 
 
 class MachineTime:
-    """The machine's time, by which injected faults act, as the control process gives it."""
+    """The machine's time, by which injected faults act, as the control process provides it."""
 
     def __init__(self) -> None:
         self.ns = NO_TIME
@@ -51,7 +50,7 @@ class WorkerProcess:
         injection: Injection | None,
     ) -> None:
         """`hang`: timeout in s for signs of life of the control process; `reset_for`: time in s for which it tries to
-        reset where nobody else is left."""
+        reset if no other process is left."""
         self._run_state = run_state
         self._proxies = proxies
         self._orders = orders
@@ -71,8 +70,8 @@ class WorkerProcess:
         watchdogs: Sequence[float | None] = (),
         hold: float = 0.0,
     ) -> int:
-        """Serve until the machine is reset. `defaults` of each driver's channels: it takes the place of a worker that
-        has died, brings the outputs to their defaults first, and keeps them there for `hold` s."""
+        """Serve until the machine is reset. With `defaults`, those of each driver's channels, it replaces a worker that
+        has died: it first brings the outputs to their defaults, and keeps them there for `hold` s."""
         name_process("umo worker")
         realtime.drop_realtime(niceness=0)
         for number in STOP_SIGNALS:

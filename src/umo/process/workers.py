@@ -1,4 +1,4 @@
-"""The worker processes of a run, as its guardian keeps them: one for each group of drivers that share a device.
+"""The worker processes of a run, which its guardian supervises: one for each group of drivers that share a device.
 
 A worker that has died or does not answer is replaced while the machine runs: the new one brings the outputs to their
 defaults first. At the end of a run the workers are ended when every actuator is at its default.
@@ -29,16 +29,17 @@ from umo.text import some
 from umo.wiring import Wired
 
 FIRST_PAUSE, MAX_PAUSE = 0.05, 0.5
-"""Time in s from the death of a worker that had not brought its outputs to their defaults to the next: it doubles. All
-others are replaced at once."""
+"""Shortest and longest time in s from the death of a worker that had not brought its outputs to their defaults to the
+next worker; it doubles. All others are replaced at once."""
 FIRST_HOLD, MAX_HOLD = 0.1, 5.0
-"""Time in s for which a worker keeps its outputs at their defaults, from the second replacement on: it doubles."""
+"""Time in s for which a worker keeps its outputs at their defaults, from the second replacement on: the first one and
+the longest one; it doubles."""
 STABLE_TIME = 60.0
-"""Time in s that a worker has to live for the next replacement to count as the first one."""
+"""Time in s that a worker must live so that the next replacement counts as the first one."""
 
 
 def groups_of(wired: Wired) -> list[list[str]]:
-    """The names of the drivers off the cycle; those that share a device stand together."""
+    """The names of the drivers off the cycle; those that share a device are in one group."""
     groups: list[tuple[set[str], list[str]]] = []
     for name, driver in wired.drivers.items():
         if isinstance(driver, OffCycle):
@@ -123,7 +124,7 @@ class _Group:
 
 
 class Workers:
-    """The workers of one run. `say` prints what happened to one."""
+    """The workers of one run. `say` prints notices about them."""
 
     def __init__(
         self,
@@ -141,7 +142,7 @@ class Workers:
     # The guardian ----------------------------------------------------------------------------------------
 
     def fork(self) -> None:
-        """Fork them all. OSError where no process can be had."""
+        """Fork all workers. OSError if no process is available."""
         for group in self._groups:
             self._fork(group, replaces=False)
 
@@ -165,8 +166,8 @@ class Workers:
         return process.run(defaults, group.watchdogs, group.hold) if replaces else process.run()
 
     def look(self) -> None:
-        """Replace those that have died, were stopped by a signal, or give no sign of life. The next one brings the
-        outputs to their defaults first: at once, unless the one before had not even come to that."""
+        """Replace the workers that have died, were stopped by a signal, or give no sign of life. The next worker first
+        brings the outputs to their defaults. It starts at once, unless the previous one had not even done that."""
         for group in self._groups:
             why = self._ending(group)
             if why:
@@ -207,7 +208,8 @@ class Workers:
     # The end of the run ------------------------------------------------------------------------------------
 
     def end_those_of(self, paths: Collection[str]) -> None:
-        """End the workers that did not bring these actuators to their defaults: their devices are opened anew."""
+        """End the workers that did not bring these actuators to their defaults: because their devices are opened
+        again."""
         proxies = {id(wire.driver) for wire in self._stop_order if wire.path in paths}
         for group in self._groups:
             if any(id(proxy) in proxies for proxy in group.proxies):

@@ -1,7 +1,7 @@
 """Black boxes of a recording: why periods were missed, and what a failed run did last.
 
-The guardian of a run keeps them as files. The frames in them are in the recording too, so that here a black box says
-which frames it has, and what they show.
+The guardian of a run keeps them as files. Their frames are also in the recording, so a black box here only has the
+numbers of its frames, and what they show.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from umo.process.frames.run_reader import Frames
 from umo.recording.block import BlackBox, Block
 
 INTERVAL = 10.0
-"""Time in s from one black box of a missed period to the next at least, as from one of the guardian's."""
+"""Shortest time in s between two black boxes of missed periods, as for the guardian."""
 MAX_LINES = 3
-"""Missed periods that are explained, the last ones."""
+"""Number of the last missed periods that are explained."""
 FIELDS = ("number", "time", "missed", "began", "wake", "execution", *(name for name, *_ in USAGE), "counted", "phases")
 """The fields from which the cause of a missed period is found."""
 
@@ -53,7 +53,7 @@ class BlackBoxes:
         self._missed = 0
 
     def added(self, blocks: Sequence[Block], end: str = "") -> list[Block]:
-        """The blocks with their black boxes. `end`: why the run, whose last blocks these are, has failed."""
+        """Return the blocks with their black boxes. `end`: why the run has failed, if these are its last blocks."""
         found = [self._added(block) for block in blocks]
         if end and found and self._kept is not None:
             last = found[-1]

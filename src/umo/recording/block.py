@@ -2,7 +2,7 @@
 
 `umo/exact` has what replay needs, `umo/columns` the rest; together they give exactly the same frames back, without
 checksums. Each begins with the length of a description in JSON, 4 bytes, and this description; then come the columns
-(`umo.recording.column_coding`). Entries of the journal and commands stand behind those of `umo/exact`.
+(`umo.recording.column_coding`). Entries of the journal and commands follow the columns of `umo/exact`.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ EXACT = (
 """The fields of a frame that a replay needs."""
 FIELDS = tuple(ENTRY.names or ())
 MAX_FRAMES = 64 << 20
-"""Bytes of the frames of a block, and of its entries, at most."""
+"""Largest number of bytes of the frames of a block, and of its entries."""
 MAX_TEXT, MAX_VALUES = 16 << 20, 500_000
-"""Bytes and values of a description, at most."""
+"""Largest numbers of bytes and of values of a description."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class TakenCommand:
     number: int
     """Number of the command, from 1."""
     period: int
-    """Number of the frame of the period in which it was taken, from 0; -1: that frame is lost."""
+    """Number of the frame of the period in which it was taken, from 0; -1 if that frame is lost."""
     data: bytes
-    """The command as it came (JSON); empty: it was not a command, or was written over before it was copied."""
+    """The received command (JSON); empty if it was not a command, or was overwritten before it was copied."""
 
 
 class BlackBox(NamedTuple):
-    """The last frames before a missed period or a failed end, and what they show."""
+    """The last frames before a missed period or a failed end, and the causes that they show."""
 
     first: int
     """Number of its first frame, from 0."""
@@ -61,11 +61,11 @@ class BlackBox(NamedTuple):
     time: float
     """Times of its first and of its last frame, s on the machine's clock."""
     reason: str
-    """`a period was missed`, or why the run failed."""
+    """The reason: `a period was missed`, or why the run failed."""
     missed: int
-    """Periods that were missed so far in the whole run, as far as it is recorded."""
+    """Number of missed periods so far in the whole run, as far as it is recorded."""
     text: str
-    """Causes of the last missed periods in it, a line each; empty: none was missed."""
+    """Causes of the last missed periods in it, a line each, or empty if none was missed."""
 
 
 @dataclass(frozen=True)
@@ -75,24 +75,24 @@ class Block:
     frames: Frames
     """Structured array of `Layout.dtype`."""
     entries: Entries
-    """The entries of the journal of these frames, as far as they are there: without the first `entries_lost`."""
+    """The entries of the journal of these frames, except the first `entries_lost`, which are missing."""
     commands: list[TakenCommand] = field(default_factory=list)
     lost: int = 0
     """Number of frames that are missing before it."""
     entries_lost: int = 0
-    """Number of entries of these frames that were written over before they were copied."""
+    """Number of entries of these frames that were overwritten before they were copied."""
     commands_lost: int = 0
-    """Number of commands of these frames that were written over before they were copied."""
+    """Number of commands of these frames that were overwritten before they were copied."""
     events: list[NumberedEvent] = field(default_factory=list)
     """The events up to these frames."""
     live: Mapping[str, Any] = field(default_factory=dict)
     """Data of the ring other than frames: `mode`, `holder` of the lease, `tunables` if they have changed."""
     boxes: Sequence[BlackBox] = ()
-    """The black boxes of which the last frame is one of these."""
+    """The black boxes whose last frame is one of these."""
     events_lost: int = 0
     """Number of events up to these frames that were overwritten before they were copied."""
     is_full: bool = True
-    """True if the columns that replay does not need are there; else their numbers are 0 and NaN."""
+    """True if it has the columns that replay does not need; otherwise their numbers are 0 and NaN."""
 
     @property
     def first(self) -> int:
@@ -105,8 +105,8 @@ class Block:
         return self.first + len(self.frames)
 
     def split(self, row: int) -> tuple[Block, Block]:
-        """Two blocks: the frames before a row, by its place in this block, and the others, each with what belongs to
-        them. What belongs to no frame is in the second one, what is missing counts in the first one."""
+        """Split into two blocks: the frames before a row, by its place in this block, and the others, each with their
+        data. Data that belong to no frame are in the second one; missing data count in the first one."""
         before, rest = self.frames[:row], self.frames[row:]
         moment, stop = float(before["time"][-1]), self.first + row
         entries = int(before["journal"][-1] + before["entries"][-1]) - self._first_entry
@@ -132,7 +132,7 @@ class Block:
         return int(end["journal"] + end["entries"]) - len(self.entries)
 
     def journal(self, row: int) -> Entries | None:
-        """The entries of the period of a frame, by its place in this block; None: some were lost."""
+        """The entries of the period of a frame, by its place in this block, or None if some were lost."""
         frame = self.frames[row]
         start, count = int(frame["journal"]) - self._first_entry, int(frame["entries"])
         return None if start < 0 < count else self.entries[max(start, 0) : max(start, 0) + count]
@@ -162,7 +162,8 @@ def exact_message(block: Block) -> bytes:
 
 
 def columns_message(block: Block, layout: Layout) -> bytes:
-    """Values that follow exactly from raws, by resolution and zero offset, are left out."""
+    """Return the message `umo/columns`. Values that follow exactly from raws, by resolution and zero offset, are left
+    out."""
     frames = block.frames
     columns = {name: frames[name] for name in rest_of(layout)}
     left_out = _following(layout, frames)
@@ -191,7 +192,8 @@ def _values(layout: Layout, frames: Frames) -> Any:
 
 
 def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
-    """The block of these two messages; without the second one it is not full. FramesError if they are damaged."""
+    """Return the block from these two messages; without the second one it is not full. FramesError if they are
+    damaged."""
     try:
         return _block_of(layout, exact, columns)
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError, struct.error) as error:
@@ -257,7 +259,7 @@ def _headed(about: Mapping[str, Any]) -> bytes:
 
 
 def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
-    """The description at the beginning of a message, and what follows it. ValueError if there is none."""
+    """Return the description at the beginning of a message, and the rest. ValueError if there is none."""
     view = memoryview(data)
     if len(view) < 4:
         raise ValueError("it has no description")
@@ -271,7 +273,8 @@ def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
 
 
 def checked_text(text: bytes) -> bytes:
-    """A text in JSON of which the values need no unbounded memory: ValueError for one with too many."""
+    """Return a text in JSON after a check that its values need only limited memory. ValueError if there are too
+    many."""
     if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise ValueError(f"its description has more than {MAX_VALUES} values")
     return text

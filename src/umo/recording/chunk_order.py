@@ -12,15 +12,16 @@ from umo.recording.block import headed
 from umo.recording.mcap_reader import McapReader
 
 EXACT, COLUMNS = 1, 2
-"""The numbers of these channels, in every file: what a file says of channels has no checksum until it is closed."""
+"""The numbers of these channels, the same in every file, because a file's data about channels have no checksum until it
+is closed."""
 MAX_FIRST = 1 << 62
-"""Numbers of frames are less."""
+"""Limit below which all numbers of frames are."""
 REPEATED = "its periods were there before"
 
 
 def in_order(file: McapReader) -> array[int]:
-    """Offsets of the chunks in the order of their periods. A file that is not closed may have them in any, or twice:
-    each that is passed over is damaged."""
+    """Return the offsets of the chunks in the order of their periods. A file that was not closed may have them in any
+    order, or twice; skipped ones count as damaged."""
     if file.is_whole:
         return file.chunks
     firsts, offsets = array("q"), array("q")
@@ -46,8 +47,8 @@ def damaged(error: Exception) -> str:
 
 
 def first_of(exact: memoryview) -> int:
-    """The number of the first frame of a block; a number of no block if it is damaged, which is reported when it is
-    read."""
+    """Return the number of the first frame of a block. If it is damaged, which is reported when it is read, a number
+    that no block has."""
     with suppress(ValueError, LookupError, TypeError, OverflowError):
         first = int(headed(exact)[0]["first"])
         return first if 0 <= first < MAX_FIRST else -1

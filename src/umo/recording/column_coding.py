@@ -1,4 +1,4 @@
-"""Columns of frames as bytes that compress well: differences over time, byte by byte. They come back unchanged.
+"""Columns of frames as bytes that compress well: differences over time, byte by byte. Decoding restores them exactly.
 
 A column of n rows and k numbers: the first row; one bit for each of the k, whether it changes; then, for each that
 does, the differences from row to row, folded to small positive numbers, their lowest bytes first.
@@ -14,16 +14,16 @@ import numpy.typing as npt
 
 Bytes = npt.NDArray[np.uint8]
 STEADY = frozenset({"number", "time", "began", "counted"})
-"""Columns that grow evenly: of these the differences of the differences are kept."""
+"""Columns that grow evenly, for which the differences of the differences are stored."""
 
 
 def encoded(frames: npt.NDArray[Any] | Mapping[str, Any], names: Iterable[str]) -> bytes:
-    """These columns, one after the other."""
+    """Return these columns encoded, one after the other."""
     return b"".join(_encoded(_words(frames[name]), 2 if name in STEADY else 1) for name in names)
 
 
 def decode(data: memoryview, frames: npt.NDArray[Any], names: Iterable[str]) -> memoryview:
-    """Fill these columns of a structured array; the rest of the data. ValueError if they do not fit."""
+    """Fill these columns of a structured array, and return the rest of the data. ValueError if they do not fit."""
     for name in names:
         column = frames[name]
         words, data = _decoded(data, len(frames), _words(column[:1]), 2 if name in STEADY else 1)

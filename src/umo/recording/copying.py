@@ -1,5 +1,5 @@
-"""New files from recordings: several parts in one, a part without all that replay does not need, a file that was cut or
-never closed made whole."""
+"""New files from recordings: several parts joined into one, a part reduced to the data that replay needs, and a
+repaired copy of a file that was truncated or never closed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from umo.recording.recording import METADATA, SPARSE_TOPICS, as_first
 from umo.recording.recording_scan import BlockHead
 
 BATCH, BATCH_BYTES = 64, 8 << 20
-"""Chunks, or bytes of them, that are written at once."""
+"""Numbers of chunks, or of their bytes, that are written at once."""
 
 
 Metadata = list[tuple[str, dict[str, str]]]
@@ -120,7 +120,7 @@ class _Joined:
 
 
 def join(parts: Sequence[Path], path: Path) -> None:
-    """Write all parts to one file, each as far as it is undamaged. OSError, FramesError."""
+    """Write all parts to one file, each as far as it is undamaged. Raises OSError or FramesError."""
     files = [McapReader(parts[0])]
     for part in parts[1:]:
         with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing
@@ -147,7 +147,8 @@ def _copy(chunks: Iterator[PackedChunk], writer: McapWriter) -> None:
 
 
 def thin(path: Path) -> None:
-    """Leave what replay needs, and what is seldom: exact columns, events, alarms, commands. OSError, FramesError."""
+    """Reduce a part to the data that replay needs, and to rare data: exact columns, events, alarms, commands. Raises
+    OSError or FramesError."""
     file = McapReader(path)
     kept = {EXACT, *(each.number for each in file.channels.values() if each.topic in SPARSE_TOPICS)}
     told = [(name, texts) for name, texts in file.metadata.items() if name in (EXTENT, DAMAGE)]
@@ -166,8 +167,9 @@ def _thinned(file: McapReader, kept: set[int], writer: McapWriter) -> Iterator[P
 
 
 def repair(path: Path) -> bool:
-    """Make a file that was not closed, or is damaged, whole for every reader, with the chunks that are sound; false if
-    it was whole, and stays as it is. It is the same part of its recording, and says what was damaged."""
+    """Repair a file that was not closed, or is damaged, so that every reader can read its valid chunks. Return False if
+    it was complete; then it is not changed. The repaired file is the same part of its recording, and records the
+    damage."""
     file = McapReader(path)
     try:
         if METADATA not in file.metadata:

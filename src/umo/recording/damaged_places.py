@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 MAX_PLACES = 1000
-"""Number of places that are listed, the first that are found."""
+"""Number of the first places found that are listed."""
 
 
 class Damaged(NamedTuple):

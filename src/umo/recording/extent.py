@@ -8,25 +8,26 @@ from typing import NamedTuple
 from umo.recording.block import Block
 
 EXTENT = "umo/periods"
-"""Name of the metadata record that says it."""
+"""Name of the metadata record with the extent."""
 
 FOLLOWED = "followed"
-"""Its content for a file after which another one was begun."""
+"""Content of this record if another file follows."""
 
 DAMAGE = "umo/damage"
-"""Name of the metadata record that says, in sentences, what was damaged in the files that this one was made of."""
+"""Name of the metadata record with sentences on the damage in the files from which this one was made."""
 MAX_TOLD = 100
-"""Sentences in it, at most."""
+"""Largest number of sentences in this record."""
 
 
 def not_closed(name: str, time: float | None) -> str:
-    """The text about a file that was not closed. `time`: that at which its last block begins, s; None: it has none."""
+    """Return the text about a file that was not closed. `time`: time in s at which its last block begins, or None if it
+    has none."""
     last = "it has no periods" if time is None else f"what followed its block of {time:g} s is not in it"
     return f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}"
 
 
 def damage_texts(told: Sequence[str]) -> dict[str, str]:
-    """The texts of such a record; in the order of their names."""
+    """Return the texts of a record of damage, in the order of their names."""
     few = list(told[:MAX_TOLD])
     if rest := len(told) - len(few):
         few.append(f"{rest:,} other places were damaged")
@@ -43,7 +44,7 @@ class Extent(NamedTuple):
     periods: int
     """Number of periods; fewer than from `first` to `stop` if some were lost while it was recorded."""
     time: float
-    """Time of the last one, s on the machine's clock."""
+    """Time of the last period, in s on the machine's clock."""
 
     @classmethod
     def of(cls, block: Block) -> Extent:
@@ -62,7 +63,7 @@ class Extent(NamedTuple):
         return {name: repr(value) for name, value in self._asdict().items()}
 
     def after(self, before: Extent | None) -> Extent:
-        """Both together; `before` may be none."""
+        """Return the extent of both; `before` may be None."""
         if before is None:
             return self
         return Extent(before.first, self.stop, before.periods + self.periods, self.time)

@@ -1,6 +1,5 @@
-"""Folders of flight recorders: the files of each while it runs, and who writes them.
-
-`save` makes one file of its files, at any time. A folder whose recorder was killed is kept, among the last few.
+"""Folders of flight recorders: the files of each while it runs, and the process that writes them. `save` joins its
+files into one at any time. The last few folders of killed recorders are kept.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from umo.system import folders
 from umo.system.processes import identity
 
 MAX_LEFT = 3
-"""Number of folders of recorders that were killed, which are kept."""
+"""Number of folders of killed recorders that are kept."""
 ABOUT, FILE = "recorder.json", f"flight{SUFFIX}"
 
 
@@ -31,7 +30,7 @@ class FlightFolder:
     pid: int
     """The pid of the recorded control process."""
     recorder: tuple[int, str]
-    """Pid of the recorder, and what distinguishes it from later processes with the same pid."""
+    """Pid of the recorder, and a mark that distinguishes it from later processes with the same pid."""
 
     @property
     def file(self) -> Path:
@@ -53,7 +52,7 @@ class FlightFolder:
         return identity(pid) == process
 
     def save(self, path: Path) -> None:
-        """Save all of it as one file. OSError, FramesError."""
+        """Save all of it as one file. Raises OSError or FramesError."""
         if not (parts := self.parts):
             raise FramesError(f"the flight recorder of {self.station} has nothing yet")
         join(parts, path)
@@ -63,7 +62,7 @@ class FlightFolder:
 
 
 def place() -> Path:
-    """The folder around them; FramesError if there can be none."""
+    """Return the folder that contains them. FramesError if it cannot be made."""
     try:
         return folders.checked(folders.checked(folders.own(folders.lasting(), 0o755) / "flights"))
     except OSError as error:
@@ -71,7 +70,8 @@ def place() -> Path:
 
 
 def new(station: str, pid: int, recorder: int) -> FlightFolder:
-    """A new one. Those that killed recorders have left are removed, but the last few. OSError, FramesError."""
+    """Make a new folder. Folders that killed recorders have left are removed, except the last few. Raises OSError or
+    FramesError."""
     for left in [each for each in all_folders() if not each.is_written][:-MAX_LEFT]:
         left.remove()
     name = "".join(letter if letter.isalnum() else "_" for letter in station)[:40]
@@ -99,12 +99,13 @@ def all_folders() -> list[FlightFolder]:
 
 
 def find(name: str) -> FlightFolder:
-    """The newest flight recorder of a station, by name or pid; FramesError if there is none."""
+    """Return the newest flight recorder of a station, by name or pid. FramesError if there is none."""
     known = all_folders()
     fitting = [each for each in known if name in (each.station, str(each.pid))]
     if not fitting:
         names = ", ".join(dict.fromkeys(each.station for each in known)) or "none"
         raise FramesError(
-            f"no flight recorder of {name!r} (umo run --last 10min); there are flight recorders of: {names}"
+            f"there is no flight recorder of {name!r} (`umo run --last 10min` makes one); "
+            f"there are flight recorders of: {names}"
         )
     return max(fitting, key=lambda each: (each.is_written, known.index(each)))

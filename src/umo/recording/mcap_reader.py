@@ -1,9 +1,7 @@
-"""The chunks and metadata of an MCAP file of a recording, also of one that is not closed: that is being written, or was
-cut, or whose recorder was killed.
-
-A closed file is read by its summary, which has a checksum: what it says of chunks and is not there is damage. In one
-that is not closed chunks are looked for from its beginning on, behind damage too. Memory is bounded whatever a file
-says of its sizes.
+"""The chunks and metadata of an MCAP file of a recording, even if it is not closed, because it is being written, was
+truncated, or its recorder was killed. A closed file is read through its summary, which has a checksum; a chunk of the
+summary that is not in the file counts as damage. In a file that is not closed, chunks are searched from its beginning
+on, also after damage. Memory is bounded regardless of the sizes in a file.
 """
 
 from __future__ import annotations
@@ -30,22 +28,22 @@ from umo.recording.damaged_places import DamagedPlaces
 from umo.recording.mcap_records import ChunkHead, ChunkPlace, McapChannel, Opcode, Schema
 
 MAX_CONTENT = 64 << 20
-"""Bytes of the content of a chunk, at most."""
+"""Largest number of bytes of the content of a chunk."""
 MAX_HELD = 32 << 20
-"""Bytes of metadata, schemas and channels together, at most."""
+"""Largest number of bytes of metadata, schemas and channels together."""
 OVERHEAD = 1 << 10
-"""Bytes for which each of these counts beside its own."""
+"""Number of bytes that each of these counts in addition to its own size."""
 MAX_CHUNKS = 1_000_000
 MAX_MESSAGES = 100_000
-"""Messages of the wanted channels in a chunk, at most."""
+"""Largest number of messages of the wanted channels in a chunk."""
 MAX_WINDOW = 8 << 20
-"""Bytes that a decompressor may hold beside its result."""
+"""Largest number of bytes that a decompressor may hold in addition to its result."""
 PIECE = 1 << 20
-"""Bytes that are read at once where much is."""
+"""Number of bytes that are read at once in a long read."""
 SECTOR = 4096
-"""Bytes that cannot be read together where one cannot."""
+"""Number of bytes of a sector, which cannot be read if one of them cannot."""
 COMPRESSION = b"\x04\0\0\0zstd"
-"""The name of the compression in a chunk, after 28 bytes of its body."""
+"""The name of the compression in a chunk, which follows 28 bytes of its body."""
 HELD = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
 
 
@@ -55,7 +53,7 @@ class McapMessage(NamedTuple):
     channel: int
     sequence: int
     time: int
-    """ns since 1970."""
+    """Time in ns since 1970."""
     data: memoryview
 
 
@@ -65,18 +63,18 @@ class Unreadable(ValueError):
     def __init__(self, at: int, error: OSError) -> None:
         super().__init__(f"it cannot be read: {error.strerror}")
         self.at = at
-        """Offset of what was to be read."""
+        """Offset of the data to be read."""
 
 
 class McapReader:
-    """Reads the sound parts of a file; FramesError if it is not a recording."""
+    """Reads the valid parts of a file. FramesError if it is not a recording."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file = _opened(path)
         try:
             self.size = os.fstat(self._file).st_size
-            """Bytes of the file when it was opened; what is written later is not read."""
+            """Size in bytes of the file when it was opened; data written later are not read."""
             try:
                 magic = self._at(0, len(mcap_records.MAGIC))
             except Unreadable as error:
@@ -155,7 +153,7 @@ class McapReader:
             elif opcode in HELD:
                 self._hold(at, opcode, length)
             if len(places) > most:
-                raise FramesError(f"{self.path} is damaged: it says that it has more than {MAX_CHUNKS} chunks")
+                raise FramesError(f"{self.path} is damaged: it claims more than {MAX_CHUNKS} chunks")
         return places
 
     def _take_metadata(self, at: int, length: int, name: str) -> None:
@@ -310,8 +308,8 @@ class McapReader:
 
     @property
     def is_sound(self) -> bool:
-        """True if a closed file is unchanged since it was written, by the checksum of its data; reads all of it. Files
-        of umo 0.2 have no such checksum, and count as sound."""
+        """True if a closed file is unchanged since it was written, according to the checksum of its data, for which all
+        of it is read. Files of umo 0.2 have no such checksum, and count as valid."""
         with suppress(ValueError):
             end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
             if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
@@ -321,7 +319,7 @@ class McapReader:
         return False
 
     def head(self, at: int) -> ChunkHead:
-        """The head of the chunk at an offset. ValueError if it is damaged."""
+        """Return the head of the chunk at an offset. ValueError if it is damaged."""
         found = next(self._records(at, self.size), None)
         if found is None or found[1] != Opcode.CHUNK:
             raise ValueError("there is no complete chunk")
@@ -340,7 +338,7 @@ class McapReader:
         return self._at(at, mcap_records.HEAD.size + head.begin + head.length)
 
     def chunk(self, at: int) -> bytes:
-        """The content of the chunk at an offset. ValueError if it is damaged."""
+        """Return the content of the chunk at an offset. ValueError if it is damaged."""
         head = self.head(at)
         data = self._at(at + mcap_records.HEAD.size + head.begin, head.length)
         content = content_of(head, data)
@@ -349,7 +347,7 @@ class McapReader:
         return content
 
     def is_readable(self, at: int) -> bool:
-        """True if the chunk at an offset is sound."""
+        """True if the chunk at an offset is valid."""
         try:
             self.chunk(at)
         except ValueError:
@@ -390,7 +388,7 @@ def _opened(path: Path) -> int:
 
 
 def messages_in(content: bytes) -> Iterator[McapMessage]:
-    """The messages of a chunk of this content."""
+    """Return the messages in the content of a chunk."""
     head = mcap_records.MESSAGE.size
     for each in mcap_records.records(memoryview(content)):
         if each.opcode == Opcode.MESSAGE and len(each.body) >= head:
@@ -399,7 +397,7 @@ def messages_in(content: bytes) -> Iterator[McapMessage]:
 
 
 def content_of(head: ChunkHead, data: bytes) -> bytes:
-    """The content of a chunk: what a frame of zstd says of its size is compared before room is made for it."""
+    """Return the content of a chunk. The size in the zstd frame is checked before memory is allocated."""
     if not head.compression:
         return data
     if head.compression != "zstd":

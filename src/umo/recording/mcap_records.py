@@ -10,16 +10,16 @@ from typing import NamedTuple
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
-"""Opcode and length of a body."""
+"""Head of a record: opcode and length of the body."""
 MESSAGE = struct.Struct("<HIQQ")
-"""McapChannel, sequence, log time and publish time in ns since 1970; the data follow."""
+"""Head of a message: channel, sequence, log time and publish time in ns since 1970; the data follow."""
 FOOTER = struct.Struct("<QQI")
-"""Offsets of the summary and of its offsets, CRC-32 of the summary."""
+"""Footer: offsets of the summary and of its offsets, CRC-32 of the summary."""
 FOOTER_BYTES, DATA_END_BYTES = HEAD.size + FOOTER.size + len(MAGIC), HEAD.size + 4
 MESSAGE_INDEX = struct.Struct("<HI")
-"""McapChannel and bytes of the rows that follow."""
+"""Head of a message index: channel, and number of bytes of the rows that follow."""
 MAX_TEXTS = 200_000
-"""Texts of a mapping that are read."""
+"""Largest number of texts of a mapping that are read."""
 INDEXED = struct.Struct("<QQ")
 """A row of a message index: log time in ns, offset in the content of the chunk."""
 _CHUNK = struct.Struct("<QQQI")
@@ -46,7 +46,7 @@ class Opcode(IntEnum):
 
 
 class McapChannel(NamedTuple):
-    """A channel, and the schema of its messages; schema 0: none."""
+    """A channel, and the schema of its messages; schema 0 means none."""
 
     number: int
     topic: str
@@ -77,7 +77,7 @@ class ChunkIndex(NamedTuple):
 
 
 class RawRecord(NamedTuple):
-    """A record as it stands in a file: the offset of its opcode, and its body."""
+    """A record as stored in a file: the offset of its opcode, and its body."""
 
     at: int
     opcode: int
@@ -137,7 +137,7 @@ def chunk_index(each: ChunkIndex) -> bytes:
 
 
 def message_index(channel: int, rows: bytes) -> bytes:
-    """`rows`: log time and offset in the chunk of each message, 16 bytes each."""
+    """Return a message index. `rows`: log time and offset in the chunk of each message, 16 bytes each."""
     return record(Opcode.MESSAGE_INDEX, MESSAGE_INDEX.pack(channel, len(rows)) + rows)
 
 
@@ -150,8 +150,8 @@ def statistics(
 
 
 def closing(at: int, checksum: int, groups: Sequence[tuple[Opcode, bytes]]) -> bytes:
-    """Return what follows the data of a file: their end at this offset, the summary, footer and magic. `checksum`:
-    CRC-32 of everything before."""
+    """Return the bytes after the data of a file: the end of the data at this offset, the summary, footer and magic.
+    `checksum`: CRC-32 of everything before."""
     end = record(Opcode.DATA_END, struct.pack("<I", checksum))
     start = at + len(end)
     offsets, place = [], start
@@ -168,7 +168,7 @@ def closing(at: int, checksum: int, groups: Sequence[tuple[Opcode, bytes]]) -> b
 
 
 def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
-    """The records from an offset on, as far as they are there as a whole."""
+    """Yield the records from an offset on, as far as they are complete."""
     while at + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, at)
         body = at + HEAD.size
@@ -179,7 +179,7 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
 
 
 def read_part(body: memoryview, at: int) -> tuple[memoryview, int]:
-    """Return the part after its length at an offset, and where it ends. ValueError if it is not complete."""
+    """Return the part after its length at an offset, and the offset of its end. ValueError if it is not complete."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if end > len(body):
         raise ValueError("a length exceeds its record")
@@ -225,7 +225,7 @@ def read_schema(body: memoryview) -> Schema:
 
 
 class ChunkHead(NamedTuple):
-    """The head of a chunk, and where its compressed content lies in its body."""
+    """The head of a chunk, and the place of the compressed content in its body."""
 
     first: int
     last: int
@@ -237,11 +237,12 @@ class ChunkHead(NamedTuple):
 
 
 CHUNK_HEAD_BYTES = _CHUNK.size + 4 + 16 + 8
-"""Bytes of a body that hold its head, at most: the name of a compression has 16 at most."""
+"""Largest number of bytes of the head in a body, where the name of the compression has at most 16."""
 
 
 def read_chunk(body: memoryview, length: int) -> ChunkHead:
-    """The head of a chunk, of whose body of this length the beginning is given. ValueError if they do not fit."""
+    """Return the head of a chunk from the beginning of its body, which has this length. ValueError if they do not
+    fit."""
     first, last, size, checksum = _CHUNK.unpack_from(body)
     compression, at = read_string(body, _CHUNK.size)
     (content,) = struct.unpack_from("<Q", body, at)
@@ -258,7 +259,7 @@ class ChunkPlace(NamedTuple):
     at: int
     length: int
     size: int
-    """Bytes of its content."""
+    """Number of bytes of its content."""
 
 
 def read_chunk_index(body: memoryview) -> ChunkPlace:
@@ -269,11 +270,11 @@ def read_chunk_index(body: memoryview) -> ChunkPlace:
 
 
 def read_counts(body: memoryview) -> dict[int, int]:
-    """The number of messages of each channel, of the statistics."""
+    """Return the number of messages of each channel from the statistics."""
     return dict(_INDEX_ROW.iter_unpack(read_part(body, _STATISTICS.size)[0]))
 
 
 def read_metadata_index(body: memoryview) -> tuple[int, int, str]:
-    """Offset, length and name."""
+    """Return offset, length and name of a metadata record."""
     at, length = struct.unpack_from("<QQ", body)
     return at, length, read_string(body, 16)[0]

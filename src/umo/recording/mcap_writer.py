@@ -1,5 +1,5 @@
-"""An MCAP file to which chunks are added, each brought to the disk at once; summary and footer follow when it is
-closed. A process that is killed before leaves a file without them; umo still reads all its chunks."""
+"""An MCAP file to which chunks are added, each of which is synced to the disk at once; summary and footer follow when
+the file is closed. If the process is killed before that, the file lacks them, but umo still reads all its chunks."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ LIBRARY = "umo"
 LEVEL = 3
 """Level of compression of zstd."""
 MODE = 0o600
-"""Mode of the file, which has the text of the wiring and the commands of clients with their keys."""
+"""Access mode of the file, which contains the text of the wiring and the commands of clients with their keys."""
 LARGE = 4 << 20
-"""Bytes of a chunk above which time counts more than size: its level is 1."""
+"""Size in bytes of a chunk above which it is compressed with level 1, to save time."""
 
 
 @dataclass(frozen=True)
 class Messages:
-    """Messages of one channel as they stand in a chunk."""
+    """Messages of one channel as stored in a chunk."""
 
     channel: int
     data: bytes | bytearray | memoryview
     """The records, one after the other."""
     rows: Sequence[tuple[int, int]] | bytes
-    """Log time in ns and offset in `data` of each; as bytes, 16 each."""
+    """Log time in ns and offset in `data` of each record; as bytes, 16 for each."""
     count: int
     first: int
     last: int
@@ -43,11 +43,11 @@ class Messages:
 
 
 class PackedChunk(NamedTuple):
-    """A chunk as it will stand in the file, without its message indexes."""
+    """A chunk in the form of the file, without its message indexes."""
 
     record: bytes
     compressed: int
-    """Bytes of the compressed content."""
+    """Number of bytes of the compressed content."""
     size: int
     first: int
     last: int
@@ -56,8 +56,8 @@ class PackedChunk(NamedTuple):
 
 
 class McapWriter:
-    """Makes a file, which must not be there yet; OSError where that cannot be. A method that raises OSError leaves the
-    chunks that were there before."""
+    """Makes a file, which must not exist yet; OSError if that fails. If a method raises OSError, the earlier chunks
+    remain."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Bytes of the file, without what closes it."""
+        """Number of bytes of the file, without summary and footer."""
         return self.end
 
     @property
@@ -163,7 +163,7 @@ class McapWriter:
             os.close(file)
 
     def discard(self) -> None:
-        """Give the file up."""
+        """Give up the file."""
         self._release()
         self.path.unlink(missing_ok=True)
 
@@ -190,7 +190,7 @@ class McapWriter:
 
 
 def repacked(record: bytes, content: bytes) -> PackedChunk:
-    """A chunk of another file with the same channels, of this content; its index is made again."""
+    """Return a chunk of another file with the same channels, with this content; its index is made again."""
     head = mcap_records.read_chunk(memoryview(record)[mcap_records.HEAD.size :], len(record) - mcap_records.HEAD.size)
     rows: dict[int, bytearray] = {}
     times, at, before = [], 0, mcap_records.MESSAGE.size + mcap_records.HEAD.size

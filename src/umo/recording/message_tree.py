@@ -1,6 +1,5 @@
-"""The type of the message `machine`: nested like the tree of the machine, states as enums. Parts that are
-alike have one type. All messages have the same bytes except their numbers: numpy fills the messages of a second
-together."""
+"""The type of the message `machine`: nested like the tree of the machine, states as enums. Similar parts have one type.
+All messages have the same bytes except their numbers: numpy fills the messages of a second together."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ PACKAGE, ROOT = "umo", "Machine"
 MAX_ENUM = 126
 """Greatest number of a state that takes one byte; a value with larger ones is a plain number."""
 UNKNOWN = 127
-"""The state of what was never read."""
+"""The state of an object that was never read."""
 FIXED64, VARINT, BYTES = 1, 0, 2
 """Wire types of protobuf."""
 
@@ -32,7 +31,7 @@ class Leaf:
     column: str
     place: int
     states: Mapping[int, str] = field(default_factory=dict)
-    """Names by number; empty: a plain number."""
+    """Names by number; empty means a plain number."""
     about: str = ""
     """Unit and range."""
     at: int = 0
@@ -45,7 +44,7 @@ class _Part:
 
 
 def leaves_of(layout: Layout) -> list[tuple[str, Leaf]]:
-    """The numbers of a machine by path, in the order of a frame's columns."""
+    """Return the numbers of a machine by path, in the order of a frame's columns."""
     objects, signals, _ = layout.described
     found = [(each.path, _leaf("values", place, each)) for place, each in enumerate(objects)]
     found += [(each.path, _leaf("signals", place, each)) for place, each in enumerate(signals)]
@@ -71,9 +70,9 @@ class EvenRun:
     states: Mapping[int, str]
     count: int
     at: int
-    """Offset of the first in a message."""
+    """Offset of the first number in a message."""
     step: int
-    """Bytes from one to the next."""
+    """Number of bytes from one number to the next."""
 
 
 def _runs(leaves: Sequence[tuple[str, Leaf]]) -> list[EvenRun]:
@@ -120,7 +119,7 @@ class MessageTree:
 
     @property
     def descriptor(self) -> bytes:
-        """The set of files that MCAP wants as a schema."""
+        """The set of files that MCAP requires as a schema."""
         return bytes(pb.FileDescriptorSet(file=[self._file]).SerializeToString())
 
     def _declare(self, part: _Part, name: str, is_root: bool = False) -> str:

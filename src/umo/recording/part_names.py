@@ -11,12 +11,13 @@ _PART = re.compile(r"(.+)\.(\d+)")
 
 
 def part_name(path: Path, number: int) -> Path:
-    """The name of a part, from 1 on, of the recording of this name."""
+    """Return the name of a part, from 1 on, of the recording with this name."""
     return path if number == 1 else path.with_name(f"{path.name.removesuffix(SUFFIX)}.{number}{SUFFIX}")
 
 
 def later_parts(path: Path, number: int = 1) -> Iterator[Path]:
-    """The files that follow this one, which is the part of this number. A first part may be named `run.2.mcap` too."""
+    """Return the files that follow this one, which is the part with this number. A first part may also be named
+    `run.2.mcap`."""
     base = path
     if number > 1:
         found = _PART.fullmatch(path.name.removesuffix(SUFFIX))

@@ -39,7 +39,7 @@ SELDOM = {
         "text": STRING,
     },
 }  # fmt: skip
-"""The fields of what comes seldom."""
+"""The fields of the messages of rare channels."""
 BEGIN = HEAD.size + MESSAGE.size
 """Offset of a message in its record."""
 HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<u8", "<u8"], "offsets": [11, 15, 23]})
@@ -47,15 +47,16 @@ HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<
 UNITS = "units"
 """Name of the metadata record with unit and range of each number, by path."""
 MAX_UNITS = 2000
-"""Numbers whose units are in the channel's metadata too, at most: those stand twice in
-the file, at its beginning and in its end."""
+"""Largest number of numbers whose units are also in the channel's metadata, which a file contains twice, at its
+beginning and at its end."""
 
 
 class ProtobufChannels:
-    """Makes their messages. One for each run: it knows the last messages."""
+    """Makes the messages of these channels. There is one object for each run, because it remembers the last
+    messages."""
 
     def __init__(self, layout: Layout, rate: float = inf) -> None:
-        """`rate`: messages of the machine a second of its time; as many again where states change in between."""
+        """`rate`: messages of the machine per second of its time, and as many again if states change in between."""
         self._stride = max(round(1 / (rate * (layout.about.get("period") or 1.0))), 1)
         leaves = leaves_of(layout)
         self._tree = MessageTree(leaves)
@@ -81,7 +82,7 @@ class ProtobufChannels:
         ]
 
     def messages(self, block: Block, times: npt.NDArray[np.int64]) -> list[Messages]:
-        """The messages of a block; `times`: UTC of its frames, ns since 1970."""
+        """Return the messages of a block. `times`: UTC of its frames, ns since 1970."""
         begun, clock = int(times[0]), float(block.frames["time"][0])
         told = [
             (begun + round((event.time - clock) * 1e9), self._event(number, event)) for number, event in block.events

@@ -1,4 +1,5 @@
-"""What a recorder keeps, in which files: the table `[record]` of a wiring, and what the command line changes.
+"""Settings of a recorder, for the kept data and the files: the table `[record]` of a wiring, and what the command line
+changes.
 
 [record]
 last = "10 min"      # a flight recorder: saved when the run fails, or on demand
@@ -17,7 +18,7 @@ from typing import Annotated, Any
 from umo.wiring.settings import a_number, a_size, a_time, changed, settings_of
 
 ROTATE, SIZE = 3600.0, 1 << 30
-"""s and bytes of a file, after which the next one is begun."""
+"""Default time in s and size in bytes of a file after which the next one is begun."""
 RATE = 100.0
 LEAST_SIZE = 10**5
 
@@ -27,11 +28,12 @@ class RecordSettings:
     """Times in s, sizes in bytes."""
 
     last: Annotated[float | None, a_time(1.0)] = None
-    """Flight recorder: how much before the end, or before a demand, is kept in full; None: all."""
+    """For a flight recorder: time before the end, or before a request, that is kept in full; None means all."""
     rotate: Annotated[float, a_time(1.0)] = ROTATE
     size: Annotated[int, a_size(LEAST_SIZE)] = SIZE
     keep: Annotated[int | None, a_size(LEAST_SIZE)] = None
-    """Size of the files that are kept in full; older ones keep only what replay needs. None: all are."""
+    """Size of the files that are kept in full; older ones keep only the data that replay needs. None keeps all in
+    full."""
     rate: Annotated[float, a_number(0.01, 1e6, "a number of messages a second")] = RATE
     """Messages of the machine per second for Foxglove and other tools, and as many again if states change in between.
     The data that umo itself reads have every period."""
@@ -47,6 +49,6 @@ DEFAULT = RecordSettings()
 def record_of(
     table: Mapping[str, Any], file: str = "wiring", changes: Mapping[str, Any] | None = None
 ) -> RecordSettings:
-    """The settings of the table `[record]` of a wiring, with those of a command line in their place. SettingsError for
+    """Return the settings of the table `[record]` of a wiring, overridden by those of a command line. SettingsError for
     a mistake in either."""
     return changed(settings_of(RecordSettings, table, file, "record"), changes, "record")

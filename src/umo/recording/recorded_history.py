@@ -1,4 +1,4 @@
-"""The history of a recording: read from its file where it is looked at, and for long stretches an overview."""
+"""The history of a recording: read from its file for the shown span, or from an overview for long spans."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from umo.recording.scope.history import KeptSamples, ValueHistory, samples
 from umo.recording.scope.reduction import Points, reduced
 
 MAX_BYTES = 128 << 20
-"""Bytes of chunks that are kept."""
+"""Largest number of bytes of chunks that are kept."""
 OVERVIEW_BYTES, MAX_PARTS = 64 << 20, 16
-"""Bytes of the overview, and its points for a chunk, at most."""
+"""Largest number of bytes of the overview, and largest number of its points for a chunk."""
 SHORT = 60_000
-"""Periods of a stretch that is read; a longer one is drawn from the overview."""
+"""Largest number of periods of a span that is read; a longer span is drawn from the overview."""
 
 
 class Chunk(NamedTuple):
-    """A chunk of the file, read."""
+    """A chunk of the file in memory."""
 
     frames: Frames
     samples: KeptSamples
 
 
 class RecordedHistory(ValueHistory):
-    """All of a recording, which the constructor reads once. Any thread may read."""
+    """The history of a whole recording, which the constructor reads once. Any thread may read."""
 
     def __init__(
         self,
@@ -114,14 +114,15 @@ class RecordedHistory(ValueHistory):
     # Frames --------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> tuple[int, Chunk, int]:
-        """The frame of a time: the number of its chunk, the chunk, and its place in it. The first one before all."""
+        """Return the frame at a time: the number of its chunk, the chunk, and its place in it. Before the first frame,
+        the first one."""
         time += TIME_TOLERANCE
         place = max(bisect_right(self._starts, time) - 1, 0)
         chunk = self.chunk(place)
         return place, chunk, max(int(np.searchsorted(chunk.samples.times, time, "right")) - 1, 0)
 
     def chunk(self, place: int) -> Chunk:
-        """A chunk, by its place among those with frames. In any thread."""
+        """Return a chunk, by its place among those with frames. Any thread may call it."""
         with self._lock:
             if place in self._read:
                 self._read.move_to_end(place)

@@ -19,26 +19,26 @@ from umo.recording.recording_file import CHUNK_TIME
 from umo.recording.ring_collector import Collector, joined
 
 WRITE_PAUSE = 1.0
-"""s between two writes in virtual time, and of a run in real time of which no whole second has come."""
+"""Time in s between two writes in virtual time, and for a run in real time without a complete second."""
 MAX_PENDING = 16 << 20
-"""Bytes of frames after which they are written in any case."""
+"""Size in bytes of frames from which on they are always written."""
 MAX_WAITING = 256 << 20
-"""Bytes of frames that are held while a disk is slow, at most; then frames are lost."""
+"""Largest number of bytes of frames that are held while a disk is slow; then frames are lost."""
 LONGEST_PAUSE, SHORTEST_PAUSE = 0.05, 0.002
-"""s between two looks at the queue of commands."""
+"""Longest and shortest time in s between two looks at the queue of commands."""
 LONGEST_COLLECTION = 0.25
-"""s between two looks at the frames."""
-UNKNOWN_END = "it ended without a word"
+"""Longest time in s between two looks at the frames."""
+UNKNOWN_END = "it ended without a report"
 """The reason for a failed run without a last event."""
 SHARE_OF_RING = 0.2
-"""Share of a ring that is filled between two looks, at most."""
+"""Largest share of a ring that is filled between two looks."""
 
 
 class Target(Protocol):
     """Accepts blocks. OSError if it cannot store them."""
 
     def add(self, blocks: Sequence[Block]) -> None:
-        """Write them at once."""
+        """Write the blocks at once."""
 
 
 class Recorder:
@@ -51,7 +51,7 @@ class Recorder:
         clock: Callable[[], float] = time.monotonic,
         thread: ThreadPoolExecutor | None = None,
     ) -> None:
-        """`thread`: one that writes, so that a slow disk loses no frames; None: it is written at once."""
+        """`thread`: a thread that writes, so that no frames are lost on a slow disk, or None to write at once."""
         self._reader, self._target, self._clock, self._thread = reader, target, clock, thread
         self._writing: Future[None] | None = None
         self._collector, self._boxes = Collector(reader), BlackBoxes(reader.layout)
@@ -62,20 +62,20 @@ class Recorder:
         self.periods = 0
         """Number of frames that were recorded."""
         self.lost = 0
-        """Number of frames that were written over before they were read."""
+        """Number of frames that were overwritten before they were read."""
         self.entries_lost = self.commands_lost = self.events_lost = 0
         self.end: NumberedEvent | None = None
         """The last event of the run, when it exists."""
         self._period, slots = float(reader.about.get("period") or 0.001), reader.slots
         share = SHARE_OF_RING * slots * self._period
         self.pause: float = min(max(share, SHORTEST_PAUSE), LONGEST_PAUSE)
-        """s between two looks."""
+        """Time in s between two looks."""
         self._collection = min(max(share, SHORTEST_PAUSE), LONGEST_COLLECTION)
         self._next_collection = 0.0
 
     @property
     def has_ended(self) -> bool:
-        """True if no frame follows. To be asked before a look."""
+        """True if no frame follows. To be read before a look."""
         return self._reader.is_finished or not self._reader.alive
 
     @property

@@ -1,4 +1,4 @@
-"""A recording: what a run was, its exact frames, its events and the commands of its clients."""
+"""A recording: the facts of a run, its exact frames, its events and the commands of its clients."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from umo.text import in_brackets
 
 FORMAT = "2"
 """Version of the messages of umo in a file. Files of version 1 (umo 0.2) are read; their description has no checksum,
-and they do not say which periods they have."""
+and they do not record the periods that they contain."""
 OLD_FORMAT = "1"
 METADATA = "umo"
-"""Name of the metadata that say what a file is."""
+"""Name of the metadata that describe a file."""
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
 EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
 SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
-"""Topics that are kept from period 0 on, even if the rest of old files is not."""
+"""Topics that are kept from period 0 on, even if other data of old files are not."""
 MALFORMED = "its description is malformed"
-"""The reason why a file does not say what was run."""
+"""The text for a file whose description of the run is malformed."""
 MAX_GAPS = 10_000
-"""Number of gaps that are listed, the first ones."""
+"""Number of the first gaps that are listed."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class LostFrames:
     """Frames that are missing."""
 
     first: int
-    """Number of the first one, from 0."""
+    """Number of the first missing frame, from 0."""
     count: int
 
 
@@ -83,8 +83,8 @@ class _Places(Sequence[_Place]):
 
 
 class Recording:
-    """A file that `umo run --record` has written, with its later parts where it was rotated. It can be read while it
-    is written: it has then what was there when it was opened. FramesError if it is not a recording.
+    """A file that `umo run --record` has written, with its later parts if it was rotated. It can be read while it is
+    written; it then contains the data that existed when it was opened. FramesError if it is not a recording.
 
         with Recording("run.mcap") as recording:
             for block in recording.blocks():
@@ -92,7 +92,7 @@ class Recording:
     """
 
     def __init__(self, path: Path | str, *, later: bool = True) -> None:
-        """`later`: with the files that follow this one by rotation."""
+        """`later`: whether to include the files that follow this one by rotation."""
         self.path, self._later = Path(path), later
         self._files = [McapReader(self.path)]
         self._unread: list[str] = []
@@ -127,7 +127,7 @@ class Recording:
 
     @property
     def about(self) -> dict[str, Any]:
-        """The facts about the run: station, wiring, pid, when it started, the period in s."""
+        """The facts about the run: station, wiring, pid, its start, and the period in s."""
         return self.layout.about
 
     @property
@@ -142,7 +142,8 @@ class Recording:
 
     @property
     def is_whole(self) -> bool:
-        """True if every file was closed; `umo recording repair` closes one that was cut, or of a killed recorder."""
+        """True if every file was closed; `umo recording repair` repairs one that was truncated, or whose recorder was
+        killed."""
         return all(file.is_whole for file in self._files)
 
     @cached_property
@@ -193,7 +194,7 @@ class Recording:
         if head is None:
             return "it has no periods"
         if not self.job or "error" in self.job:
-            return "it does not say what was run" + in_brackets(str(self.job.get("error", "")))
+            return "it does not name the station or program that was run" + in_brackets(str(self.job.get("error", "")))
         if head.first:
             if self._told_first is not None and self._told_first < head.first:
                 return f"its first {head.first - self._told_first} periods are damaged"
@@ -204,9 +205,9 @@ class Recording:
     # What is in it -------------------------------------------------------------------------------------
 
     def blocks(self, start: float | None = None, stop: float | None = None, *, full: bool = True) -> Iterator[Block]:
-        """The blocks in order, each of one second of the run at most; those with frames from `start` to before `stop`,
-        s on the cycle's clock. `full`: with the columns that replay does not need. A damaged chunk is passed over: its
-        frames are lost for the block that follows (`damage`, `lost_at_end`)."""
+        """Yield the blocks in order, each of at most one second of the run: those with frames from `start` to before
+        `stop`, in s on the cycle's clock. `full`: with the columns that replay does not need. A damaged chunk is
+        skipped; its frames count as lost in the following block (`damage`, `lost_at_end`)."""
         expected: int | None = None
         for place in self._chunks.starting(self._before(start)):
             for exact, columns in self._pairs(place):
@@ -224,7 +225,7 @@ class Recording:
                     yield block
 
     def frames(self, start: float | None = None, stop: float | None = None) -> Frames:
-        """The frames of which the time is from `start` to before `stop`, s on the cycle's clock."""
+        """Return the frames with times from `start` to before `stop`, in s on the cycle's clock."""
         parts = [block.frames for block in self.blocks(start, stop)]
         if not parts:
             return np.zeros(0, self.layout.dtype)
@@ -247,8 +248,8 @@ class Recording:
 
     @cached_property
     def black_boxes(self) -> list[BlackBox]:
-        """Return where periods were missed and why, at most one box in 10 s, and how a failed run ended; in order. Of
-        more than some 10,000 boxes only the last ones; `black_box_count` counts all."""
+        """Return where periods were missed and why, at most one box in 10 s, and how a failed run ended; in order. If
+        there are more than about 10,000 boxes, only the last ones; `black_box_count` counts all."""
         return list(self._scan.kept_boxes)
 
     @property
@@ -268,7 +269,7 @@ class Recording:
 
     @property
     def commands_taken(self) -> int:
-        """Number of its commands: counted without reading them."""
+        """Number of its commands, counted without reading them."""
         return self._scan.commands
 
     @property
@@ -278,7 +279,7 @@ class Recording:
 
     @property
     def periods(self) -> int:
-        """Number of its periods: counted without reading them."""
+        """Number of its periods, counted without reading them."""
         return self._scan.periods
 
     @cached_property
@@ -292,8 +293,8 @@ class Recording:
 
     @cached_property
     def gaps(self) -> list[LostFrames]:
-        """The frames that are missing: those between the first and the last one, and what the files say that they had
-        before and after. The first 10,000; `gap_count` counts all."""
+        """The missing frames: those between the first and the last one, and those that the files record as lost before
+        and after. Only the first 10,000 gaps; `gap_count` counts all."""
         return list(islice(self._gaps(), MAX_GAPS))
 
     def _gaps(self) -> Iterator[LostFrames]:
@@ -313,17 +314,17 @@ class Recording:
 
     @property
     def end(self) -> NumberedEvent | None:
-        """The event of the end of the run; None: it is not in it."""
+        """The event of the end of the run, or None if the recording has none."""
         return self._scan.end
 
     @property
     def events_told(self) -> int:
-        """Number of its events: counted without holding them."""
+        """Number of its events, counted without keeping them in memory."""
         return self._scan.events
 
     @property
     def events_lost(self) -> int:
-        """Number of events that were written over before they were recorded."""
+        """Number of events that were overwritten before they were recorded."""
         return self._scan.events_lost
 
     @property
@@ -334,7 +335,7 @@ class Recording:
 
     @cached_property
     def lost_at_end(self) -> int:
-        """Number of frames that the last file had when it was closed, and that are missing behind all others."""
+        """Number of frames that the last file had when it was closed and that are missing at its end."""
         extent, stop = _extent_of(self._files[-1]), self._scan.stop
         return 0 if extent is None else max(extent.stop - (extent.first if stop is None else stop), 0)
 
@@ -351,7 +352,7 @@ class Recording:
         return len(self._chunks)
 
     def chunk(self, number: int) -> list[Block]:
-        """The blocks of a chunk, by its number from 0; none if it is damaged."""
+        """Return the blocks of a chunk, by its number from 0; empty if it is damaged."""
         return [block_of(self.layout, exact, columns) for exact, columns in self._pairs(self._chunks[number])]
 
     # Inside --------------------------------------------------------------------------------------------
@@ -468,7 +469,7 @@ def _checksum(texts: Mapping[str, str]) -> str:
 
 
 def as_first(texts: Mapping[str, str]) -> dict[str, str]:
-    """The metadata of a file that begins again."""
+    """Return the metadata of a file that begins a new recording."""
     changed = dict(texts) | {"part": "1"}
     return changed | ({"checksum": _checksum(changed)} if "checksum" in changed else {})
 

@@ -1,4 +1,4 @@
-"""Writing one file of a recording: a chunk for each second of the run's own time at most, and 1 MB."""
+"""Writing one file of a recording: a chunk contains at most one second of the run's own time, and 1 MB."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from umo.recording.recording import COLUMNS_TOPIC, EXACT_TOPIC, METADATA, descri
 
 Times = npt.NDArray[np.int64]
 CHUNK_TIME, CHUNK_BYTES = 1.0, 1 << 20
-"""s of the run's own time and bytes that one damaged place costs, at most."""
+"""Largest span in s of the run's own time, and largest number of bytes, that are lost by one damaged place."""
 ENCODING = "umo"
-"""Encoding of their messages (`umo.recording.block`)."""
+"""Encoding of the messages (`umo.recording.block`)."""
 
 
 class OtherChannels(Protocol):
-    """Channels for other people's tools."""
+    """Channels for tools of other projects."""
 
     @property
     def schemas(self) -> Sequence[Schema]:
@@ -46,7 +46,7 @@ class OtherChannels(Protocol):
 
 
 def utc_of(layout: Layout, frames: Frames) -> Times:
-    """UTC of frames, ns since 1970; of a run in virtual time that of its start, and its own time since then."""
+    """UTC of frames, ns since 1970; for a run in virtual time, the UTC of its start plus its own time since then."""
     if layout.about.get("realtime", True):
         return np.asarray(frames["began"] + frames["utc"], np.int64)
     started = int(layout.about.get("started", 0.0) * 1e9)
@@ -54,8 +54,8 @@ def utc_of(layout: Layout, frames: Frames) -> Times:
 
 
 class RecordingFile:
-    """A new file; OSError where it cannot be made or written. What was added is there for umo's readers, and for others
-    once it is closed."""
+    """A new file; OSError if it cannot be made or written. Added blocks are visible to umo's readers at once, and to
+    other readers when it is closed."""
 
     def __init__(self, path: Path, layout: Layout, others: OtherChannels | None = None, *, part: int = 1) -> None:
         self._layout, self._others = layout, others
@@ -75,7 +75,7 @@ class RecordingFile:
 
     @property
     def size(self) -> int:
-        """Bytes of the file."""
+        """Number of bytes of the file."""
         return self._writer.size
 
     @property
@@ -131,8 +131,8 @@ class RecordingFile:
         return [exact.messages(), *([columns.messages()] if columns.times else []), *merged(parts)]
 
     def close(self, *, followed: bool = False) -> None:
-        """Write what other readers need, how many periods there are, and whether another file follows. OSError where
-        that finds no room."""
+        """Write the summary for other readers, the number of periods, and whether another file follows. OSError if
+        there is no room for that."""
         told = {FOLLOWED: "yes"} if followed else {}
         self._writer.close([] if self._extent is None else [(EXTENT, self._extent.texts | told)])
 
@@ -169,7 +169,7 @@ class _Collected:
 
 
 def merged(parts: Sequence[Messages]) -> list[Messages]:
-    """One `Messages` for each channel."""
+    """Merge messages into one `Messages` for each channel."""
     by_channel: dict[int, list[Messages]] = {}
     for part in parts:
         by_channel.setdefault(part.channel, []).append(part)

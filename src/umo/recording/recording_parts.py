@@ -1,4 +1,4 @@
-"""The files of one recording: a new file begins by size and time; of all files the data for replay are kept."""
+"""The files of one recording: a new file begins by size and time; the data for replay are kept in all files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Part:
 
 
 class RecordingParts:
-    """Writes blocks to the files of `path`. OSError where the first cannot be made; later from `add`."""
+    """Writes blocks to the files of `path`. OSError if the first cannot be made; later errors come from `add`."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class RecordingParts:
         settings: RecordSettings = DEFAULT,
     ) -> None:
         self.path, self.failed = path, ""
-        """`failed`: why an older part keeps more than it should."""
+        """`failed`: why an older part has more data than it should."""
         self._layout, self._others, self._settings = layout, others, settings
         part = settings.rotate if settings.last is None else settings.last / PARTS_OF_LAST
         self._rotate_time = min(part, settings.rotate)
@@ -97,8 +97,8 @@ class RecordingParts:
             self.failed = f"{part.path} keeps everything: {text_of(error)}"
 
     def close(self) -> None:
-        """Close the files. No more blocks may follow. Work of threads is finished first. OSError if the end of the last
-        file cannot be stored: the file has all its periods, but other readers need `umo recording repair`."""
+        """Close the files. No more blocks may follow. The work of threads is completed first. OSError if the end of the
+        last file cannot be stored: the file has all its periods, but other readers need `umo recording repair`."""
         self._worker.shutdown()
         self._file.close()
 

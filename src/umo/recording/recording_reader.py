@@ -1,4 +1,4 @@
-"""A recording as a run of which the time is chosen."""
+"""A recording as a run whose time is chosen."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class RecordingReader(ShownRun):
         self._next = _Before(0, None, "", 0, [0.0] * tunables, 0, np.full(objects, np.nan))
         """The data after the blocks so far."""
         self.good = self._next.good
-        """The time in s at which each object was read last, at the frame that is shown; NaN: never."""
+        """The time in s at which each object was read last, at the shown frame; NaN if never."""
 
     def add(self, block: Block) -> None:
         before, frames, live = self._next, block.frames, block.live
@@ -83,7 +83,7 @@ class RecordingReader(ShownRun):
 
 
 def number_of(frames: Frames) -> int:
-    """The number of the first of some frames."""
+    """Return the number of the first of some frames."""
     return int(frames["sequence"][0]) // 2 - 1
 
 

@@ -16,12 +16,12 @@ from umo.recording.block import BlackBox, boxes_of, events_lost_of, events_of
 from umo.recording.chunk_order import MAX_FIRST
 
 MAX_BLOCKS = 3_000_000
-"""Blocks of a recording, at most: a month of seconds."""
+"""Largest number of blocks of a recording, one per second for a month."""
 MAX_KEPT = 32 << 20
 """Approximate bytes of events, and of black boxes, that are kept in memory. Beyond them events are read again, and only
 the last black boxes are kept."""
 OVERHEAD = 1 << 10
-"""Bytes for which each of these counts beside its texts."""
+"""Number of bytes that each of these counts in addition to its texts."""
 
 
 class BlockHead(NamedTuple):
@@ -32,7 +32,7 @@ class BlockHead(NamedTuple):
     time: float
     about: Mapping[str, Any]
     size: int
-    """Bytes of the description."""
+    """Number of bytes of the description."""
 
     @classmethod
     def of(cls, about: Mapping[str, Any], size: int) -> BlockHead:
@@ -85,7 +85,7 @@ class RecordingScan:
     boxes: int = 0
     """Number of black boxes."""
     kept_boxes: deque[BlackBox] = field(default_factory=deque)
-    """The last ones."""
+    """The last black boxes."""
     _events_size: int = 0
     _boxes_size: int = 0
 
@@ -136,8 +136,8 @@ class RecordingScan:
         return sum(file.periods for file in self.files.values())
 
     def gaps(self, expected: int | None) -> Iterator[tuple[int, int]]:
-        """Yield each gap as the number of its first missing frame and how many are missing. `expected`: the number that
-        the first frame should have; None: no frame is missing before the first one."""
+        """Yield each gap as the number of its first missing frame and the number of missing frames. `expected`: the
+        number that the first frame should have, or None if no frame is missing before the first one."""
         for first, count in zip(self.firsts, self.counts, strict=True):
             if expected is not None and first > expected:
                 yield expected, first - expected

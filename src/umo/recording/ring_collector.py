@@ -1,4 +1,4 @@
-"""Collecting what a ring has into blocks: frames, the entries of their journal, commands of clients, events."""
+"""Collecting the contents of a ring into blocks: frames, the entries of their journal, commands of clients, events."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.block import Block, TakenCommand
 
 MAX_ENTRIES = 1 << 16
-"""Entries of the journal of frames that lie around none: those of a damaged frame are not asked for."""
+"""Largest number of entries of a frame's journal that are read, so that a damaged frame does not request more."""
 
 
 class Collector:
-    """Follows a ring, from its oldest frame on. Nothing of it waits."""
+    """Follows a ring, from its oldest frame on. It never waits."""
 
     def __init__(self, reader: Reader) -> None:
         self._reader = reader
@@ -42,7 +42,7 @@ class Collector:
         self._event = 0
         """Number of the next event."""
         self.events_lost = 0
-        """Number of events before that one that were written over before they were copied, and belong to no block."""
+        """Number of earlier events that were overwritten before they were copied, and belong to no block."""
         self._tunables = 0
 
     def look(self) -> list[Block]:
@@ -63,7 +63,7 @@ class Collector:
         return events
 
     def copy(self) -> None:
-        """Copy new commands and events before others are written over them."""
+        """Copy new commands and events before they are overwritten."""
         self.copy_commands()
         self._copy_events()
 
@@ -78,7 +78,7 @@ class Collector:
         self._event = stop
 
     def lost_events(self, is_begun_late: bool = False) -> int:
-        """Return how many events are missing since the last block, without those before a recording that was begun
+        """Return how many events are missing since the last block, without those before a recording that started
         late."""
         lost, self.events_lost = self.events_lost, 0
         return 0 if is_begun_late else lost
@@ -113,7 +113,7 @@ class Collector:
     # Commands ------------------------------------------------------------------------------------------
 
     def copy_commands(self) -> None:
-        """Copy the new commands of the queue, taken or not, before clients write over them. Takes microseconds."""
+        """Copy the new commands of the queue, taken or not, before clients overwrite them. This takes microseconds."""
         if self._cells is None:
             return
         head = int(self._cells.head[0])
@@ -151,7 +151,7 @@ class Collector:
 
 
 def joined(blocks: list[Block]) -> list[Block]:
-    """Return as few blocks as possible: consecutive ones without a loss are joined."""
+    """Join consecutive blocks without a loss, so that there are as few as possible."""
     groups: list[list[Block]] = []
     for block in blocks:
         follows = bool(groups) and block.first == groups[-1][-1].stop

@@ -53,13 +53,14 @@ PR_SET_PDEATHSIG = 1
 
 
 def fork() -> int:
-    """Fork this process (fork(2)): the child's number, and 0 in the child. OSError where no process can be had."""
+    """Fork this process (fork(2)). Return the child's number, and 0 in the child. Raises OSError if no process can be
+    created."""
     return os.fork()
 
 
 def start_program(words: Sequence[str], files: Sequence[int], environ: Mapping[str, str]) -> int:
-    """Start a program that inherits these descriptors beside stdout and stderr, in a session of its own; its number.
-    It is a child that is waited for by `wait`. OSError where it cannot be started."""
+    """Start a program that inherits these descriptors beside stdout and stderr, in a session of its own, and return its
+    number. It is a child of this process: call `wait` for it. Raises OSError if it cannot be started."""
     program = subprocess.Popen(
         words, pass_fds=files, stdin=subprocess.DEVNULL, start_new_session=True, env=dict(environ)
     )
@@ -73,25 +74,27 @@ def exit_now(status: int) -> NoReturn:
 
 
 def wait(pid: int) -> tuple[int, int]:
-    """Number and status (waitpid(2)) of a child that has ended, or was stopped by a signal: of the named one, or of any
-    one (-1). (0, 0): there is none yet. Never waits. ChildProcessError: there is no such child."""
+    """Return the number and status (waitpid(2)) of a child that has ended or was stopped by a signal: of the named one,
+    or of any one (-1). Returns (0, 0) if there is no such child yet. Never waits. Raises ChildProcessError if the
+    process has no such child at all."""
     return os.waitpid(pid, os.WNOHANG | os.WUNTRACED)
 
 
 def kill(pid: int, number: int) -> None:
-    """Send a signal to the process that has this number (kill(2)); 0: only look. ProcessLookupError: there is none;
-    PermissionError: another user's."""
+    """Send a signal to the process that has this number (kill(2)); 0 only checks that it exists. Raises
+    ProcessLookupError if there is no such process, PermissionError if it belongs to another user."""
     os.kill(pid, number)
 
 
 def open_process(pid: int) -> int:
-    """A descriptor of a process, which is `ready` when it has ended (pidfd_open(2), Linux 5.3). OSError where there is
-    no such process, or none can be had."""
+    """Return a descriptor of a process, which is `ready` when the process has ended (pidfd_open(2), Linux 5.3). Raises
+    OSError if there is no such process or no descriptor is available."""
     return os.pidfd_open(pid)
 
 
 def signal_process(file: int, number: int) -> None:
-    """Send a signal to the process of a descriptor (pidfd_send_signal(2)). ProcessLookupError: it has ended."""
+    """Send a signal to the process of a descriptor (pidfd_send_signal(2)). Raises ProcessLookupError if it has
+    ended."""
     signal.pidfd_send_signal(file, number)
 
 
@@ -109,8 +112,8 @@ def new_session() -> None:
 
 
 def die_with_parent(parent: int, number: int) -> None:
-    """Be sent this signal when the process `parent` (pid) ends, however it does (PR_SET_PDEATHSIG); at once if it
-    has."""
+    """Have the kernel send this signal to this process when the process `parent` (pid) ends for any reason
+    (PR_SET_PDEATHSIG); at once if it has already ended."""
     _libc().prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         signal.raise_signal(signal.Signals(number))
@@ -120,14 +123,14 @@ def die_with_parent(parent: int, number: int) -> None:
 
 
 def handle_signal(number: int, handler: SignalHandler) -> SignalHandler:
-    """Have a signal handled by this function, by SIG_IGN or by SIG_DFL. Return the former handler. Only in the main
-    thread: ValueError in another one."""
+    """Have a signal handled by this function, by SIG_IGN or by SIG_DFL. Return the former handler. Works only in the
+    main thread; raises ValueError in any other."""
     return signal.signal(number, handler)
 
 
 def mask_signals(how: int, numbers: Iterable[int]) -> set[int]:
-    """Block (SIG_BLOCK) or unblock these signals in this thread, or block exactly these (SIG_SETMASK); those that were
-    blocked before."""
+    """Block (SIG_BLOCK) or unblock these signals in this thread, or block exactly these (SIG_SETMASK). Return those
+    that were blocked before."""
     return {int(number) for number in signal.pthread_sigmask(how, numbers)}
 
 
@@ -149,12 +152,13 @@ waits where there is nothing: callers look first (`ready`), or another process o
 
 
 def write(file: int, data: bytes) -> int:
-    """Write to a descriptor (write(2)); the number of bytes that were written."""
+    """Write to a descriptor (write(2)). Return the number of bytes that were written."""
     return os.write(file, data)
 
 
 def open(path: FilePath, flags: int, mode: int = 0o777) -> int:
-    """A descriptor of a file (open(2)), which no program inherits. OSError where it cannot be opened."""
+    """Open a file (open(2)) with a descriptor that no program inherits, and return the descriptor. Raises OSError if it
+    cannot be opened."""
     return os.open(path, flags, mode)
 
 
@@ -169,7 +173,8 @@ def close_from(first: int) -> None:
 
 
 def pipe() -> tuple[int, int]:
-    """The ends of a pipe: to read from, and to write to. OSError where no descriptors can be had."""
+    """Create a pipe. Return its two ends: one to read from, and one to write to. Raises OSError if no descriptors are
+    available."""
     return os.pipe()
 
 
@@ -202,17 +207,17 @@ def socket_of(file: int) -> Socket:
 
 
 def send_message(connection: Socket, data: bytes, files: Sequence[int] = ()) -> None:
-    """Send one message and hand over descriptors with it (SCM_RIGHTS). Never waits: OSError if there is no room for
-    it. (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a full peer would be waited for, and what
-    was received inherited.)"""
+    """Send one message and hand over descriptors with it (SCM_RIGHTS). Never waits: OSError if there is no room for it.
+    (`socket.send_fds` and `recv_fds` drop their flags, up to Python 3.13: a call would wait for a peer whose buffer is
+    full, and started programs would inherit the received descriptors.)"""
     rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack(f"{len(files)}i", *files))] if files else []
     connection.sendmsg([data], rights, socket.MSG_DONTWAIT)
 
 
 def receive_message(connection: Socket, size: int, most: int) -> tuple[bytes, list[int]]:
-    """The next message, of up to `size` bytes, and up to `most` descriptors that came with it: they are the receiver's
-    to close, and no program that it starts inherits them. An empty message: the peer has ended. Waits as the socket
-    does: callers look first, or it has a timeout."""
+    """Return the next message, of up to `size` bytes, and up to `most` descriptors that came with it. The receiver has
+    to close these, and no program that it starts inherits them. An empty message means that the peer has ended. Waits
+    as the socket does, so callers call `ready` first or set a timeout."""
     room = socket.CMSG_LEN(most * INT.size)
     data, rights, _, _ = connection.recvmsg(size, room, socket.MSG_CMSG_CLOEXEC)
     files = [
@@ -225,8 +230,9 @@ def receive_message(connection: Socket, size: int, most: int) -> tuple[bytes, li
 
 
 def take_name(name: bytes, kind: int) -> Socket:
-    """A Unix socket (STREAM or DATAGRAM) that has this name, until the last process that has it closes it or ends. An
-    abstract name, after a zero byte, is the computer's, or the network namespace's. OSError where it is taken."""
+    """Return a Unix socket (STREAM or DATAGRAM) that has this name until every process that has the socket closes it or
+    ends. An abstract name, which starts with a zero byte, is unique on the computer or in the network namespace. Raises
+    OSError if the name is taken."""
     taken = socket.socket(socket.AF_UNIX, kind)
     try:
         taken.bind(name)
@@ -242,8 +248,8 @@ def listen(taken: Socket, backlog: int) -> None:
 
 
 def listener(name: bytes) -> tuple[int, int] | None:
-    """Pid and user of the process that listened last at a name; None: nobody does; 0, 0: it cannot be asked, as too
-    many have asked. Never waits."""
+    """Return the pid and user of the process that listened last at a name, or None if no process listens. Returns 0, 0
+    if it cannot be asked because too many others have asked. Never waits."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)
         try:
@@ -259,17 +265,17 @@ def listener(name: bytes) -> tuple[int, int] | None:
 # Clocks, sleep, timer -------------------------------------------------------------------------------------
 
 now = time.monotonic
-"""s on a clock that nobody sets (CLOCK_MONOTONIC)."""
+"""Time in s on a clock that nobody sets (CLOCK_MONOTONIC)."""
 now_ns = time.monotonic_ns
-"""ns on the same clock."""
+"""Time in ns on the clock of `now` (CLOCK_MONOTONIC)."""
 boottime_ns = (
     partial(time.clock_gettime_ns, getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
     if hasattr(time, "clock_gettime_ns")
     else time.monotonic_ns
 )
-"""ns on a clock that continues while the computer is suspended (CLOCK_BOOTTIME), where there is one."""
+"""Time in ns on a clock that continues while the computer is suspended (CLOCK_BOOTTIME), if the system has one."""
 processor_ns = time.thread_time_ns
-"""ns that this thread has had a processor."""
+"""Time in ns for which this thread has run on a processor."""
 sleep = time.sleep
 """Sleep for a time in s."""
 TIMER_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
@@ -280,19 +286,19 @@ NS = 1_000_000_000
 
 
 def wall_time() -> float:
-    """s since 1970 on the clock that people set."""
+    """Time in s since 1970 on the clock of the day, which people can set."""
     return time.time()
 
 
 def make_timer() -> int:
-    """The descriptor of a timer on the monotonic clock (timerfd_create(2)), which is waited for by `read`. OSError
-    where none can be had."""
+    """Return the descriptor of a timer on the monotonic clock (timerfd_create(2)); `read` waits for its next expiry.
+    Raises OSError if no timer is available."""
     return _checked(_libc().timerfd_create(CLOCK_MONOTONIC, TIMER_CLOEXEC))
 
 
 def set_timer(file: int, first: int, interval: int) -> None:
     """Let a timer expire at `first`, ns on the monotonic clock, and then every `interval` ns; at once if `first` has
-    passed. OSError where it is refused."""
+    passed. Raises OSError if the kernel refuses it."""
     spec = TIMER_SPEC.pack(*divmod(interval, NS), *divmod(first, NS))
     _checked(_libc().timerfd_settime(file, TIMER_ABSTIME, spec, None))
 
@@ -304,12 +310,12 @@ MUTEX_BYTES = 64
 """Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
 PROCESS_SHARED = ROBUST = 1
 TRY_PAUSE = 0.001
-"""Time in s until a lock is tried again, where it cannot be waited for by the monotonic clock."""
+"""Time in s until a lock is tried again, on systems that cannot wait for it by the monotonic clock."""
 
 
 def make_mutex(memory: mmap, at: int) -> Mutex:
-    """A lock at this place of a memory that processes share, where there is room for `MUTEX_BYTES`. It reports the
-    death of a thread that holds it (pthread_mutexattr_setrobust(3))."""
+    """Create a lock at this place of a memory that processes share; the place has room for `MUTEX_BYTES`. It reports
+    the death of a thread that holds it (pthread_mutexattr_setrobust(3))."""
     mutex, attributes = Mutex.from_buffer(memory, at), ctypes.create_string_buffer(MUTEX_BYTES)
     libc = _libc()
     libc.pthread_mutexattr_init(attributes)
@@ -320,8 +326,8 @@ def make_mutex(memory: mmap, at: int) -> Mutex:
 
 
 def lock_mutex(mutex: Mutex, within: float) -> int:
-    """Wait up to `within` s for a lock, by the monotonic clock. 0: it is taken; EOWNERDEAD: it is taken, and its holder
-    has died; ETIMEDOUT: it is not taken. OSError where it cannot be waited for."""
+    """Wait up to `within` s for a lock, by the monotonic clock. Return 0 if it is taken, EOWNERDEAD if it is taken and
+    its former holder has died, ETIMEDOUT if it is not taken. Raises OSError if waiting is impossible."""
     answer = _lock(mutex, within)
     if answer == errno.EOWNERDEAD:
         _libc().pthread_mutex_consistent(ctypes.byref(mutex))
@@ -331,7 +337,7 @@ def lock_mutex(mutex: Mutex, within: float) -> int:
 
 
 def unlock_mutex(mutex: Mutex) -> None:
-    """Give back a lock that this thread has taken."""
+    """Release a lock that this thread has taken."""
     _libc().pthread_mutex_unlock(ctypes.byref(mutex))
 
 
@@ -360,7 +366,7 @@ def unlink(path: FilePath) -> None:
 
 
 def fsync(file: int) -> None:
-    """Wait until what was written to a file, or the names in a folder, are on the disk."""
+    """Wait until the content of a file, or the names in a folder, are on the disk."""
     os.fsync(file)
 
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from umo.errors import UmoError
 
 NEEDED = 64
-"""Descriptors for the processes of a run: each has up to 50 (memory, locks, pipes, sockets of the others), beside those
-that its drivers open."""
+"""Number of descriptors for the processes of a run: each uses up to 50 (memory, locks, pipes, sockets of the others),
+beside those that its drivers open."""
 
 USUAL = 1024
-"""The limit of most systems."""
+"""The limit on open files on most systems."""
 
 
 class TooFewDescriptors(UmoError, OSError):
@@ -31,8 +31,8 @@ def _set(soft: int, hard: int) -> None:
 
 
 def ensure(limits: Callable[[], tuple[int, int]] = _limits, set_limits: Callable[[int, int], object] = _set) -> None:
-    """Let this process open as many files as a run needs, as far as it may by itself; TooFewDescriptors with what to do
-    where it may not. A limit below 0 is none."""
+    """Let this process open as many files as a run needs. Raises TooFewDescriptors, with advice, if it is not permitted
+    to raise its limit that far. A limit below 0 means no limit."""
     soft, hard = limits()
     if soft < 0 or soft >= NEEDED:
         return

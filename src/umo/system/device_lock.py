@@ -1,8 +1,8 @@
 """Holding devices: one process at a time uses a device, for all stations, wirings, programs and users.
 
 On Linux a device is held by an abstract Unix socket of its name (unix(7)). Binding it is atomic and system-wide (within
-one network namespace), needs neither a folder nor a permission. The kernel ends it with the last process that has it,
-and says which process that is. Elsewhere nothing is held: real time is for Linux.
+one network namespace), needs neither a folder nor a permission. The kernel removes the socket when the last process
+that has it ends, and it can name that process. On other systems no device is held: real time needs Linux.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ SOCKET_TABLE = Path("/proc/net/unix")
 
 class DeviceLock:
     """Devices held by this process and by every process that it forks from now on, until all of them have ended or
-    released them. DeviceHeld names the owner of a device and the start time; then no device is held."""
+    released them. Raises DeviceHeld, which names the owner of a device and the start time, if another process holds one
+    of them; then no device is held."""
 
     def __init__(self, devices: Iterable[str], purpose: str) -> None:
         self.devices = sorted(set(devices))
@@ -51,7 +52,8 @@ class DeviceLock:
                 sockets.pop().close()
 
     def used_here(self) -> None:
-        """Have `holder` name this process, which has inherited the devices: the kernel names the last that listened."""
+        """Make `holder` return this process, which has inherited the devices: the kernel names the process that
+        listened last."""
         with suppress(OSError):  # it is only told
             for device, taken in zip(self.devices, self._sockets, strict=False):
                 self._listen(device, taken)
@@ -78,8 +80,8 @@ def is_held(device: str) -> bool:
 
 
 def holder(device: str) -> str:
-    """The owner of a device, its purpose and start time, as far as the kernel knows; for a machine with several
-    processes the pid that `umo show stations` shows. Other users choose these texts."""
+    """Return the owner of a device, its purpose and start time, as far as the kernel knows them. For a machine with
+    several processes the pid that `umo show stations` shows. These texts may come from other users."""
     pid, uid = calls.listener(_name(device)) or (0, 0)
     if not pid:
         return "another process"

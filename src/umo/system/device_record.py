@@ -35,13 +35,13 @@ INSPECT = (
 """Advice after an unsafe end."""
 MAX_RECORD_BYTES = 1 << 20
 MAX_TEXT_LENGTH = 2000
-"""Bytes of a record, and characters of the text in it, at most."""
+"""Largest number of bytes of a record, and characters of the text in it."""
 STICKY_MODE = 0o1644
 """Mode of a record: for the sticky bit systemd-tmpfiles leaves an old file alone (tmpfiles.d(5))."""
 
 
 def state_folder() -> Path:
-    """This user's folder for what outlives a run; OSError where there is none."""
+    """This user's folder for what outlives a run; Raises OSError if there is none."""
     return folders.own(folders.lasting(), 0o755)
 
 
@@ -53,9 +53,9 @@ class Ended:
     station: str
     wiring: str
     state: str
-    """running or stopped"""
+    """`running` or `stopped`."""
     when: float
-    """s since 1970: when it was written"""
+    """Time at which it was written, s since 1970."""
     what: str = ""
     unreached: list[str] = field(default_factory=list)
     id: str = ""
@@ -66,9 +66,9 @@ class Ended:
     """User who wrote it, if another one."""
     mine: bool = True
     began: float = 0.0
-    """s since 1970: when the run took its devices"""
+    """Time at which the run took its devices, s since 1970."""
     launch: str = ""
-    """The same for each start of the same station, wiring and options"""
+    """A text that is the same for each start of the same station, wiring and options."""
 
     def __str__(self) -> str:
         return printable(self._text())
@@ -78,7 +78,7 @@ class Ended:
         """Return one short line, the most important first: machine, actuators not reached, device, time."""
         name = f"{self.station} ({self.wiring})" if self.wiring else self.station
         if self.state not in ("running", "stopped"):
-            return printable(f"{self.device}, how its last run ended is unknown")
+            return printable(f"{self.device}, whose last run ended in an unknown way")
         reached = f"not reached: {some(self.unreached)}" if self.unreached else "every actuator was reset"
         state = "ended without a report" if self.state == "running" else reached
         when = time_of_day(self.when, "%Y-%m-%d %H:%M")
@@ -115,8 +115,8 @@ class DeviceRecord:
         """Unsafe ends of the same launch, on devices of other names."""
 
     def begin(self, acknowledged: bool) -> None:
-        """Record the start of a run. AcknowledgeRequired if the last run on a device ended unsafely and was not
-        acknowledged. UmoError if the record cannot be written, because an unsafe end would then look like a safe
+        """Record the start of a run. Raises AcknowledgeRequired if the last run on a device ended unsafely and was not
+        acknowledged. Raises UmoError if the record cannot be written, because an unsafe end would then look like a safe
         one."""
         try:
             found = {device: standing(device) for device in self._devices}
@@ -156,7 +156,7 @@ class DeviceRecord:
             self._former[device] = mine
 
     def finish(self) -> None:
-        """The run ended safely."""
+        """Record that the run ended safely."""
         for device in self._devices:
             with suppress(OSError):
                 if self._seen[device]:
@@ -174,7 +174,7 @@ class DeviceRecord:
                     calls.unlink(_folder() / _file(ended.device))
 
     def abandon(self) -> None:
-        """The machine was not driven: restore the records from before, acknowledged or not."""
+        """Restore the earlier records, acknowledged or not, because the machine was not driven."""
         for device in self._devices:
             with suppress(OSError):
                 path = _folder() / _file(device)
@@ -184,7 +184,8 @@ class DeviceRecord:
                     calls.unlink(path)
 
     def stopped(self, what: str, unreached: list[str]) -> None:
-        """The run ended unsafely: the devices stand stopped. OSError where that cannot be written."""
+        """Record that the run ended unsafely and the devices stand stopped. Raises OSError if the record cannot be
+        written."""
         for device in self._devices:
             self._write(device, "stopped", what, unreached)
         self._remove_elsewhere()
@@ -198,7 +199,8 @@ class DeviceRecord:
 
 
 def standing(device: str) -> list[Ended]:
-    """Ends of the last runs on a device that were not safe: this user's, and others' that were not acknowledged yet."""
+    """Return the unsafe ends of the last runs on a device: those of this user, and those of other users that were not
+    acknowledged yet."""
     mine = _own(device)
     seen = [] if mine is None else mine.seen
     return [ended for ended in _all(_file(device)) if ended.state != "ended" and (ended.mine or ended.id not in seen)]
@@ -287,14 +289,15 @@ def _replace(path: Path, content: dict[str, Any]) -> None:
 
 
 class DeviceClaim:
-    """Created before a driver is opened: raises DeviceHeld, or AcknowledgeRequired unless `acknowledge`. One of its
-    methods ends it. If a process ends without that, its record shows an unsafe end.
+    """The claim to the devices of a run, created before a driver is opened. Raises DeviceHeld, or AcknowledgeRequired
+    unless `acknowledge`. One of its methods ends it. If a process ends without that, its record shows an unsafe end.
     """
 
     def __init__(
         self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False, launch: str = ""
     ) -> None:
-        """`launch`: the same for each start of the same station, wiring and options; "": not known."""
+        """`launch`: a text that is the same for each start of the same station, wiring and options, or "" if it is
+        unknown."""
         self._devices = devices = tuple(devices)
         self.hold = DeviceLock(devices, f"{station}, {wiring}" if wiring else station)
         self._record = DeviceRecord(devices, station, wiring, launch)
@@ -310,13 +313,13 @@ class DeviceClaim:
         self.hold.release()
 
     def abandon(self) -> None:
-        """The machine was not connected: an earlier unsafe end stays to be acknowledged."""
+        """Note that the machine was not connected: an earlier unsafe end still has to be acknowledged."""
         self._record.abandon()
         self.hold.release()
 
     def stopped(self, what: str, unreached: list[str]) -> str:
-        """The devices stand stopped until somebody acknowledges it. A text: what could not be recorded, and what to do;
-        empty if no device was driven."""
+        """Note that the devices stand stopped until somebody acknowledges it. Return a text that says what could not be
+        recorded and gives advice; empty if no device was driven."""
         if not self._devices:
             return ""
         try:

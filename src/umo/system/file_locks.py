@@ -1,4 +1,4 @@
-"""Locks of files (flock(2)), waited for within a limit: another process that holds one may be stopped."""
+"""Locks of files (flock(2)), with a limit on the time to wait: the process that holds a lock may be stopped."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LOCK_PAUSE = 0.01
 
 def lock_within(file: int | IO[bytes] | IO[str], within: float, *, shared: bool = False) -> bool:
     """Lock an open file. Return True if that was possible within this time in s. The kernel releases the lock when the
-    file is closed, or its process ends. OSError if it cannot be locked at all."""
+    file is closed, or its process ends. Raises OSError if it cannot be locked at all."""
     until = calls.now() + within
     while not calls.lock_file(file, shared=shared):
         if calls.now() >= until:

@@ -24,14 +24,13 @@ LASTING_PLACES = (Path("/var/tmp"), Path("/tmp"))
 STATE_VARIABLE = "UMO_STATE"
 """Environment variable that names another place for what outlives a run, for containers and tests."""
 READABLE_MODE = 0o755
-"""Mode of a folder of which others may look at most."""
+"""Mode of a folder that other users may read but not change."""
 
 
 def own(place: Path, mode: int = 0o700) -> Path:
-    """This user's folder in a place where others may write, made if there is none; OSError where that cannot be.
-
-    It may be shared with a use that wants another mode: others may look into it where any of them wants that, and may
-    write to it never.
+    """Return this user's folder in a place where others may write, made if there is none. Raises OSError if that is
+    impossible. Several uses may share the folder with different modes: other users may read it if any of the uses wants
+    that, and may never write to it.
     """
     if not hasattr(os, "getuid"):
         path = place / f"{PREFIX}user"
@@ -51,7 +50,8 @@ def own(place: Path, mode: int = 0o700) -> Path:
 
 
 def checked(path: Path) -> Path:
-    """A folder by its name, made if there is none; OSError if it is a link, another user's, or not a folder."""
+    """Return the folder that has this name, made if there is none. Raises OSError if it is a link, belongs to another
+    user, or is not a folder."""
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not is_own(path):
         raise PermissionError(errno.EACCES, "a link, or another user's folder", str(path))
@@ -59,7 +59,8 @@ def checked(path: Path) -> Path:
 
 
 def lasting() -> Path:
-    """The place of the users' folders that outlive a run; OSError where the one that was named cannot be made."""
+    """Return the place of the users' folders that outlive a run. Raises OSError if the place named by the environment
+    cannot be made."""
     if given := os.environ.get(STATE_VARIABLE):
         place = Path(given)
         place.mkdir(parents=True, exist_ok=True)
@@ -84,7 +85,8 @@ def folders(place: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
-    """True if this is a folder of this user's, or a file of another kind (`stat.S_ISSOCK`), and not a link to one."""
+    """True if this is a folder that belongs to this user, or a file of the given kind (such as `stat.S_ISSOCK`), and
+    not a link to one."""
     try:
         status = path.lstat()
     except OSError:
@@ -93,9 +95,11 @@ def is_own(path: Path, is_kind: Callable[[int], bool] = stat.S_ISDIR) -> bool:
 
 
 def open_own(path: Path, *, follow: bool = False) -> int:
-    """A regular file of this user's, opened for reading; OSError otherwise. `follow` allows a symbolic link.
+    """Open a regular file of this user for reading. Raises OSError if it is anything else. `follow` allows a symbolic
+    link.
 
-    What is opened is looked at, not the name: it may have changed its meaning in between. A pipe does not block.
+    The check is made on the opened file, not on the name, which may refer to another file in the meantime. A pipe does
+    not block the call.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
     file = os.open(path, flags | (0 if follow else getattr(os, "O_NOFOLLOW", 0)))
@@ -113,8 +117,9 @@ def open_own(path: Path, *, follow: bool = False) -> int:
 
 @contextmanager
 def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryIO]:
-    """A file to write, whole or not at all: it gets its name at the end of the block. OSError where that cannot be; the
-    file of before stays then. `to_disk`: also when the computer goes down."""
+    """Return a context that yields a file to write, which is written whole or not at all: it gets its name at the end
+    of the block. Raises OSError if that is impossible; then the earlier file stays. `to_disk`: the file also survives a
+    failure of the computer's power."""
     new = path.with_name(f".{path.name}.{os.getpid()}")
     calls.unlink(new)  # of a process that had this number before
     file = calls.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o600)
@@ -139,7 +144,8 @@ def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryI
 
 
 def first_writable(places: Iterable[Path]) -> Path:
-    """The first of the places where this process may make a folder; else the one for temporary files."""
+    """Return the first of the places where this process may make a folder; if there is none, the one for temporary
+    files."""
     for place in places:
         if place.is_dir() and os.access(place, os.W_OK | os.X_OK):
             return place

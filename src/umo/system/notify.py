@@ -1,8 +1,8 @@
 """The messages of a service to the service manager that started it (sd_notify(3)), without its library.
 
 A message is a datagram of lines `NAME=value` to the socket that the environment names. Where it names none, nothing is
-sent. Nothing here waits or raises: a service manager that does not read costs its messages, never the machine. If it
-has no room for a message, the message is sent again at the next look.
+sent. Nothing here waits or raises: if the service manager does not read, messages are lost, but the machine is not held
+up. If it has no room for a message, the message is sent again at the next look.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from weakref import finalize
 SOCKET, WATCHDOG, WATCHDOG_PID = "NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"
 VARIABLES = (SOCKET, WATCHDOG, WATCHDOG_PID)
 MAX_STATUS_LENGTH = 200
-"""Characters of the line for `systemctl status` at most."""
+"""Largest number of characters of the line for `systemctl status`."""
 READY, STOPPING, ALIVE = "READY=1", "STOPPING=1", "WATCHDOG=1"
 
 
 class ServiceManager:
-    """One end to send by. `address`: the socket's path, "@name" for an abstract one, or "" for no manager.
-    `watchdog`: time in s after which the manager ends a service that has given no sign of life; 0: never."""
+    """Sends messages to a service manager. `address`: the socket's path, "@name" for an abstract one, or "" for no
+    manager. `watchdog`: time in s after which the manager ends a service that has given no sign of life; 0 means
+    never."""
 
     def __init__(self, address: str = "", watchdog: float = 0.0) -> None:
         self._address = b"\0" + os.fsencode(address[1:]) if address[:1] == "@" else address
@@ -33,7 +34,8 @@ class ServiceManager:
 
     @classmethod
     def of_environment(cls, environ: Mapping[str, str], pids: tuple[int, ...]) -> Self:
-        """The one that the variables name. The watchdog counts if it is meant for one of these processes."""
+        """Return the service manager that the environment variables name. Its watchdog is used if it is meant for one
+        of these processes."""
         for_whom, limit = environ.get(WATCHDOG_PID, ""), environ.get(WATCHDOG, "")
         ours = not for_whom or for_whom in map(str, pids)
         watchdog = int(limit) * 1e-6 if ours and limit.isascii() and limit.isdigit() else 0.0

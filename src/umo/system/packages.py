@@ -1,5 +1,5 @@
-"""Folders imported as packages: the modules of a station import one another by relative imports. And what installed
-packages register."""
+"""Folders imported as packages: the modules of a station import one another by relative imports. Also lists the entry
+points that installed packages register."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def package_of(folder: Path) -> str:
 
 
 def station_of(file: Path) -> Path | None:
-    """The folder of the station that a file belongs to: its folder, or the one above."""
+    """Return the folder of the station that a file belongs to: the file's own folder, or the one above."""
     parents = file.resolve().parents
     return next((folder for folder in parents[:2] if (folder / MARK).is_file()), None)
 
 
 def registered(group: str, name: str | None = None) -> list[EntryPoint]:
-    """The entry points that installed packages register in a group, or those of one name in it, sorted. None is
-    imported."""
+    """Return the entry points that installed packages register in a group, or those of one name in the group, sorted.
+    None of them is imported."""
     from importlib.metadata import entry_points  # a sixth of what importing umo took
 
     return sorted(entry_points(group=group) if name is None else entry_points(group=group, name=name))

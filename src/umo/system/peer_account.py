@@ -1,7 +1,7 @@
 """The account at the other end of a TCP connection on this computer, as the kernel knows it.
 
-An address proves nothing: a reverse proxy, a gateway or a broker on this computer has one of this computer too, and
-speaks for others. The kernel says whose process it is (Linux, /proc/net/tcp).
+An address proves nothing: a reverse proxy, a gateway or a broker on this computer also has a local address, and
+forwards requests of others. The kernel knows which user the process belongs to (Linux, /proc/net/tcp).
 """
 
 from __future__ import annotations
@@ -20,16 +20,15 @@ TABLES = Path("/proc/net")
 """Tables of the kernel: `tcp`, `tcp6`."""
 ESTABLISHED = "01"
 WORD = 4
-"""Bytes of the pieces in which the tables write an address."""
+"""Size in bytes of the pieces in which the tables write an address."""
 MAPPED = bytes(10) + b"\xff\xff"
 """Prefix of an IPv4 address of an IPv6 socket."""
 
 
 def peer_uid(peer: tuple[str, int], port: int) -> int | None:
-    """The user (uid) whose process has a connection from `peer` (address, port) to `port` of this computer.
-
-    None: the process is on another computer, the connection has ended, the kernel does not know, or several users have
-    such a connection (to other addresses of this computer).
+    """Return the user (uid) whose process has a connection from `peer` (address, port) to `port` of this computer.
+    Returns None if the process is on another computer, the connection has ended, the kernel does not know, or several
+    users have such a connection (to other addresses of this computer).
     """
     try:
         address = ipaddress.ip_address(peer[0].partition("%")[0])
@@ -45,14 +44,14 @@ def peer_uid(peer: tuple[str, int], port: int) -> int | None:
 
 
 def account_of(uid: int) -> str:
-    """The name of a user, or the number of one without a name."""
+    """Return the name of a user, or the number of a user without a name."""
     with suppress(KeyError):
         return pwd.getpwuid(uid).pw_name
     return str(uid)
 
 
 def is_own(connection: socket.socket | TransportSocket | None) -> bool:
-    """True if the process at the other end of a connection (TCP) is one of this user's."""
+    """True if the process at the other end of a connection (TCP) belongs to this user."""
     if connection is None:
         return False
     try:

@@ -31,7 +31,7 @@ KERNEL_THREAD, EXITING = 0x200000, 0x4
 STOPPED, ENDED = "Tt", "ZX"
 """States of processes that were stopped by a signal or a debugger, and of those that have ended."""
 SIGKILL_PENDING = re.compile(r"^S\w\wPnd:\t[0-9a-f]*[13579bdf][0-9a-f]{2}$", re.M)
-"""A line of proc_pid_status(5), SigPnd or ShdPnd: the masks of pending signals, of which SIGKILL is the ninth bit."""
+"""A line of proc_pid_status(5), SigPnd or ShdPnd: the masks of pending signals, in which SIGKILL is the ninth bit."""
 LOOK_INTERVAL = 0.0005
 """Time in s between two looks at another process."""
 MAX_NAME_BYTES = 15
@@ -39,11 +39,11 @@ MAX_NAME_BYTES = 15
 
 
 class ProcessHandle:
-    """A process, known by a descriptor: no other process can take its place, as with its number (pidfd_open(2), Linux
-    5.3). Without a descriptor, number and start time identify it.
+    """A process, identified by a descriptor. Unlike a number, a descriptor never refers to another process later
+    (pidfd_open(2), Linux 5.3). Without a descriptor, number and start time identify it.
 
-    To be made while the number is certain to be that of the process: it is this process, a child that was not waited
-    for, or the parent (`parent_of_this`), or it is proved afterwards (`known`, `RunState.process`).
+    Make it only while the number certainly belongs to the process: for this process, for a child that was not waited
+    for, or for the parent (`parent_of_this`); otherwise check it afterwards (`known`, `RunState.process`).
     """
 
     def __init__(self, pid: int) -> None:
@@ -97,20 +97,21 @@ class ProcessHandle:
         return ending or SIGKILL_PENDING.search(_status(self.pid)) is not None or self.ended
 
     def end(self, within: float, meanwhile: Callable[[], object] = lambda: None) -> bool:
-        """Kill it, and wait up to `within` s for its end; False if it has not ended: it is blocked in the kernel.
-        `meanwhile` is called between two looks."""
+        """Kill it, and wait up to `within` s for its end. Return False if it has not ended, because it is blocked in
+        the kernel. `meanwhile` is called between two looks."""
         self.send(signal.SIGKILL)
         return wait_until(lambda: self.ended, within, meanwhile)
 
 
 class Child(ProcessHandle):
-    """A child of the process that makes this, which alone waits for it (waitpid(2)): until then its number is its own.
-    A process that inherits this by a fork sees the end of it too, but not how it ended."""
+    """A child of the process that makes this object. Only that process waits for the child (waitpid(2)); until then no
+    other process gets the child's number. A process that inherits this object by a fork notices the end of the child
+    too, but not its status."""
 
     def __init__(self, pid: int) -> None:
         super().__init__(pid)
         self.status: int | None = None
-        """How it ended (waitpid(2)); None if it has not, or if this is unknown."""
+        """Status with which the child ended (waitpid(2)); None if it has not ended, or if the status is unknown."""
         self.was_stopped = False
         """True if it was stopped by a signal when it was looked at."""
         self._waited = False
@@ -144,7 +145,8 @@ class Child(ProcessHandle):
 
 
 def wait_until(is_so: Callable[[], bool], within: float, meanwhile: Callable[[], object] = lambda: None) -> bool:
-    """Wait up to `within` s until this is True, and return whether it is. `meanwhile` is called between two looks."""
+    """Wait up to `within` s until the function returns True. Return whether it did. `meanwhile` is called between two
+    looks."""
     until = calls.now() + within
     while not is_so():
         if calls.now() >= until:
@@ -167,7 +169,7 @@ def parent_of_this(pid: int) -> ProcessHandle | None:
 
 
 def is_used(pid: int) -> bool:
-    """True if some process has this number. It may be another one than before, so nothing may be done to it."""
+    """True if some process has this number. It may be another process than before, so do nothing to it."""
     try:
         calls.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -221,7 +223,7 @@ def state(pid: int) -> str:
 
 
 def parent_of(pid: int) -> int:
-    """The number of the parent of a process; 0 if there is none, or it is unknown."""
+    """The number of the parent of a process; 0 if there is no parent, or it is unknown."""
     fields = _stat(pid)
     return int(fields[PARENT]) if len(fields) > PARENT else 0
 
@@ -233,21 +235,21 @@ def _start_time(pid: int) -> str:
 
 
 def start_of(pid: int) -> int:
-    """Clock ticks since the start of the computer at the start of a process; 0 if unknown."""
+    """Return the start time of a process in clock ticks since the start of the computer; 0 if unknown."""
     return int(_start_time(pid) or 0)
 
 
 def identity(pid: int) -> str:
-    """A text that no other process has, not even one that gets its number later, or after a restart of the computer;
-    empty if there is no such process, or it is unknown."""
+    """Return a text that identifies a process and that no other process has, not even one that gets its number later,
+    or after a restart of the computer; empty if there is no such process, or it is unknown."""
     with suppress(OSError):
         return f"{BOOT.read_text().strip()} {pid} {started}" if (started := _start_time(pid)) else ""
     return ""
 
 
 def running_on(cores: Collection[int], but: Collection[int]) -> int | None:
-    """A process under SCHED_FIFO or SCHED_RR, none of the kernel's, that now runs on one of these cores; the one of
-    the highest priority. `but`: processes that are passed over."""
+    """Return the process of the highest priority that now runs under SCHED_FIFO or SCHED_RR on one of these cores,
+    except processes of the kernel. `but`: processes that are ignored."""
     found: list[tuple[int, int]] = []
     for pid in (int(name) for name in os.listdir("/proc") if name.isdigit()):
         fields = _stat(pid) if pid not in but else []
@@ -259,7 +261,7 @@ def running_on(cores: Collection[int], but: Collection[int]) -> int | None:
 
 
 def title_of(pid: int) -> str:
-    """The station that a process drives, otherwise its name; and its pid."""
+    """Return the name of the station that a process drives, or else the name of the process, with its pid."""
     words: list[str] = []
     with suppress(OSError):
         words = Path(f"/proc/{pid}/cmdline").read_text(errors="replace").split("\0")[:-1]
@@ -286,14 +288,15 @@ def name_process(text: str) -> None:
 
 
 def name_of(pid: int) -> str:
-    """The name of a process in such lists; empty where there is no such process."""
+    """Return the name of a process in lists of processes; empty if there is no such process."""
     with suppress(OSError):
         return Path(f"/proc/{pid}/comm").read_text(errors="replace").strip()
     return ""
 
 
 def user_name() -> str:
-    """The name of this user, or the number of one without a name; "a user" where users have no numbers (Windows)."""
+    """Return the name of this user, or the number of a user without a name; "a user" if users have no numbers
+    (Windows)."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):

@@ -23,13 +23,13 @@ except ImportError:  # not on this platform
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 MADV_WILLNEED, MADV_POPULATE_READ, MADV_POPULATE_WRITE = 3, 22, 23
 IDLE_BYTES = 16 << 20
-"""Bytes from which on an anonymous mapping counts as a library's buffer."""
+"""Smallest size in bytes of an anonymous mapping that counts as a library's buffer."""
 IDLE_LIBRARIES = ("blas", "gfortran", "quadmath", "pydantic", "libcrypto", "libssl", "unicodedata", "_decimal")
 """Parts of the names of libraries that no loop calls."""
 LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
-"""Parts of the names of libraries of which a loop calls a small part."""
+"""Parts of the names of libraries of which a loop uses only a small part."""
 BUSY_WAIT = 200e-6
-"""s, for waking up and cache warming (docs/decisions/0018)."""
+"""Time in s for waking up and cache warming (docs/decisions/0018)."""
 PR_SET_CHILD_SUBREAPER = 36
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
@@ -37,7 +37,7 @@ LIMITS = "/etc/security/limits.d/umo.conf, then a new login"
 ISOLATED = Path("/sys/devices/system/cpu/isolated")
 CORE_SOCKET_NAME = "umo core"
 MAX_PLACES = 16
-"""Places on a core that are counted."""
+"""Largest number of places on a core."""
 
 
 class Refusal(NamedTuple):
@@ -52,11 +52,11 @@ class Refusal(NamedTuple):
 
 
 def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
-    """Freeze the collector and switch it off, lock the memory, set SCHED_FIFO at `priority` (1 to 99), and reserve a
-    core. Return what was refused.
+    """Freeze the garbage collector and switch it off, lock the memory, set SCHED_FIFO at `priority` (1 to 99), and
+    reserve a core. Return what was refused.
 
-    Without `cpu` the process is pinned only under SCHED_FIFO, to an isolated core or else to the last one: without it
-    a busy neighbour on that core could not be avoided. Never raises."""
+    Without `cpu` the process is pinned only under SCHED_FIFO, to an isolated core or else to the last one: under
+    another policy it could not avoid a busy process on that core. Never raises."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -70,8 +70,8 @@ def prepare(priority: int = 80, cpu: int | None = None) -> list[Refusal]:
 
 
 def granted() -> tuple[int, int | None]:
-    """The settings of this process: its priority under SCHED_FIFO, 0 without; its core if it is pinned to one and its
-    parent is not pinned to the same one, otherwise None."""
+    """Return the settings of this process: its priority under SCHED_FIFO, or 0 without SCHED_FIFO; and its core if it
+    is pinned to one and its parent is not pinned to the same one, otherwise None."""
     if not sys.platform.startswith("linux"):
         return 0, None
     fifo = os.sched_getscheduler(0) == getattr(os, "SCHED_FIFO", None)
@@ -81,7 +81,8 @@ def granted() -> tuple[int, int | None]:
 
 
 def busy_wait_for(period: float) -> float:
-    """Busy waiting before each tick of a loop of this period in s, in whole us: at most half of the period."""
+    """Return the time, in whole us, of busy waiting before each tick of a loop with this period in s: at most half of
+    the period."""
     return min(BUSY_WAIT, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
 
 
@@ -92,16 +93,16 @@ def default_busy_wait(period: float) -> float:
 
 
 def prepare_guardian(priority: int, cpu: int | None = None) -> None:
-    """Set the guardian's priority one above the control process, so that an endless loop in that one cannot keep it
-    away; and not on its core, which is the one that `prepare` takes with the same arguments. As far as it is
-    permitted."""
+    """Set the guardian's priority one above the control process, so that an endless loop there cannot block it, and
+    keep it off the core that `prepare` takes with the same arguments. Both as far as the operating system permits."""
     if not sys.platform.startswith("linux"):
         return
     leave_core(choose_core(cpu, use_fifo(priority + 1) is None))
 
 
 def leave_core(core: int | None) -> None:
-    """Run on the other cores only, if there are some and it is permitted. None: nothing changes."""
+    """Run only on other cores than this one, if there are some and the operating system permits it. With None nothing
+    changes."""
     allowed = os.sched_getaffinity(0) if sys.platform.startswith("linux") else set()
     if core in allowed and len(allowed) > 1:
         with suppress(OSError):
@@ -114,7 +115,7 @@ def adopt_orphans(yes: bool) -> None:
 
 
 def drop_realtime(niceness: int = 10) -> None:
-    """An ordinary process again, for work of the guardian's children that can wait."""
+    """Make this an ordinary process again, for work of the guardian's children that can wait."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.nice(niceness)
@@ -138,10 +139,10 @@ def lock_memory() -> Refusal | None:
 
 
 def touch_memory(libc: ctypes.CDLL) -> bool:
-    """Touch all memory of this process but what stands idle: the buffers and code of numpy's linear algebra and of what
-    only reads wirings, 70 MB that no loop needs; and code of numpy and the C++ library that has not run yet, 10 MB: it
-    is read from the disk, and its first use in the loop is a page fault, 4 us for 16 pages. False where the kernel
-    cannot (madvise(2), Linux 5.14); then everything is to be locked."""
+    """Touch all memory of this process except the idle part: the buffers and code of numpy's linear algebra and of the
+    modules that only read wirings, 70 MB that no loop needs; and code of numpy and the C++ library that has not run
+    yet, 10 MB: that code is read from the disk, and its first use in the loop is a page fault, 4 us for 16 pages.
+    Return False if the kernel cannot do this (madvise(2), Linux 5.14); then lock everything."""
     touched = False
     for line in Path("/proc/self/maps").read_text().splitlines():
         words = line.split()
@@ -162,7 +163,7 @@ def touch_memory(libc: ctypes.CDLL) -> bool:
 
 
 def use_fifo(priority: int) -> Refusal | None:
-    """Run before every ordinary process (sched(7), SCHED_FIFO)."""
+    """Run this process with precedence over every ordinary process (sched(7), SCHED_FIFO)."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
@@ -173,7 +174,7 @@ def use_fifo(priority: int) -> Refusal | None:
 
 
 def pin(cpu: int | None, fifo: bool) -> Refusal | None:
-    """Stay on one core."""
+    """Pin this process to one core."""
     cpu = choose_core(cpu, fifo)
     if cpu is None:
         return None
@@ -186,7 +187,8 @@ def pin(cpu: int | None, fifo: bool) -> Refusal | None:
 
 
 def choose_core(cpu: int | None, fifo: bool) -> int | None:
-    """The core asked for; else, under SCHED_FIFO and with more than one allowed, an isolated one or the last."""
+    """Return the requested core; without a request, under SCHED_FIFO and with more than one core allowed, an isolated
+    one or the last."""
     allowed = sorted(os.sched_getaffinity(0))
     if cpu is not None or not fifo or len(allowed) < 2:
         return cpu
@@ -212,10 +214,9 @@ def _capable(capability: int) -> bool:
 
 
 class CorePlace:
-    """A place on the core with the fewest others, or on `cpu`, for the control process of the process that makes this.
-
-    It is taken by an abstract Unix socket of its name, as devices are held (`device_lock`): atomic, for every user, and
-    given back by the kernel at the latest when the last process that has it ends."""
+    """A place on the core with the fewest other places, or on `cpu`, for the control process that the calling process
+    starts. It is taken like a device (`device_lock`), by an abstract Unix socket with its name: atomically, among all
+    users, and the kernel releases it at the latest when the last process that has it ends."""
 
     def __init__(self, cpu: int | None = None) -> None:
         self.core: int | None = cpu
@@ -228,7 +229,7 @@ class CorePlace:
                 return
 
     def release(self) -> None:
-        """Give it back. (A process that was forked keeps it until it ends or gives it back too.)"""
+        """Release the place. (A forked process keeps it until it ends or releases it too.)"""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -1,9 +1,9 @@
-"""Records in memory that processes share: what one process writes, others read whole or not at all.
+"""Records in memory that processes share: the other processes read each record either whole or not at all.
 
 Neither Python nor numpy has memory barriers. On processors that show stores to others in another order than that of the
 program (ARM), a number that says "complete" may be seen before what it completes. So each record carries its number and
-a checksum (CRC-32) over number and content: a reader proves the copy that it has made, whatever the order in which it
-saw the stores. A writer that is killed or stopped within a write leaves a record that is not whole.
+a checksum (CRC-32) over number and content: a reader checks the copy that it has made, in whatever order it saw the
+stores. A writer that is killed or stopped during a write leaves an incomplete record.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class SharedText:
         self._at, self._most = at, room - HEAD.size
 
     def put(self, number: int, text: bytes) -> None:
-        """Write a text of this number; ValueError if there is no room for it."""
+        """Write a text with this number. Raises ValueError if there is no room for it."""
         if len(text) > self._most:
             raise ValueError(f"{len(text)} bytes do not fit into {self._most}")
         start = self._at + HEAD.size

@@ -26,8 +26,8 @@ def signal_name(number: int) -> str:
 
 @contextmanager
 def handling(handler: Handler, numbers: Iterable[int]) -> Iterator[None]:
-    """Have this handler called for each of these signals in the block; `signal.SIG_IGN`: they are passed over. In the
-    main thread alone: ValueError in another one, as Python has it."""
+    """Have this handler called for each of these signals in the block; with `signal.SIG_IGN` they are ignored. Works
+    only in the main thread: Python raises ValueError in any other."""
     before = {number: calls.handle_signal(number, handler) for number in numbers}
     try:
         yield

@@ -1,11 +1,12 @@
-"""stdout and stderr that can neither end a run nor hold it up.
+"""Keeps stdout and stderr from ending a run or holding it up.
 
 If the reader ends, the disk is full or a stream is closed, Python would raise BrokenPipeError or OSError from any
 print, also from one in control code. Here the text is dropped without an exception.
 
-A full pipe, a stopped terminal or a slow journal is waited for without a limit only by commands that hold nothing: its
-reader may be a pager. A loop in real time never waits, nor does a guardian: what is not taken is kept in bounded
-memory, and dropped and counted beyond that. What else holds a machine or serves others waits for a limited time.
+Only commands that hold no machine wait without a limit for a full pipe, a stopped terminal or a slow journal: its
+reader may be a pager. A loop in real time never waits, nor does a guardian: text that was not accepted is kept in
+bounded memory; what exceeds this memory is dropped and counted. Every other process that holds a machine or serves
+others waits for a limited time.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ from time import monotonic, sleep
 from typing import Any, TextIO
 
 CLEAR_LINE = "\r\x1b[2K"
-"""Text that clears the line of a terminal: that of a run's progress may stand there."""
+"""Text that clears the line of a terminal, which may show the progress of a run."""
 
 
 MAX_WAITING = 1 << 18
 """Largest number of bytes that wait for a slow reader."""
 READER_TIMEOUT = 10.0
-"""Time in s that a command which holds a machine waits for a reader that takes nothing, once for each stream."""
+"""Time in s for which a command that holds a machine waits, once for each stream, for a reader that accepts nothing."""
 RETRY_PAUSE = 0.001
-"""Time in s to the next try where a stream was ready and took nothing."""
+"""Time in s to the next try if a stream was ready but accepted nothing."""
 MAX_LINE = 3000
 """Largest number of bytes of a line of the log: a pipe accepts this amount completely or not at all (PIPE_BUF is
 4096)."""
@@ -137,7 +138,7 @@ late: set[_Stream] = set()
 
 
 def lost_lines(count: int) -> str:
-    """The sentence that this number of lines was dropped."""
+    """Return the sentence which reports that this number of lines was dropped."""
     return f"{count:,} line{'s were' if count != 1 else ' was'} lost: what reads them did not take them in time"
 
 
@@ -172,7 +173,8 @@ def is_ready(number: int, timeout: float = 0.0) -> bool:
 
 
 def never_wait() -> None:
-    """Let stdout and stderr of this process drop what is not taken in time: for a loop in real time, and a guardian."""
+    """Let stdout and stderr of this process drop text that is not accepted in time: for a loop in real time, and a
+    guardian."""
     if _raw(sys.stdout) is None or _raw(sys.stderr) is None:
         keep_open()
         log_on_lines()
@@ -180,8 +182,8 @@ def never_wait() -> None:
 
 
 def limit_waits(patience: float | None = None) -> None:
-    """Let writes to stdout and stderr wait this time in s (None: `READER_TIMEOUT`) for a reader that takes nothing, if
-    `keep_open` has made these streams. For processes that run a machine or serve others."""
+    """Let writes to stdout and stderr wait this time in s (None: `READER_TIMEOUT`) for a reader that accepts nothing,
+    if `keep_open` has made these streams. For processes that run a machine or serve others."""
     for stream in (sys.stdout, sys.stderr):
         if (raw := _raw(stream)) is not None:
             with suppress(OSError, ValueError):
@@ -238,8 +240,8 @@ _unlogged = 0
 
 
 def log_without_waiting(log: logging.Logger, line: str) -> None:
-    """Log a warning, unless it would have to wait for a handler's stream: then it is dropped, and the next accepted
-    warning has the number of dropped ones."""
+    """Log a warning, unless this would have to wait for a handler's stream: then the warning is dropped, and the next
+    accepted one contains the number of dropped warnings."""
     global _unlogged
     if any(_would_wait(getattr(handler, "stream", None)) for handler in _handlers(log)):
         _unlogged += 1
@@ -272,8 +274,8 @@ def _would_wait(stream: Any) -> bool:
 
 
 def keep_open() -> None:
-    """Keep stdout and stderr of this process open. A descriptor from 0 to 2 that is closed leads to nowhere from now
-    on: otherwise the next file or connection opened would get its number, and what is printed."""
+    """Keep stdout and stderr of this process open. A closed descriptor from 0 to 2 is opened on /dev/null: otherwise
+    the next file or connection would get its number, and with it the printed text."""
     with suppress(OSError):
         while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
             os.set_inheritable(file, True)
@@ -295,7 +297,8 @@ def say_without_waiting(text: str) -> None:
 
 
 def log_on_lines() -> None:
-    """Log messages that no handler takes begin on a line of their own: the line of a run's progress may stand there."""
+    """Make log messages that no handler takes begin on a new line, as the current one may show the progress of a
+    run."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setLevel(logging.WARNING)
     handler.setFormatter(logging.Formatter(f"{CLEAR_LINE}%(message)s" if sys.stderr.isatty() else None))

@@ -1,4 +1,4 @@
-"""Counters of what the operating system and the interpreter have done to this thread so far."""
+"""Counters of the interruptions of this thread by the operating system and the interpreter."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Usage:
             self._file = -1
 
     def read(self) -> tuple[int, ...]:
-        """The counts so far, about 2 us."""
+        """Return the counts so far. Takes about 2 us."""
         minor = major = voluntary = involuntary = kernel = running = waiting = 0
         if self._thread is not None:
             used = resource.getrusage(self._thread)

@@ -1,4 +1,4 @@
-"""UTC of this computer against its monotonic clock, and how far off it may be."""
+"""UTC of this computer against its monotonic clock, and its greatest error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from time import monotonic_ns, time_ns
 from typing import Any
 
 UNKNOWN = -1
-"""ns: the error of a clock that is not synchronised, or of a platform that does not have it."""
+"""Error in ns that stands for a clock that is not synchronised, or for a platform that does not report an error."""
 UNSYNCHRONISED = 0x40
 """STA_UNSYNC of `status` (adjtimex(2))."""
 
@@ -29,8 +29,8 @@ class _Timex(ctypes.Structure):
 
 
 def utc() -> tuple[int, int]:
-    """ns to be added to CLOCK_MONOTONIC for UTC since 1970, and the greatest error of the sum in ns, as the kernel
-    states it; `UNKNOWN` if it does not."""
+    """Return the number of ns to add to CLOCK_MONOTONIC to get UTC since 1970, and the greatest error of the sum in ns
+    according to the kernel; `UNKNOWN` if the kernel does not state it."""
     before, now, after = monotonic_ns(), time_ns(), monotonic_ns()
     error = _error()
     return now - (before + after) // 2, error if error == UNKNOWN else error + (after - before + 1) // 2

@@ -1,4 +1,4 @@
-"""A host that says to a controller whatever a rule wants to see answered, or not answered."""
+"""A host that sends to a controller any frame that a rule needs, valid or not."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from umo.generate.split.part_plan import PartPlan
 from umo.testing.conformance.rules import RuleBroken
 
 TRIES = 5
-"""Times that a frame is sent before a rule gives up: a line may lose some."""
+"""Number of times that a frame is sent before a rule gives up, because a line may lose some."""
 
 
 class LinkPeer:
@@ -48,24 +48,24 @@ class LinkPeer:
     def body(
         self, kind: FrameKind, *, session: int | None = None, number: int | None = None, items: Sequence[bytes] = ()
     ) -> bytes:
-        """A request; by default the next one of the session."""
+        """Return the body of a request, by default the next one of the session."""
         if number is None:
             self.number = number = (self.number + 1) & 0xFFFF
         inhibited = [True] * len(self._plan.model.outputs)
         return request(kind, self.session if session is None else session, number, inhibited, items)
 
     def fields(self) -> list[bytes]:
-        """The items of a start: the fields of the part as the host has them."""
+        """Return the items of a start frame: the host's values of the fields of the part."""
         return [item(FrameItem.FIELD, number, each.live()) for number, each in enumerate(self._plan.fields)]
 
     def send(self, data: bytes) -> None:
-        """Bytes as they are."""
+        """Send bytes unchanged."""
         self._stream.send(data, monotonic() + self.patience)
 
     # What is answered ------------------------------------------------------------------------------------
 
     def greeted(self, nonce: int | None = None) -> Welcome:
-        """The answer to a greeting. RuleBroken if there is none."""
+        """Send a greeting and return its answer. Raises RuleBroken if there is none."""
         nonce = self.new_nonce() if nonce is None else nonce
         for _ in range(TRIES):
             self.send(framed(hello(nonce)))
@@ -75,7 +75,7 @@ class LinkPeer:
         raise RuleBroken("a greeting is not answered", "greeting")
 
     def asked(self, kind: FrameKind, items: Sequence[bytes] = (), *, session: int | None = None) -> ControllerState:
-        """The answer to a frame that must be carried out. RuleBroken if there is none."""
+        """Send a frame that must be carried out, and return its answer. Raises RuleBroken if there is none."""
         for _ in range(TRIES):
             self.send(framed(self.body(kind, session=session, items=items)))
             for state in self._told():
@@ -84,13 +84,13 @@ class LinkPeer:
         raise RuleBroken(f"{kind.name} is not answered", kind.name)
 
     def refused(self, data: bytes, what: str) -> None:
-        """RuleBroken if these bytes are answered."""
+        """Send these bytes. Raises RuleBroken if they are answered."""
         self.send(data)
         for state in self._told():
             raise RuleBroken(f"{what} is carried out: it is answered, with number {state.heard}")
 
     def started(self) -> ControllerState:
-        """A session that runs. RuleBroken if the part does not."""
+        """Start a session and return it. Raises RuleBroken if the part does not run."""
         self.session = self.greeted().session
         state = self.asked(FrameKind.START, self.fields())
         if state.session != self.session:
@@ -98,7 +98,7 @@ class LinkPeer:
         return state
 
     def silent(self, span: float) -> None:
-        """Say nothing for a time in s."""
+        """Send nothing for a time in s."""
         end = monotonic() + span
         while True:
             try:

@@ -1,5 +1,5 @@
 """The rules of the link (docs/split-protocol.md), tried on a controller: what `umo device conform` does in place of the
-rules of a driver, as the outputs of a part belong to its laws and not to who writes.
+rules of a driver, because only its own laws write the outputs of a part.
 
 Nothing is driven: the host inhibits every output, so that each stays at its default while the laws run.
 """
@@ -27,7 +27,7 @@ START, EXCHANGE, STOP = FrameKind.START, FrameKind.EXCHANGE, FrameKind.STOP
 
 
 class LinkTrial:
-    """A controller at the other end of a line, and the part that it is to have."""
+    """A controller at the other end of a line, and the part that should run on it."""
 
     def __init__(self, driver: Controller, plan: PartPlan) -> None:
         self.driver, self.plan = driver, plan
@@ -35,7 +35,7 @@ class LinkTrial:
 
     @contextmanager
     def peer(self) -> Iterator[LinkPeer]:
-        """A host of its own. At the end the controller rests."""
+        """Return a context with a host that only the rule uses. At its end the controller stops."""
         stream = self.driver.place.dial()(monotonic() + max(self.driver.timeout, 1.0))
         try:
             peer = LinkPeer(stream, self.plan, self.patience)
@@ -101,7 +101,7 @@ def values(trial: LinkTrial) -> str:
 
 
 def repeated(trial: LinkTrial) -> None:
-    """A frame that comes twice, or after a later one, is left out."""
+    """A frame that comes twice, or after a later one, is ignored."""
     with trial.peer() as peer:
         peer.started()
         peer.asked(EXCHANGE)
@@ -113,7 +113,7 @@ def repeated(trial: LinkTrial) -> None:
 
 
 def damaged(trial: LinkTrial) -> None:
-    """A frame with a changed bit, or cut short, is left out, and the next one is carried out."""
+    """A frame with a changed bit, or cut short, is ignored, and the next one is carried out."""
     random = Random(1)
     with trial.peer() as peer:
         peer.started()
@@ -128,12 +128,12 @@ def damaged(trial: LinkTrial) -> None:
 
 
 def items(trial: LinkTrial) -> None:
-    """A frame with an item that there is not, or that is cut short, is left out as a whole."""
+    """A frame with an unknown item, or with an item that is cut short, is ignored as a whole."""
     with trial.peer() as peer:
         peer.started()
         wrong = {
-            "an item of no kind": ITEM.pack(99, 0),
-            "a field that there is not": item(FrameItem.FIELD, 0xFFFF, b"12345678"),
+            "an item of an unknown kind": ITEM.pack(99, 0),
+            "a field that does not exist": item(FrameItem.FIELD, 0xFFFF, b"12345678"),
             "an item that is cut short": item(FrameItem.COMMAND, 0)[:2],
         }
         for what, each in wrong.items():
@@ -142,20 +142,21 @@ def items(trial: LinkTrial) -> None:
 
 
 def second_host(trial: LinkTrial) -> None:
-    """A second host's greeting changes nothing for the first; once it starts the part, the first is not heard."""
+    """A second host's greeting changes nothing for the first; once it starts the part, the controller ignores the first
+    host."""
     with trial.peer() as peer:
         peer.started()
         first, second = peer.session, peer.greeted().session
         _running(trial, peer.asked(EXCHANGE))
         peer.session = second
         _running(trial, peer.asked(START, peer.fields()))
-        peer.refused(framed(peer.body(EXCHANGE, session=first)), "a frame of a session before")
+        peer.refused(framed(peer.body(EXCHANGE, session=first)), "a frame of an earlier session")
         _running(trial, peer.asked(EXCHANGE))
 
 
 def silence(trial: LinkTrial) -> str:
-    """After the last frame the part runs for host_timeout at most, in periods that the controller counts; then its
-    session is over."""
+    """After the last frame the part runs for host_timeout at most, in periods that the controller counts; then the
+    session ends."""
     with trial.peer() as peer:
         peer.started()
         before = _running(trial, peer.asked(EXCHANGE))
@@ -196,7 +197,8 @@ RULES: dict[str, Callable[[LinkTrial], str | None]] = {
 
 
 def findings(trial: LinkTrial, names: Iterable[str] = RULES) -> Iterator[Finding]:
-    """The verdict on each of these rules. After a controller that is another one nothing else is tried."""
+    """Return the verdict on each of these rules. If the controller turns out to be another one, no further rule is
+    tried."""
     mute = ""
     for name in names:
         rule = RULES[name]

@@ -24,7 +24,7 @@ class Call:
     """initialize, read, read_many, write, write_many, reset, finalize, open, close or watchdog."""
     channels: tuple[str, ...] = ()
     raws: tuple[Any, ...] = ()
-    """Written levels; the default of initialize and reset (None for a sensor); the watchdog's seconds."""
+    """Written levels; the default of initialize and reset (None for a sensor); the time of the watchdog in s."""
 
 
 class Scripted(Driver, HasWatchdog):
@@ -36,8 +36,9 @@ class Scripted(Driver, HasWatchdog):
         box.at(9, lambda call: ...)   # call 9 calls back first
         box.broken = OSError("dead")  # every call raises this until it is None again
 
-    A channel without a script reads what was last written or `set`, 0 before. `calls` holds every call in
-    order, the failing ones too. Without `channels` any name is a channel of 64 bits and a sign, both ways.
+    A channel without a script reads what was last written or `set`, or 0 before that. `calls` lists every call in
+    order, including the failed ones. Without `channels` every name is a channel of 64 bits with a sign, for reading and
+    writing.
     """
 
     def __init__(self, script: Mapping[str, Reading] | None = None, channels: Iterable[Channel] = ()) -> None:
@@ -67,11 +68,11 @@ class Scripted(Driver, HasWatchdog):
             self._scripts[channel] = repeat(reading)
 
     def get(self, channel: str) -> Any:
-        """The level that was last written to the channel, 0 before."""
+        """Return the level that was last written to the channel, or 0 before the first write."""
         return self._raws.get(channel, 0)
 
     def segments(self, *segments: str) -> list[Call]:
-        """The calls of these segments, in order."""
+        """Return the calls of these segments, in order."""
         return [call for call in self.calls if call.segment in segments]
 
     # The driver --------------------------------------------------------------------------------------

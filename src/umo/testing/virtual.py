@@ -29,7 +29,7 @@ class VirtualTimer(Driver):
         self._end_after = end_after
         self._on_period = on_period
         self.reads = 0
-        """Periods begun."""
+        """Number of periods that have begun."""
 
     def channel(self, text: str) -> Channel:
         return Channel("tick", Direction.INPUT, 63)

@@ -14,11 +14,11 @@ from umo.wiring.source import CONTROLLER, WiringSource
 from umo.wiring.wired import Wire
 
 ON_CONTROLLER = "take_part"
-"""The method that a driver has on which a part can run (`umo.generate.split.controller_driver`)."""
+"""The method of a driver on whose device a part can run (`umo.generate.split.controller_driver`)."""
 
 
 def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str, Atomic]) -> dict[str, str]:
-    """The controller of each part, by path. The objects of the part that have no line of their own get one."""
+    """Return the controller of each part, by path. Objects of the part without a line of their own get one."""
     parts = {node._path: node for node in walk(root) if isinstance(node, Compound)}
     found: dict[str, str] = {}
     for path, table in source.controllers.items():

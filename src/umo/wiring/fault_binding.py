@@ -25,11 +25,11 @@ from umo.wiring.wired import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 MAX_AMOUNT = 1e30
-"""Amount at most; nothing that is calculated with it overflows."""
+"""Largest amount of a fault; calculations with it do not overflow."""
 SHARES = {"noise": 10.0, "drop-out": 50.0}
-"""Shares in percent, where none is given."""
+"""Default shares of the faults, in percent."""
 PARTS = {"noise": 0.01, "drift": 0.01, "out of range": 0.1}
-"""Amounts as parts of the object's range, where none is given; drift: in a second."""
+"""Default amounts of the faults, as parts of the object's range; for a drift, per second."""
 
 
 def inject(
@@ -40,9 +40,8 @@ def inject(
     waits: bool,
     report: Callable[[int, str, str], None],
 ) -> Injection:
-    """Put the faults between the machine and its drivers; `report` gets number, text and reason of each wrong one.
-
-    `drivers` by name. The drivers concerned are found in `Injection.drivers`.
+    """Put the faults between the machine and its drivers; `report` is called with the number, text and reason of each
+    wrong fault. `drivers` are by name. `Injection.drivers` has the affected drivers.
     """
     texts: list[str] = []
     by_driver: dict[int, list[Effect]] = {}
@@ -76,7 +75,7 @@ def _effects_of(
         yield drivers[fault.path], _Binding(fault, None).effect()
     else:
         known = [*(wire.path for wire in wires), *drivers]
-        what = "no object of the machine matches" if is_pattern(fault.path) else "no object or driver"
+        what = "no object of the machine matches" if is_pattern(fault.path) else "there is no object or driver"
         raise DeclarationError(f"{what} {fault.path!r}{did_you_mean(fault.path, known)}")
 
 

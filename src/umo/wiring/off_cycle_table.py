@@ -18,12 +18,12 @@ from umo.wiring.wired import Wire
 
 OFF_CYCLE, PERIOD, MAX_AGE = "off_cycle", "period", "max_age"
 MAX_AGE_PERIODS = 3
-"""Periods of a driver off the cycle after which a value of its is STALE, by default."""
+"""Default number of periods of a driver off the cycle after which one of its values becomes STALE."""
 
 
 @dataclass(frozen=True)
 class DriverTable:
-    """The keys of a driver's table that are not options of its type. Times in s; None: the default."""
+    """The keys of a driver's table that are not options of its type. Times are in s; None means the default."""
 
     timeout: Annotated[float | None, above_0()] = None
     watchdog: Annotated[float | None, above_0()] = None
@@ -36,7 +36,8 @@ OWN = names_of(DriverTable)
 
 
 def driver_table(source: WiringSource, name: str, table: Mapping[str, Any]) -> DriverTable:
-    """What the table of a driver says for any driver. Wrong and contradictory keys become mistakes."""
+    """Return the settings in the table of a driver that every driver may have. Wrong and contradictory keys become
+    mistakes."""
     given = {key: table[key] for key in OWN if key in table}
     if not given:
         return DriverTable()

@@ -10,9 +10,9 @@ from umo.signature import is_converted, parameters_of
 
 
 def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, Any], skip: int = 0) -> dict[str, Any]:
-    """The options that the function takes; a text is converted to the Enum or Path of its parameter. OptionError for a
-    text that cannot be, or is not a choice of a Literal, and for a parameter that has no default and is not given.
-    Numbers and texts are passed on as they are."""
+    """Return the options that the function takes; a text is converted to the Enum or Path of its parameter. Raises
+    OptionError for a text that cannot be converted or is not a choice of a Literal, and for a missing value of a
+    parameter without a default. Numbers and texts are passed on as they are."""
     parameters = parameters_of(function, skip)
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in given:
@@ -36,12 +36,12 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
 
 
 def flag(name: str) -> str:
-    """The option of a parameter on the command line."""
+    """Return the option of a parameter on the command line."""
     return f"--{name.replace('_', '-')}"
 
 
 def option_words(name: str, value: Any) -> list[str]:
-    """An option with a value as words of a command; of a list one after another."""
+    """Return an option with its value as words of a command; for a list, the option with one value after another."""
     if isinstance(value, bool):
         return [flag(name if value else f"no_{name}")]
     if isinstance(value, list | tuple):

@@ -3,9 +3,9 @@
     "zones.*.heater" = { driver = "box", channel = "holding:{}", start = 1, stride = 4, offset = 100 }
     "zones.*.gain" = 2.0
 
-A `*` stands for one part of a path: an index of a list, a key of a dict, a name. In the channel `{}` is
-`(start + n) * stride + offset`, where n counts the objects that match from 0 in declared order; default: n. An entry
-for a single path outranks a pattern, and keeps its number.
+A `*` stands for one part of a path: an index of a list, a key of a dict, a name. In the channel `{}` is `(start + n) *
+stride + offset`, where n counts the objects that match from 0 in declared order; by default it is n. An entry for a
+single path takes precedence over a pattern, but its object is still counted.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ V = TypeVar("V")
 
 
 def chosen(known: Sequence[str], wanted: Iterable[str], where: str) -> list[int]:
-    """The places of the paths that are wanted: paths of objects, of compounds, or patterns (`zones.*.heater`) for
-    either. Each once, in the order wanted; all if none is. PathError for one that names nothing."""
+    """Return the places of the selected paths: paths of objects or compounds, or patterns for them (`zones.*.heater`).
+    Each place appears once, in the order of the selection; without a selection, all places. Raises PathError for a path
+    without an object."""
     places: dict[int, None] = {}
     for path in wanted:
         found = places_below(path, known)
         if not found:
             near = did_you_mean(path, [*known, *dict.fromkeys(map(generalised, known))])
-            raise PathError(f"no object or signal {path!r}{near} in {where}")
+            raise PathError(f"there is no object or signal {path!r}{near} in {where}")
         places.update(dict.fromkeys(found))
     return list(places) or list(range(len(known)))
 
 
 def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
-    """Replace every pattern among the entries by an entry for each object that matches; the pattern by path. The same
-    for the paths whose entries were refused."""
+    """Replace every pattern among the entries by an entry for each object that matches. Return also the pattern of each
+    path. The paths of refused entries are expanded too."""
     paths = list(paths)
     patterns = {path: source.entries.pop(path) for path in list(source.entries) if is_pattern(path)}
     singles = source.entries.keys() | source.refused
@@ -59,11 +60,11 @@ def expand(source: WiringSource, paths: Iterable[str]) -> dict[str, str]:
 
 
 def expand_parameters(source: WiringSource, known: Iterable[str]) -> dict[str, list[tuple[str, Any]]]:
-    """The names, each with its value, that every line of the parameters sets: a pattern those that match and have no
-    line of their own."""
+    """Return the names, each with its value, that each line of the parameters sets. A pattern sets the matching names
+    that have no line of their own."""
     given = source.parameters
     patterns = list(filter(is_pattern, given))
-    allotted = _allotted(source, patterns, list(known), given, "parameters.{!r}", "no such parameter", "set")
+    allotted = _allotted(source, patterns, list(known), given, "parameters.{!r}", "there is no such parameter", "set")
     return {key: [(name, value) for name in allotted.get(key, (key,))] for key, value in given.items()}
 
 
@@ -98,7 +99,8 @@ def _allotted(
 
 
 def collapsed(mistakes: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
-    """Mistakes of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
+    """Return the mistakes of the entries made from patterns, each under the key of the pattern; equal mistakes become
+    one."""
     grouped: dict[tuple[str, str], list[Mistake]] = {}
     for mistake in mistakes:
         found = re.fullmatch(r'wire\."(.*)"(.*)', mistake.key)  # such as `wire."z.motor".channel`
@@ -128,8 +130,7 @@ def _numbered(entry: Entry, number: int) -> Entry:
 
 
 def places_below(path: str, names: Iterable[str]) -> list[int]:
-    """The places among some names of those that are the path itself, or in the compound at the path; it may be a
-    pattern."""
+    """Return the places of the names that equal the path or lie in the compound at the path, which may be a pattern."""
     parts = ("[^.]*" if part == ANY else re.escape(part) for part in path.split("."))
     is_below = re.compile(r"\.".join(parts) + r"(?:\.|\Z)").match
     return [place for place, name in enumerate(names) if is_below(name)]

@@ -14,7 +14,7 @@ from umo.wiring.source import WiringSource
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 
 HANG_PERIODS = 20
-"""Periods without a finished one after which a process counts as hanging, by default."""
+"""Default number of periods without a finished period after which a process counts as hanging."""
 AUTO = "auto"
 
 
@@ -41,7 +41,7 @@ class ProcessTable:
 
 
 def process_of(source: WiringSource, wired: Wired) -> ProcessSettings:
-    """The settings of the control process. Contradictory ones become mistakes of the wiring."""
+    """Return the settings of the control process. Contradictory settings become mistakes of the wiring."""
     if not source.process:
         table = ProcessTable()
     else:
@@ -84,7 +84,7 @@ def _check_busy_wait(source: WiringSource, busy_wait: float | None, wired: Wired
 
 
 def remarks(wired: Wired) -> list[str]:
-    """Remarks on settings that a wiring may have, with what they cost."""
+    """Return remarks on permitted settings that have a cost."""
     period = f"a period takes up to {duration(longest_period(wired))}, and so does a stop"
     costs = f"{period}; a process that hangs is found after {duration(wired.process.hang_timeout)}"
     most = duration(MAX_DEFAULT_TIMEOUT)
@@ -97,9 +97,9 @@ def remarks(wired: Wired) -> list[str]:
 
 
 def longest_period(wired: Wired) -> float:
-    """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
-    direction, of each part with a rate of its own as well, and a call for each asynchronous object. No period waits for
-    a driver off the cycle."""
+    """Return the longest duration of a period in s, for the case that every call of a driver times out: a block
+    transfer for each driver and direction, also for each part with a rate of its own, and a call for each asynchronous
+    object. No period waits for a driver off the cycle."""
     calls = {
         (
             id(wire.driver),

@@ -1,7 +1,7 @@
 """Rates: the parts of a machine that run at a multiple of its period (the class keyword `every`).
 
-Each part is given a phase, the number of the period in which it runs first, so that as few of them as possible ever
-meet in one period.
+Each part is given a phase, the number of the period in which it runs first, so that as few parts as possible run in the
+same period.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from umo.objects import Compound, Node, atoms
 MACHINE_RATE = -1
 """Stands for the number of a part if something runs at the machine's own rate."""
 MAX_PHASES = 1000
-"""Number of phases among which one is chosen, at most."""
+"""Largest number of phases among which one is chosen."""
 TOLERANCE = 1e-6
-"""Deviation of a period from a multiple that is allowed, as a share of it."""
+"""Permitted deviation of a period from a multiple, as a share of the period."""
 
 
 class Rate(NamedTuple):
@@ -28,13 +28,14 @@ class Rate(NamedTuple):
 
     part: Compound
     every: int
-    """Number of the machine's periods in one of its own. 1: it lies in a part with another rate."""
+    """Number of the machine's periods in one period of the part. 1 means that the part lies in another one with its own
+    rate."""
     phase: int
     """Number of the first period in which it is due, from 0 to below `every`."""
 
 
 class RateMap(tuple[Rate, ...]):
-    """The parts with rates of their own, the fastest first; and the one in which an object lies."""
+    """The parts with rates of their own, the fastest first, and the part in which each object lies."""
 
     @cached_property
     def _numbers(self) -> dict[int, int]:
@@ -49,7 +50,7 @@ class RateMap(tuple[Rate, ...]):
         return MACHINE_RATE
 
     def every(self, node: Node | None) -> int:
-        """The number of the machine's periods in one of the object's."""
+        """Return the number of the machine's periods in one period of the object."""
         number = self.number(node)
         return 1 if number == MACHINE_RATE else self[number].every
 
@@ -59,8 +60,8 @@ NO_RATES = RateMap()
 
 
 def rates_of(root: Compound, period: float | None, mistake: Callable[[str], object]) -> RateMap:
-    """The parts with rates of their own, the fastest first. `period` in s, None without a timer. `mistake` is called
-    with each `every` that does not fit the period."""
+    """Return the parts with rates of their own, the fastest first. `period`: in s, None without a timer. `mistake` is
+    called with each `every` that does not fit the period."""
     found: list[tuple[Compound, int]] = []
 
     def look_below(node: Node, every: int) -> None:

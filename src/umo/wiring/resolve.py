@@ -62,12 +62,12 @@ if TYPE_CHECKING:
 DEFAULT_PERIOD = "1 ms"
 SEED = a_whole(0, int(INT64.max))
 FAULT_OPTION = "--fault "
-"""File of a mistake in a fault that the command line gives."""
+"""Stands for the file of a mistake in a fault from the command line."""
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
-    """Return every mistake in the wiring; empty if it fits the machine. Nothing is opened. Its parameters are set on
-    the machine, which calls `setup`, and reset."""
+    """Return every mistake in the wiring; empty if it fits the machine. No device is opened. The parameters of the
+    wiring are set on the machine, which calls `setup`, and then set back."""
     check_machine("check", root)
     resolver = _Resolver(root, wiring, {})
     wired, mistakes = resolver.run()
@@ -79,8 +79,8 @@ def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) 
 def resolve(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
 ) -> Wired:
-    """The wiring checked and put together; WiringError lists every mistake. Nothing is opened. `options`: those that
-    its drivers take (`umo.wiring.run_options.distribute_options`)."""
+    """Return the checked and complete wiring. Raises WiringError, which lists every mistake. No device is opened.
+    `options`: the options for its drivers (`umo.wiring.run_options.distribute_options`)."""
     wired, mistakes = _Resolver(root, wiring, options or {}).run()
     if mistakes:
         in_wiring = any(not each.file.startswith(FAULT_OPTION) for each in mistakes)
@@ -216,7 +216,7 @@ class _Resolver:
                 self.source.mistake(f"drivers.{name}.type", f"{error}{self._own_module(table['type'])}")
             else:
                 names = [*self.source.drivers, *registry.known()]
-                message = f"no driver {name!r}{self.source.near(name, names)}; known: {', '.join(names)}"
+                message = f"there is no driver {name!r}{self.source.near(name, names)}; known: {', '.join(names)}"
                 for path in [p for p, entry in self.source.entries.items() if entry.driver == name]:
                     self.source.mistake(f'wire."{path}".driver', message)
             return None
@@ -560,9 +560,8 @@ class _Resolver:
         """The fault of a number that is set to this value; "" and one more of those found if it has none."""
         if path not in known:
             late = path in SECTIONS
-            return (
-                f"no such parameter{f'; put {path} before the first table' if late else self.source.near(path, known)}"
-            )
+            hint = f"; put {path} before the first table" if late else self.source.near(path, known)
+            return f"there is no such parameter{hint}"
         number = known[path]
         try:
             checked = number.checked(value) if number.is_field else number.of_its_type(value)

@@ -1,4 +1,4 @@
-"""The options of a run (`--seed 7`): who takes which."""
+"""Distributes the options of a run (`--seed 7`) to the functions and drivers that take them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ RESERVED = ("type", *OWN)
 REALTIME = "realtime"
 """Option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""
 FAULT, FAULT_SEED = "fault", "fault_seed"
-"""Options of the same kind: faults to inject, in addition to those of the wiring, and the seed of their random
-numbers."""
+"""Options of a run that belong to the wiring and not to a driver: faults to inject, in addition to those of the wiring,
+and the seed of their random numbers."""
 WIRING_OPTIONS = (REALTIME, FAULT, FAULT_SEED)
 WiringText = Path | str | Mapping[str, Any]
 """A wiring as a TOML file or as its contents."""
@@ -31,7 +31,7 @@ SIMULATED = {"wire": {"timer": {"driver": "simulated"}}}
 
 
 class OptionShares(NamedTuple):
-    """The options of a run, as each of its parts takes them."""
+    """The options of a run, divided among the functions and drivers that take them."""
 
     machine: dict[str, Any]
     application: dict[str, Any]
@@ -45,9 +45,10 @@ def distribute_options(
     application: Callable[..., Any] | None = None,
     wiring: WiringText | None = None,
 ) -> OptionShares:
-    """Hand each option to all who take one of that name: the function that makes the machine, the application (its
-    first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if an option is
-    unknown, if a required one is missing, or if its parameter does not accept the value (`arguments_for`)."""
+    """Pass each option to all functions and drivers that take an option of that name: the function that makes the
+    machine, the application (its first parameter is the machine), the drivers of the wiring (`{}`: there are none).
+    Raises OptionError if an option is unknown, if a required one is missing, or if its parameter does not accept the
+    value (`arguments_for`)."""
     takers = {"machine": (machine, 0), "application": (application, 1)}
     if given:
         drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
@@ -93,7 +94,8 @@ def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Pa
 
 
 def maker_of(wiring: WiringText | None, name: str) -> partial[Driver[Any]]:
-    """Makes drivers like that of this name, in a wiring that `check` found right; keywords change options."""
+    """Return a function that makes drivers like the one of this name, in a wiring without mistakes (`check`); its
+    keywords change options."""
     from umo.wiring.schema import arguments_of
 
     source = read({} if wiring is None else wiring)

@@ -24,8 +24,8 @@ Numeric = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 class LinearizationTable(BaseModel):
-    """`{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with `domain = [from, to]` where it is needed, or
-    `{ table = [[inputs], [values]] }`; `{}`: this circuit has none."""
+    """`{ thermocouple = "K" }`, `{ polynomial = [c0, c1, ...] }`, with `domain = [from, to]` if it is needed, or `{
+    table = [[inputs], [values]] }`; `{}` means that this circuit has none."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -39,7 +39,7 @@ class LinearizationTable(BaseModel):
         return not self.model_fields_set
 
     def made(self) -> Linearization:
-        """DeclarationError if it is none."""
+        """Return the linearization of the table. Raises DeclarationError if the table is wrong."""
         given, kinds = self.model_fields_set, ("thermocouple", "polynomial", "table")
         if len(given & {*kinds}) != 1:
             raise DeclarationError(f"must have one of {', '.join(kinds)}")
@@ -55,37 +55,39 @@ class LinearizationTable(BaseModel):
 
 
 class Entry(BaseModel):
-    """One line of `[wire]`: an object on a driver's channel, and what this circuit changes of its declaration."""
+    """One line of `[wire]`: an object on a driver's channel, and the changes by this circuit to the declaration of the
+    object."""
 
     model_config = ConfigDict(extra="forbid")
 
     driver: StrictStr
     channel: StrictStr | None = None
-    """Default: the object's path."""
+    """Text of the channel; the default is the object's path."""
     inverted: StrictBool | None = None
-    """Binary objects: the electrical level is inverted."""
+    """For binary objects: True if the electrical level is inverted."""
     resolution: Numeric | None = None
     zero_offset: Numeric | None = None
     linearization: LinearizationTable | None = None
     invalid_raws: list[StrictInt] | None = None
-    """Digital sensors: raw values with which this circuit reports an invalid reading."""
+    """For digital sensors: raw values with which this circuit reports an invalid reading."""
     rollover: StrictBool | StrictInt | None = None
-    """Digital sensors: the bits of a counter that rolls over; true: those of its channel; false: it does not."""
+    """For digital sensors: the bits of a counter that rolls over; true means the bits of its channel, false means that
+    it does not roll over."""
     minimum: Numeric | None = None
     maximum: Numeric | None = None
     start: StrictInt | None = None
-    """Patterns (`umo.wiring.patterns`): `{}` of the channel is (start + n) * stride + offset."""
+    """For patterns (`umo.wiring.patterns`): `{}` in the channel stands for (start + n) * stride + offset."""
     stride: StrictInt | None = None
     offset: StrictInt | None = None
     period: Annotated[float | None, above_0()] = None
-    """The timer: the sampling period, s or a text such as "1 ms"."""
+    """For the timer: the sampling period, s or a text such as "1 ms"."""
 
 
 def options_of(name: str, signature: Mapping[str, inspect.Parameter], given: dict[str, Any]) -> dict[str, Any]:
-    """A driver's options checked against its constructor's annotations; ValidationError.
+    """Check a driver's options against the annotations of its constructor, and return them. Raises ValidationError.
 
-    Values are not converted, except types that TOML does not have: a text to a Path, a list to a tuple.
-    That is how pydantic takes JSON, so plain data is handed to it as JSON.
+    Values are not converted, except types that TOML does not have: a text to a Path, a list to a tuple. Pydantic
+    converts JSON in this way, so it gets plain data as JSON.
     """
     fields: dict[str, Any] = {
         key: (
@@ -113,8 +115,9 @@ def arguments_of(
     file: str,
     run: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The arguments of a driver's constructor, of what the wiring gives and of the options of the run, which go first;
-    ValidationError. A relative path that the wiring gives starts from its station, or from the folder of its file."""
+    """Return the arguments of a driver's constructor from the wiring and from the options of the run, which take
+    precedence. Raises ValidationError. A relative path in the wiring starts from its station, or from the folder of its
+    file."""
     own = {key: value for key, value in (run or {}).items() if key in signature}
 
     def beside(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What pydantic finds, in plain words: the key, what it must be, the nearest valid one."""
+"""Turns the mistakes found by pydantic into plain words: the key, its permitted values, the nearest valid one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ UNQUOTED_TYPES = ("int_type", "float_type", "bool_type")
 def mistakes_of(
     error: ValidationError, known: list[str], types: Mapping[str, Any] | None = None
 ) -> Iterator[tuple[str, str]]:
-    """(key, message) for each key that is wrong; with dots where it is in a table within (`types`: of the keys)."""
+    """Return (key, message) for each wrong key; a key in an inner table is written with dots. `types` are the types of
+    the keys."""
     seen = set()
     for detail in error.errors():
         where = [str(part) for part in detail["loc"] if part != "[key]"]
@@ -60,7 +61,7 @@ def _keys_within(types: Mapping[str, Any], where: list[str]) -> list[str]:
 
 
 def types_of(annotation: Any) -> dict[str, Any]:
-    """The type of each key of a model of pydantic, a TypedDict or a dataclass, or of the one in a union."""
+    """The type of each key of a model of pydantic, a TypedDict or a dataclass, or of the one model in a union."""
     if get_origin(annotation) in (UnionType, Union):
         return next(filter(None, map(types_of, get_args(annotation))), {})
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

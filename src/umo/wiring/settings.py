@@ -1,7 +1,8 @@
 """Tables of settings: in a wiring, and in the files of a user (fleet, roles, users of faces).
 
-A table is a dataclass. Its annotations say what each key may be, `Annotated[float, a_time(1.0)]`; pydantic checks them,
-as it checks a wiring. A mistake is told as one of a wiring: file, line, key, and the nearest valid one.
+A table is a dataclass. Its annotations describe the permitted values of each key, `Annotated[float, a_time(1.0)]`;
+pydantic checks them, as it checks a wiring. A mistake is reported like a mistake in a wiring: with file, line, key, and
+the nearest valid value.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from umo.toml_lines import line_of, lines_of
 
 S = TypeVar("S")
 COMMAND_LINE = "the command line"
-"""Where a mistake is that no file has."""
+"""Stands for the place of a mistake that is not in a file."""
 
 
 class SettingsError(OptionError):
-    """A table of settings is wrong; `mistakes` lists all that is, with file and line where they are known."""
+    """A table of settings is wrong; `mistakes` lists all mistakes, with file and line if they are known."""
 
     def __init__(self, mistakes: Sequence[Mistake]) -> None:
         super().__init__("; ".join(map(str, mistakes)))
@@ -40,7 +41,7 @@ class SettingsError(OptionError):
 
 
 class TakenBy:
-    """How a value is converted: a function that returns it, or raises one of umo's errors. It stands in `Annotated`."""
+    """How a value is converted: a function that returns it, or raises one of umo's errors. Used in `Annotated`."""
 
     def __init__(self, take: Callable[[Any], Any]) -> None:
         self.take = take
@@ -60,7 +61,7 @@ class TakenBy:
 
 
 def a_time(least: float = 0.0) -> TakenBy:
-    """A time in s, as a number of s or a text such as "20 ms"."""
+    """Return the conversion of a time in s, given as a number of s or a text such as "20 ms"."""
 
     def take(value: Any) -> float:
         if (found := seconds(value)) < least:
@@ -71,7 +72,8 @@ def a_time(least: float = 0.0) -> TakenBy:
 
 
 def above_0() -> TakenBy:
-    """A time in s above 0, of which a whole number from 1 on has a unit (`seconds_of_setting`)."""
+    """Return the conversion of a time in s above 0; a whole number from 1 on must have a unit
+    (`seconds_of_setting`)."""
 
     def take(value: Any) -> float:
         if (found := seconds_of_setting(value)) == 0:
@@ -82,12 +84,12 @@ def above_0() -> TakenBy:
 
 
 def a_size(least: int) -> TakenBy:
-    """A size in bytes, as a text such as "200 MB"."""
+    """Return the conversion of a size in bytes, given as a text such as "200 MB"."""
     return TakenBy(lambda value: byte_size(value, least))
 
 
 def a_number(low: float, high: float, what: str = "a number") -> TakenBy:
-    """A number within these limits."""
+    """Return the conversion of a number within these limits."""
 
     def take(value: Any) -> float:
         if not is_number(value) or not low <= value <= high:
@@ -99,7 +101,7 @@ def a_number(low: float, high: float, what: str = "a number") -> TakenBy:
 
 
 def a_whole(low: int, high: float = inf) -> TakenBy:
-    """A whole number within these limits."""
+    """Return the conversion of a whole number within these limits."""
 
     def take(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
@@ -123,7 +125,7 @@ def one_of(*choices: str) -> TakenBy:
 
 
 def a_text(what: str) -> TakenBy:
-    """A text that is not blank, such as a name or a path."""
+    """Return the conversion of a text that is not blank, such as a name or a path."""
 
     def take(value: Any) -> str:
         if not isinstance(value, str) or not value.strip():
@@ -165,8 +167,9 @@ def values_of(kind: Any, table: Mapping[str, Any]) -> tuple[dict[str, Any], list
 def settings_of(
     kind: type[S], table: Mapping[str, Any], file: str, section: str = "", lines: Mapping[str, int] | None = None
 ) -> S:
-    """The settings of a table, as the dataclass. SettingsError with all mistakes. `file`: where the table is from,
-    which is read for the lines of its keys if they are not given; `section`: where it stands in it."""
+    """Return the settings of a table as the dataclass. Raises SettingsError with all mistakes. `file`: the file of the
+    table, which is read to find the lines of the keys if they are not given; `section`: the place of the table in the
+    file."""
     values, found = values_of(kind, table)
     if found:
         raise refusal(found, file, section, lines)
@@ -174,7 +177,7 @@ def settings_of(
 
 
 def changed(given: S, changes: Mapping[str, Any] | None, section: str = "") -> S:
-    """The settings with those of a command line in their place, where they are not None; SettingsError."""
+    """Return the settings, replaced by those of a command line that are not None. Raises SettingsError."""
     wanted = {key: value for key, value in (changes or {}).items() if value is not None}
     found: Any = settings_of(type(given), wanted, COMMAND_LINE, section)
     settings: Any = given
@@ -184,7 +187,7 @@ def changed(given: S, changes: Mapping[str, Any] | None, section: str = "") -> S
 def refusal(
     found: Iterable[tuple[str, str]], file: str, section: str = "", lines: Mapping[str, int] | None = None
 ) -> SettingsError:
-    """The error for these (key, message) in a section of a file."""
+    """Return the error for these (key, message) in a section of a file."""
     known = _lines_of(Path(file)) if lines is None else lines
     return SettingsError([_mistake(file, f"{section}.{key}".strip("."), text, known) for key, text in found])
 
@@ -202,8 +205,8 @@ def _lines_of(file: Path) -> Mapping[str, int]:
 
 
 def read_settings(kind: type[S], file: Path, most: int = 1 << 20, secret: bool = False) -> S | None:
-    """The settings of a file of TOML; None: there is no file. OptionError for a mistake, and for a file that cannot be
-    read, has more than `most` bytes, or is a `secret` that others may write."""
+    """Return the settings of a TOML file, or None if there is no file. Raises OptionError for a mistake, and for a file
+    that cannot be read, has more than `most` bytes, or is a `secret` that other users may write."""
     try:
         with open(file, "rb", opener=_without_waiting) as stream:
             if secret and os.fstat(stream.fileno()).st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -221,7 +224,7 @@ def read_settings(kind: type[S], file: Path, most: int = 1 << 20, secret: bool =
 
 
 def settings_in(kind: type[S], data: bytes, file: Path) -> S:
-    """The settings in what a file has, or will have, in it; OptionError."""
+    """Return the settings in the present or future content of a file. Raises OptionError."""
     try:
         text = data.decode()
         table = tomllib.loads(text)
@@ -262,5 +265,5 @@ def _checked(hint: Any) -> Any:
 
 
 def names_of(kind: Any) -> Sequence[str]:
-    """The keys of a table."""
+    """Return the keys of a table."""
     return [each.name for each in dataclasses.fields(kind)]

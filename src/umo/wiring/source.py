@@ -21,13 +21,13 @@ SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed", 
 CONTROLLER = "controller"
 """Key of a line of `[wire]` for a part that runs on a controller."""
 MAX_SUGGESTIONS = 10
-"""Wrong names for which the nearest one is looked up, at most: it takes 20 ms among a hundred, and a generated file may
-have a thousand wrong."""
+"""Largest number of wrong names for which the nearest name is searched: a search among a hundred takes 20 ms, and a
+generated file may have a thousand wrong names."""
 
 
 @dataclass
 class WiringSource:
-    """A wiring as written: entries by path, drivers' tables by name, parameters, and what was wrong."""
+    """A wiring as written: entries by path, drivers' tables by name, parameters, and mistakes."""
 
     file: str
     text: str = ""
@@ -66,13 +66,13 @@ class WiringSource:
         return replace(mistake, file=f"{self.file}:{line}") if is_here else mistake
 
     def near(self, name: str, known: Iterable[str]) -> str:
-        """The nearest name (`did_you_mean`), for the first `MAX_SUGGESTIONS` wrong names."""
+        """Return the nearest name (`did_you_mean`) for the first `MAX_SUGGESTIONS` wrong names."""
         self.suggested += 1
         return did_you_mean(name, known) if self.suggested <= MAX_SUGGESTIONS else ""
 
 
 def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
-    """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
+    """Read the wiring from a TOML file, or from its contents as a mapping. Mistakes are collected instead of raised."""
     if not isinstance(wiring, Mapping | str | Path):
         source = WiringSource(cut_repr(wiring))
         source.mistake("", "it is not a wiring: a TOML file, its contents as a dict, or None")

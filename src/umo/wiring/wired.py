@@ -49,7 +49,7 @@ class Wire:
 
     @property
     def rollover_bits(self) -> int:
-        """The width of a counter that rolls over; 0: it does not, or is too wide to roll over in practice."""
+        """The width of a counter that rolls over, or 0 if it does not, or is too wide to roll over in practice."""
         rollover, bits = self.calibration.rollover, self.channel.bits
         return (bits if bits <= MAX_COUNTER else 0) if rollover is True else int(rollover)
 
@@ -80,7 +80,8 @@ class Wire:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Range in which a sensor's value is GOOD: to half a resolution beyond the declared one; a state is exact."""
+        """Return the range in which a sensor's value is GOOD: the declared range and half a resolution beyond it; the
+        range of a state is exact."""
         half = 0.0 if self.item._has_states else abs(self.calibration.resolution) / 2
         low, high = sorted(self.ends)
         if (linearization := self.linearization) is None:
@@ -89,27 +90,28 @@ class Wire:
         return least, greatest
 
     def raw(self, value: float) -> int:
-        """The raw integer nearest to an actuator's value, of those within its range."""
+        """Return the raw integer nearest to an actuator's value, among those within its range."""
         least, greatest = self.raw_bounds
         return min(max(self.nearest(value), least), greatest)
 
     @property
     def default(self) -> int | None:
-        """The raw integer of an actuator's default; None for a sensor."""
+        """Return the raw integer of an actuator's default; None for a sensor."""
         return self.raw(self.item._default_value()) if isinstance(self.item, Actuator) else None
 
     def nearest(self, value: float) -> int:
-        """The raw integer nearest to a value, also outside the range."""
+        """Return the raw integer nearest to a value, also outside the range."""
         return to_raw(value if self.linearization is None else self.linearization.to_input(value), *self.scale)
 
     def value(self, raw: int) -> float:
-        """The value that a raw integer stands for."""
+        """Return the value that a raw integer stands for."""
         x = to_value(raw, *self.scale)
         return x if self.linearization is None else self.linearization.to_value(x)
 
     def mismatch(self, given: PhysicalScale, units: str) -> str:
-        """The fault of the wired scale if the circuit's own one differs from it by more than half a raw step
-        anywhere in the range. Empty: it fits, or the two cannot be compared (other dimensions, a linearization)."""
+        """Return a text about the wired scale if the circuit's own scale differs from it by more than half a raw step
+        anywhere in the range. Empty if it fits, or if the two cannot be compared (other dimensions, a
+        linearization)."""
         if self.linearization is not None:
             return ""
         try:
@@ -131,7 +133,7 @@ class Wire:
 
 
 def apply_calibrations(wires: Sequence[Wire]) -> Callable[[], object]:
-    """Give the objects the calibrations of their wires. Returns what gives them back those that they had."""
+    """Give the objects the calibrations of their wires. Returns a function that restores their earlier ones."""
     before = [(wire.item, wire.item.calibration) for wire in wires]
     _calibrate((wire.item, wire.calibration) for wire in wires)
     return partial(_calibrate, before)
@@ -148,15 +150,16 @@ class Parameter(NamedTuple):
 
     number: MachineNumber
     value: Any
-    """The value to set. For a number that is not a field it is that of the wiring, because its range may depend on
+    """The value to set. A number that is not a field has the value of the wiring, because its range may depend on
     fields."""
 
 
 def apply_parameters(
     root: Compound, parameters: Iterable[Parameter], undo: Callable[[Callable[[], object]], object]
 ) -> None:
-    """Fields first: `setup` may make control laws of them; then the numbers of the laws. `undo` is given, one by one,
-    what restores each. DeclarationError if `setup` or a law does not accept them."""
+    """Set the parameters: first the fields, from which `setup` may make control laws, then the numbers of the laws.
+    `undo` is called with a function for each parameter that restores it. Raises DeclarationError if `setup` or a law
+    does not accept them."""
     each = sorted(parameters, key=lambda parameter: not parameter.number.is_field)
     fields = [parameter for parameter in each if parameter.number.is_field]
     for number, value in fields:
@@ -185,7 +188,8 @@ def apply_parameters(
 
 
 def mistake_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
-    """Fault that the machine finds in them, tried on it without devices; "" if it accepts all, or is connected."""
+    """Try the parameters on the machine without devices. Return the mistake that it finds; "" if it accepts all, or is
+    connected."""
     restore: list[Callable[[], object]] = []
     before = root._parametrised
     if root.cycle.connected or not parameters:
@@ -215,27 +219,28 @@ class ProcessSettings:
     """Time in s without a finished period after which the process counts as hanging. Default: 20 periods, at least
     0.1 s, and above the sum of the timeouts of one period."""
     reset_for: float = 10.0
-    """Time in s for which the guardian retries to reach a device that does not answer. Then it tries once the actuators
-    that it has not tried yet, for as long at most."""
+    """Time in s for which the guardian retries to reach a device that does not answer. Then it tries once each actuator
+    that it has not tried yet, within the same time at most."""
     priority: int = 80
     """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
     cpu: int | None = None
-    """The core of the control process. None: if SCHED_FIFO is permitted, one that no other station has, isolated cores
-    first, then the last."""
+    """The core of the control process. None means: if SCHED_FIFO is permitted, a core that no other station uses, an
+    isolated one if possible, otherwise the last."""
     busy_wait: float | None = None
     """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which the control process waits
-    busily (spins); 0: it sleeps until the tick. None: 200 us, at most half of the period, if SCHED_FIFO and a core were
-    granted; otherwise 0. Of a control process only: `connect` and `umo.run` sleep until the tick."""
+    busily (spins); 0 means that it sleeps until the tick. None means 200 us, but at most half of the period, if
+    SCHED_FIFO and a core were granted; otherwise 0. Only a control process uses it: `connect` and `umo.run` sleep until
+    the tick."""
     outputs: str = AT_ONCE
-    """Time at which `update` of the whole machine sends: "at once", or "at next tick": right after the next tick,
-    before sampling."""
+    """Time at which `update` of the whole machine sends: "at once", or "at next tick", which means right after the next
+    tick, before sampling."""
     compile: bool = False
-    """True if the control laws are compiled (`umo.generate.compiled_laws`). Of `umo run`."""
+    """True if the control laws are compiled (`umo.generate.compiled_laws`). Only `umo run` uses it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wired:
-    """Everything `connect` needs."""
+    """Everything that `connect` needs to know about a wiring."""
 
     drivers: dict[str, Driver]
     wires: list[Wire]
@@ -269,7 +274,7 @@ class Wired:
         return sorted({device for devices in self.hardware.values() for device in devices})
 
     def texts_of(self, wires: Iterable[Wire]) -> list[str]:
-        """Text of each wire: `box:coil:3 inverted`."""
+        """Return the text of each wire, such as `box:coil:3 inverted`."""
         names = {id(driver): name for name, driver in self.drivers.items()}
 
         def name_of(driver: Driver) -> str:  # a timer that is paced stands before its driver

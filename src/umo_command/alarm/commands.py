@@ -1,4 +1,4 @@
-"""`umo alarm`: its commands, their arguments and where they go."""
+"""`umo alarm`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 
 class AlarmCommands(CommandLine):
-    """The verbs of alarms are commands. They are made when they are asked for: the table takes a second to import."""
+    """A group in which the verbs of alarms are commands. These are made only when they are needed, because the table of
+    verbs takes a second to import."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         self.commands.update(commands_of_verbs())
@@ -77,7 +78,7 @@ def history(
 
 @cache
 def commands_of_verbs() -> dict[str, Any]:
-    """A command for each verb of alarms, by its name."""
+    """Return a command for each verb of alarms, by its name."""
     from umo.operation.commands.verb import Names
     from umo.operation.commands.verbs import naming
 

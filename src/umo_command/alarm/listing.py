@@ -14,11 +14,12 @@ from umo_command.console import out, plain_table
 from umo_command.show.stations import attach
 
 MAX_SHOWN = 200
-"""Changes of the history that are shown, the last ones."""
+"""Number of changes of the history that are shown, the latest ones."""
 
 
 def list_alarms(name: str | None, as_json: bool, raised: bool, every: bool) -> None:
-    """List the alarms that are not normal. `raised`: those too that are normal and were raised; `every`: all."""
+    """List the alarms that are not normal. `raised`: also list normal alarms that were raised before. `every`:
+    list all alarms."""
     with attach(name) as reader:
         _list(reader, as_json, raised, every)
 
@@ -55,13 +56,14 @@ def _raised(row: AlarmRow) -> str:
 
 
 def show_history(name: str | None) -> None:
-    """Print the stored changes of a station's alarms, also of one that does not run. None, a pid: of a run."""
+    """Print the stored changes of a station's alarms, also of one that does not run. With a pid, only the changes of
+    that run."""
     if name is None or name.isdigit():
         with attach(name) as reader:
             name = str(reader.about["station"])
     records = alarm_file.read(alarm_file.file_of(station_name(name)))
     if not records:
-        out.print(f"no history of alarms of {station_name(name)}")
+        out.print(f"there is no history of the alarms of {station_name(name)}")
         return
     table = plain_table()
     for heading in ("time", "alarm", "change", "by"):

@@ -1,6 +1,6 @@
-"""Mistakes in the code of a station that show late when it runs, or never: a sequence that nobody awaits, a function
-that nobody calls, a condition that is worked out once, a comparison that is never true, an attribute that nothing has.
-Nothing of the code is carried out; what is not certain is not told."""
+"""Finds mistakes in the code of a station that appear late in a run, or never: a sequence that nobody awaits, a
+function that nobody calls, a condition that is worked out once, a comparison that is never true, an attribute that
+nothing has. The code is not executed, and only certain mistakes are reported."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ CONDITIONS: Mapping[Any, str] = {until: "until", unless: "unless", Interlock: "I
 """Callables whose first argument is a condition: a function without arguments."""
 ASKING = (*CONDITIONS, Alarm)
 UNUSED_RESULTS: Mapping[Any, str] = {timeout: "async with {}:", Lock: "async with {}:", Interlock: "yield {}"}
-"""Callables whose result must be used, and what to write."""
+"""Callables whose result must be used, each with the text to write instead."""
 BLOCKING = (time.sleep, builtins.input)
 """Functions that wait without letting periods pass."""
 SEQUENCES = (together, first, link.Cycle.start)
 """Functions that take sequences only."""
 SHOWING = (print, str, repr, float, int, round, abs, sum)
-"""Functions of Python that use values."""
+"""Functions of Python that use values, such as `print`."""
 ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-"""Comparisons that no functions have."""
+"""Signs of comparisons that functions do not support."""
 VALUES = (ast.Compare, ast.UnaryOp, ast.Constant, ast.JoinedStr)
-"""Expressions that are no functions."""
+"""Kinds of expressions that are never functions."""
 
 
 def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
@@ -346,7 +346,7 @@ class _Check:
         return isinstance(found, ExactObject) and inspect.iscoroutinefunction(found.value)
 
     def _condition(self, node: ast.expr, scope: NameScope, function: str) -> None:
-        """Check a condition. `function`: the function that evaluates it; "": it is declared, and the declaration
+        """Check a condition. `function`: the function that evaluates it, or "" if it is declared, and the declaration
         refuses other values than functions."""
         found = self._code.thing(node, scope)
         if isinstance(node, ast.Lambda):

@@ -1,6 +1,6 @@
-"""Mistakes in the code of a station that are no matter of sequences: objects calculated with in the place of their
-values, wrong values, code that waits beside the cycle, blocks that swallow a stop or a fault, what all objects of a
-class share. What is not certain is not told."""
+"""Finds mistakes in the code of a station outside the use of sequences: calculations with objects in place of their
+values, wrong values, code that waits outside the cycle, blocks that swallow a stop or a fault, data shared by all
+objects of a class. Only certain mistakes are reported."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ ASYNCIO: Mapping[Any, str] = {
     asyncio.gather: "`await together(...)`",
     asyncio.wait_for: "`async with timeout(...):`",
 }
-"""Functions of asyncio, and what takes their place in a sequence."""
+"""Functions of asyncio, each with its replacement in a sequence."""
 NAME_IT = "name the errors that are expected, as in `except TaskFailed:`"
 HOOKS = ("control", "setup", "interlocks")
 """Methods of a class that umo calls."""
 SIMPLE = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Return)
-"""Statements that have no others in them."""
+"""Statements that contain no other statements."""
 CONDITIONAL = (ast.BoolOp, ast.IfExp, ast.Lambda, ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
-"""Expressions whose parts are not evaluated at each time."""
+"""Expressions whose parts are not evaluated every time."""
 ENDS = (ast.Return, ast.Raise)
-"""Statements after which a function does not go on."""
+"""Statements after which a function does not continue."""
 CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
 """Methods that change a container."""
 

@@ -1,5 +1,6 @@
-"""Mistakes in the code of a station about periods: loops and writes in which none passes, values and conditions that
-are taken at the wrong time, numbers that are others in each run. What is not certain is not told."""
+"""Finds mistakes about periods in the code of a station: loops and writes in which no period passes, values and
+conditions that are evaluated at the wrong time, numbers that differ from run to run. Only certain mistakes are
+reported."""
 
 from __future__ import annotations
 
@@ -80,7 +81,8 @@ def _ramp(code: ModuleCode, node: ast.For, scope: NameScope) -> Remarks:
 
 
 def overwritten(code: ModuleCode, values: CodeObjects, statements: list[ast.stmt], scope: NameScope) -> Remarks:
-    """Two writes of one actuator, one behind the other. One that is asynchronous is sent each."""
+    """Find two writes of the same actuator without a period between them. An asynchronous actuator sends every
+    write."""
     for first, second in pairwise(statements):
         one, other = (_write_in(code, each, scope) for each in (first, second))
         if one is None or other is None or ast.unparse(one[0]) != ast.unparse(other[0]):
@@ -209,7 +211,7 @@ def _fixed_step(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def blocks_in(scope: ast.AST) -> Iterator[list[ast.stmt]]:
-    """The lists of statements of a function or module, but for those of functions in it."""
+    """Return the lists of statements of a function or module, without those of inner functions."""
     for node in (scope, *within(scope)):
         if node is scope or not isinstance(node, FunctionNode | ast.Lambda | ast.ClassDef):
             for name in BLOCKS:

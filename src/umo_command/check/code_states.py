@@ -1,5 +1,6 @@
-"""States, objects and attributes in a station's code that cannot be what was meant: a comparison that is never true, an
-attribute that nothing has. What they are is known from the objects of the machine that the station declares."""
+"""Finds states, objects and attributes in a station's code that are certainly mistaken: a comparison that is never
+true, an attribute that does not exist. Their types are known from the objects of the machine that the station
+declares."""
 
 from __future__ import annotations
 
@@ -21,11 +22,11 @@ from umo_command.check.code_values import MISSING, ExactObject, Instance, Module
 SIGNS: Mapping[type[ast.cmpop], str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.IsNot: "!=", ast.NotEq: "!=",
 }  # fmt: skip
-"""Signs of comparisons by which numbers are compared; == in any other case."""
+"""Signs of comparisons between numbers; == stands for any other comparison."""
 TURNED = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
-"""The sign of a comparison that is read from the right."""
+"""Signs of comparisons with the sides exchanged."""
 STATES = ("pending", "default", "one", "zero")
-"""Properties of an object that are one of its states."""
+"""Properties of an object whose value is one of its states."""
 
 
 class CodeObjects:
@@ -54,7 +55,7 @@ class CodeObjects:
         kinds = [self.states_of(each, scope) for each in (one, other)]
         if None not in kinds and kinds[0] is not kinds[1]:
             first, second = (each.__name__ for each in kinds if each is not None)
-            yield one, f"`{{}}` is a state of {first}, and what it is compared with one of {second}: never the same"
+            yield one, f"`{{}}` is a state of {first} and is compared with a state of {second}: they are never equal"
 
     def _mistaken_match(self, node: ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """The mistakes in a `match`."""
@@ -68,9 +69,12 @@ class CodeObjects:
         states = None if written is MISSING else self.states_of(one, scope)
         if states is not None and type(written) is not states:
             nearest = comparisons(states, written)
-            yield one, f"`{{}}` is a state of {states.__name__}, and never {shown(written)}: write {nearest}"
+            yield (
+                one,
+                f"`{{}}` is a state of {states.__name__}, and is never equal to {shown(written)}: write {nearest}",
+            )
         elif isinstance(written, Enum | str | bytes) and self._is_number(one, scope):
-            yield one, f"`{{}}` is a number, and never {shown(written)}"
+            yield one, f"`{{}}` is a number, and is never equal to {shown(written)}"
         items = [] if written is MISSING or states else self.objects(one, scope)
         if items and all(kinds := set(map(_states, items))):
             if len(kinds) == 1 and (kind := kinds.pop()):
@@ -81,7 +85,7 @@ class CodeObjects:
             yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
 
     def wrongly_written(self, node: ast.Call, scope: NameScope) -> str | None:
-        """Return what is wrong with a written value: an object in place of its value, or a value of another type."""
+        """Return the mistake in a written value: an object in place of its value, or a value of another type."""
         if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
             return None
         items, given = self.objects(node.func.value, scope), node.args[0]
@@ -100,7 +104,7 @@ class CodeObjects:
         return f"`{{}}`: it takes {values or 'a number in its unit'}, not {shown(written)}"
 
     def no_truth(self, node: ast.expr, scope: NameScope) -> str | None:
-        """Return what is wrong with using the truth of a state or an object. One that may be missing is accepted."""
+        """Return the mistake in using the truth of a state or an object. An optional object is accepted."""
         if (states := self.states_of(node, scope)) is not None:
             ways = comparisons(states, "", "{} ")
             return f"`{{}}` is a state, which is neither true nor false: write {ways}"
@@ -113,7 +117,7 @@ class CodeObjects:
         return f"`{{}}` is an object, which is always true: write `{{}}.read() {compared}`"
 
     def is_state(self, node: ast.expr, scope: NameScope) -> bool:
-        """True if it is a state written in the code, such as OnOff.ON."""
+        """True if the expression is a state written in the code, such as OnOff.ON."""
         return isinstance(self._written(node, scope), TwoState)
 
     def _written(self, node: ast.expr, scope: NameScope) -> Any:
@@ -129,7 +133,7 @@ class CodeObjects:
         return MISSING
 
     def states_of(self, node: ast.expr, scope: NameScope) -> type[TwoState] | None:
-        """The type of the state that an expression gives."""
+        """Return the type of the state that an expression has."""
         source = self._source_of(node, scope)
         items = [] if source is None else self.objects(*source)
         kinds = set(map(_states, items))
@@ -186,7 +190,7 @@ class CodeObjects:
     # Attributes ----------------------------------------------------------------------------------------
 
     def misspelt(self, node: ast.Attribute, scope: NameScope) -> str | None:
-        """Return what is wrong with an attribute that none of the possible objects has."""
+        """Return the mistake in an attribute that none of the possible objects has."""
         if node.attr.startswith("_"):
             return None
         states = self._code.value(node.value, scope)
@@ -198,7 +202,7 @@ class CodeObjects:
             return None
         kinds = {type(each) for each in items}
         derived = {each for kind in kinds for each in below(kind)}
-        """The further classes that it may have after `isinstance`."""
+        """The further classes that the object may have after `isinstance`."""
         if not all(map(_has_declared, kinds | derived)):
             return None
         if any(_has(each, node.attr) for each in items) or any(_declares(each, node.attr) for each in derived):

@@ -22,26 +22,26 @@ from umo.signature import evaluated, hints_of
 FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 ScopeNode = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 MISSING = object()
-"""An attribute that does not exist, or is not certain."""
+"""Stands for an attribute that does not exist or is not certain."""
 ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
 """Statements by which a loop may wait or end, besides a comprehension with `async for`."""
 
 
 class ExactObject(NamedTuple):
-    """The very object: a module, a class, a function, something in a module."""
+    """An object that is known exactly: a module, a class, a function, something in a module."""
 
     value: Any
 
 
 class Instance(NamedTuple):
-    """An object of a class. `optional`: or None."""
+    """An object of a class. `optional`: it may also be None."""
 
     kind: type
     optional: bool = False
 
 
 class Holding(NamedTuple):
-    """A container of such things. `keyed`: True for a mapping, with these as its values."""
+    """A container of things of one kind. `keyed`: True for a mapping, with the things as its values."""
 
     each: Thing | None
     keyed: bool = False
@@ -60,7 +60,7 @@ class InnerFunction(NamedTuple):
 
 
 Remarks = Iterator[tuple[Any, str]]
-"""Nodes and what is told of each; `{}` stands for its source."""
+"""Nodes, each with its remark; `{}` stands for the source of the node."""
 Thing = ExactObject | Instance | Holding | MadeSequence | InnerFunction
 """The meaning of an expression; None if it is not certain."""
 
@@ -88,7 +88,7 @@ class NameScope:
 
     @property
     def is_control(self) -> bool:
-        """True if it is the code of a sequence or a law."""
+        """True if the scope is the code of a sequence or a law."""
         is_law = getattr(self.node, "name", "") == "control" and self.owner is not None
         return is_law or (isinstance(self.node, ast.AsyncFunctionDef) and self._may_have_machine)
 
@@ -107,7 +107,7 @@ class NameScope:
 
     @property
     def is_own_method(self) -> bool:
-        """True if its first argument is `self`."""
+        """True if the scope is a function whose first argument is `self`."""
         arguments = getattr(self.node, "args", None)
         return arguments is not None and [each.arg for each in arguments.args[:1]] == ["self"]
 
@@ -217,7 +217,7 @@ def waits_or_ends(node: ast.AST) -> bool:
 
 
 def within(scope: ast.AST) -> Iterator[ast.AST]:
-    """All nodes that belong to a function or module itself, including nested functions but not their bodies."""
+    """Return all nodes that belong to a function or module itself, including nested functions but not their bodies."""
     body = scope.body if isinstance(scope.body, list) else [scope.body]  # type: ignore[attr-defined]
     waiting: list[ast.AST] = body[::-1]
     while waiting:
@@ -228,7 +228,7 @@ def within(scope: ast.AST) -> Iterator[ast.AST]:
 
 
 def inside_of(statements: list[ast.stmt]) -> Iterator[ast.AST]:
-    """All nodes of statements, without those of functions inside them."""
+    """Return all nodes of statements, without those of functions inside them."""
     yield from within(ast.Module(statements, []))
 
 
@@ -241,10 +241,11 @@ class ModuleCode:
         """The names of the module that functions bind."""
         self._at_work: set[int] = set()
         self.gives_seed = any(isinstance(each, ast.Attribute) and each.attr == "seed" for each in ast.walk(tree))
-        """True if it seeds a generator of random numbers, or may do so."""
+        """True if the module seeds a generator of random numbers, or may do so."""
 
     def of_module(self, name: str) -> Thing | None:
-        """A name of the module, or of Python. One that is imported for type checkers only is sought in the others."""
+        """Return the meaning of a name of the module, or of Python. A name that is imported only for type checkers is
+        sought in the other modules."""
         if name in self._changing:
             return None
         for names in (vars(self._module), vars(builtins)):
@@ -266,7 +267,7 @@ class ModuleCode:
         return None
 
     def class_at(self, node: ast.ClassDef) -> type | None:
-        """The class that a statement of this module makes."""
+        """Return the class that a statement of this module makes."""
         found = vars(self._module).get(node.name)
         own = isinstance(found, type) and found.__module__ == self._module.__name__ and found.__name__ == node.name
         return found if own else None
@@ -278,12 +279,12 @@ class ModuleCode:
         return Instance(type(self._known.machine)) if is_main and here else None
 
     def annotated(self, node: ast.expr, scope: NameScope) -> Thing | None:
-        """Return what has this annotation."""
+        """Return the meaning of a name that has this annotation."""
         names = {**self._known.classes, **vars(self._module)}
         return of_hint(evaluated(ast.unparse(node), names))
 
     def thing(self, node: ast.expr, scope: NameScope) -> Thing | None:
-        """Return what an expression is."""
+        """Return the meaning of an expression."""
         work = _EXPRESSIONS.get(type(node))
         if work is None or id(node) in self._at_work:  # a name that is bound by itself
             return None
@@ -294,12 +295,12 @@ class ModuleCode:
             self._at_work.discard(id(node))
 
     def value(self, node: ast.expr, scope: NameScope) -> Any:
-        """Return the object that an expression is, or None if that is not certain."""
+        """Return the object that an expression refers to, or None if that is not certain."""
         found = self.thing(node, scope)
         return found.value if isinstance(found, ExactObject) else None
 
     def atomic(self, node: ast.expr, scope: NameScope) -> type[Atomic] | None:
-        """The class, where an expression is an actuator or a sensor."""
+        """Return the class of an expression that is an actuator or a sensor."""
         found = self.thing(node, scope)
         return found.kind if isinstance(found, Instance) and issubclass(found.kind, Atomic) else None
 
@@ -372,16 +373,16 @@ class Objects:
         self._attributes: dict[tuple[type, str], Thing | None] = {}
 
     def of(self, kind: type) -> list[Any]:
-        """The objects of this class, and of those below it."""
+        """Return the objects of this class and of its subclasses."""
         return [each for each in self._all if isinstance(each, kind)]
 
     def own(self, item: Any, name: str) -> Any:
-        """An attribute that an object has itself, and always; MISSING where that is not certain."""
+        """Return an attribute that an object itself always has; MISSING if that is not certain."""
         is_fixed = name not in self._changing or name in getattr(item, "_fixed", ())
         return getattr(item, "__dict__", {}).get(name, MISSING) if is_fixed else MISSING
 
     def attribute(self, kind: type, name: str) -> Thing | None:
-        """An attribute of an object of this class."""
+        """Return an attribute of an object of this class."""
         if (kind, name) not in self._attributes:
             self._attributes[kind, name] = self._find(kind, name)
         return self._attributes[kind, name]
@@ -413,7 +414,7 @@ class Objects:
 
 
 def below(kind: type) -> Iterator[type]:
-    """The classes that are derived from it."""
+    """Return the classes that are derived from a class."""
     each: type
     for each in type.__subclasses__(kind):
         yield each
@@ -450,7 +451,7 @@ def _is_protocol(kind: type) -> bool:
 
 
 def of_hint(hint: Any) -> Thing | None:
-    """Return what has this annotation."""
+    """Return the meaning of a name that has this annotation."""
     if isinstance(hint, TypeVar):
         return of_hint(hint.__bound__)
     if isinstance(hint, type) and get_origin(hint) is None:

@@ -1,4 +1,4 @@
-"""`umo check`: its arguments and where they go."""
+"""`umo check`: its arguments, and the functions that carry it out."""
 
 from __future__ import annotations
 

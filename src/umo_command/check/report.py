@@ -32,7 +32,7 @@ from umo_command.show.stations import readers
 from umo_command.station_options import machine_of
 
 COMPILE = "compile"
-"""The target of compiled laws, in the place of one of `umo new controller`."""
+"""The name of the target for compiled laws, used in place of a target of `umo new controller`."""
 
 
 def check_station(
@@ -42,8 +42,8 @@ def check_station(
     arguments: Sequence[str] = (),
     target: str | None = None,
 ) -> int:
-    """Print every mistake in the code and in one or all wirings, or the wires and which wirings were not checked; with
-    a target also the code that cannot be translated. Return 2 for mistakes."""
+    """Print every mistake in the code and in one or all wirings; without mistakes, print the wires and the names of the
+    wirings that were not checked. With a target also the code that cannot be translated. Return 2 for mistakes."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
     _check_name_of(target)
@@ -61,14 +61,14 @@ def check_station(
         if changed := changed_text(changed_files(reader.about)):
             out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
     if others := [name for name, file in station.wirings.items() if file not in files]:
-        out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
+        out.print(f"not checked: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
     if in_code:  # the last word: the wiring above it may be in order
         say(f"{count_of(in_code, 'mistake')} in the code")
     return max([*statuses, ExitStatus.MISTAKE] if in_code else statuses)
 
 
 def running_in(folder: Path) -> Iterator[Reader]:
-    """The runs of the station in a folder that go on."""
+    """Return the active runs of the station in a folder."""
     for reader in readers():
         with reader:
             if reader.about["place"] == str(folder):
@@ -76,7 +76,7 @@ def running_in(folder: Path) -> Iterator[Reader]:
 
 
 def check_recipes(machine: Compound) -> None:
-    """Tell how many recipes the machine has. Wrong ones were refused when the machine was declared."""
+    """Print how many recipes the machine has. Wrong recipes were refused when the machine was declared."""
     if "umo.operation.recipe_book" not in sys.modules:
         return
     from umo.operation.recipe_book import books_of
@@ -123,7 +123,7 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
 
 
 def _check_target(machine: Compound, file: Path | None, target: str | None) -> int:
-    """Print the parts of a machine that cannot be translated for a target; None: no target is given."""
+    """Print the parts of a machine that cannot be translated for a target, or None if no target is given."""
     if target is None:
         return 0
     reasons = _untranslated(machine, file, target)
@@ -131,9 +131,9 @@ def _check_target(machine: Compound, file: Path | None, target: str | None) -> i
         err.print(reason, soft_wrap=True, markup=False)
     what = "compile = true" if target == COMPILE else f"umo new controller --target {target}"
     if reasons:
-        say(f"{what}: {count_of(len(reasons), 'place')} of {type(machine).__name__} would not translate")
+        say(f"{what}: {count_of(len(reasons), 'place')} of {type(machine).__name__} cannot be translated")
         return ExitStatus.MISTAKE
-    out.print(f"ok: {what}: all of it translates", soft_wrap=True)
+    out.print(f"ok: {what}: all of it can be translated", soft_wrap=True)
     return 0
 
 
@@ -144,7 +144,7 @@ def _check_name_of(target: str | None) -> None:
     from umo.generate.controller_folder import TARGETS
 
     if target not in TARGETS:
-        raise OptionError(f"--target {target} is none of {', '.join((*TARGETS, COMPILE))}")
+        raise OptionError(f"--target {target} is not one of {', '.join((*TARGETS, COMPILE))}")
 
 
 def _untranslated(machine: Compound, file: Path | None, target: str) -> list[str]:
@@ -170,12 +170,12 @@ def _rates(wired: Wired) -> Iterator[str]:
 
 
 def reported(mistakes: list[Mistake]) -> int:
-    """Print every mistake; how many there are."""
+    """Print every mistake. Return their number."""
     for mistake in mistakes:
         err.print(cut_words(str(mistake)), soft_wrap=True)
     return len(mistakes)
 
 
 def label(*words: tuple[str, str]) -> Text:
-    """Words, each with its style, two blanks apart."""
+    """Return words, each with its style, separated by two blanks."""
     return Text("  ").join(Text(word, style) for word, style in words)

@@ -72,7 +72,7 @@ def user(
     sites: Annotated[
         list[str] | None,
         typer.Option(
-            "--site", metavar="SITE", help="Only stations of this site are open to them; may be repeated. Default: all."
+            "--site", metavar="SITE", help="Site whose stations the user may see; may be repeated; default: all sites."
         ),
     ] = None,
     folder: Folder = DEFAULT,

@@ -1,4 +1,4 @@
-"""`umo connect`: its commands, their arguments and where they go."""
+"""`umo connect`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 
@@ -75,7 +75,9 @@ def face(
 def fleet(
     site: Annotated[
         str | None,
-        typer.Option(metavar="SITE", help="First part of its stations' names; default: the name of this computer."),
+        typer.Option(
+            metavar="SITE", help="First part of the names of the stations; default: the name of this computer."
+        ),
     ] = None,
     commands: MayCommand = None,
     rate: Annotated[
@@ -102,8 +104,8 @@ def fleet(
 def router(connect: Connect = None, listen: Listen = None, certificates: Certificates = None) -> int:
     """Join the computers of a site, until Ctrl-C: stations and their users connect to it.
 
-    It forwards what each may see and publish, by the rules of its certificates. Routers connect to each other
-    (--connect).
+    It forwards only data that each of them may see and publish, by the rules of its certificates. Routers connect to
+    each other (--connect).
     """
     from umo_command.connect.fleet import serve_router
 

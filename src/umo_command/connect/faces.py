@@ -1,5 +1,5 @@
-"""`umo connect face`: serve a running station in other protocols. As a program it serves those of the wiring for `umo
-run`: the table is its standard input."""
+"""`umo connect face`: serve a running station in other protocols. As a program it serves the faces of a wiring for `umo
+run`: their table arrives on its standard input."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from umo_command.shared import import_from_here
 
 @dataclass(frozen=True)
 class FaceOptions:
-    """The options of the command line; None: as in the settings."""
+    """The options of the command line; None means the value of the settings."""
 
     names: Sequence[str]
     station: str | None = None

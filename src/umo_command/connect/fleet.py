@@ -96,7 +96,7 @@ def serve_router(changes: Mapping[str, Any]) -> int:
 
 def _who_may(network: FleetNetwork) -> str:
     if network.is_proved:
-        return "those whom its rules name"
+        return "the clients that its rules name"
     return "this computer only" if network.is_local else "everybody, reading only: commands need certificates"
 
 

@@ -33,7 +33,7 @@ def make(folder: Path, kind: str, name: str, hosts: Sequence[str] = (), sites: S
         raise OptionError("a router needs the name or address at which others reach it: --host plant.local")
     authority = Authority(folder.expanduser())
     target = authority.issue(kind, name, hosts, sites)
-    _print(f"{kind}:{name} is in {target}: copy this folder to its computer, where it is used so:")
+    _print(f"{kind}:{name} is in {target}: copy this folder to the computer that uses it, and there:")
     _print(f"  {USES[kind].format(target)}")
     _tell_servers(authority)
     return 0
@@ -70,7 +70,7 @@ def _tell_servers(authority: Authority) -> None:
     servers = [str(identity) for identity, _ in authority.issued() if identity.hosts]
     if servers:
         _print(
-            f"the rules have changed: the folders here of {', '.join(servers)} have them; "
+            f"the rules have changed: the folders on this computer of {', '.join(servers)} have them; "
             f"copy {authority.folder / FILE} to those on other computers, and start these again"
         )
 

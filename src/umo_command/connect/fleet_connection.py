@@ -1,4 +1,5 @@
-"""The connection of a gateway or a recorder to its fleet: it waits for its router, and tells when that is away."""
+"""The connection of a gateway or a recorder to its fleet: it waits for its router, and reports when the router is
+away."""
 
 from __future__ import annotations
 
@@ -20,14 +21,14 @@ if TYPE_CHECKING:
     from umo.clients.fleet.jetstream_server import JetStreamServer
 
 RETRY_DELAY = 2.0
-"""Time in s after which it is tried again."""
+"""Time in s to the next try to connect."""
 LOOK = 0.5
-"""Time in s from one look at the connections to the next."""
+"""Time in s between two looks at the connections."""
 
 
 def opened_patiently(open: Callable[[], zenoh.Session], stopped: Callable[[], bool]) -> zenoh.Session | None:
-    """Return a session as soon as a server answers, or None if it was stopped before. UmoError for a failure that
-    waiting does not change, such as a wrong certificate."""
+    """Return a session as soon as a server answers, or None if it was stopped before. Raises UmoError for a failure
+    that waiting does not change, such as a wrong certificate."""
     told = False
     while not stopped():
         try:
@@ -43,7 +44,7 @@ def opened_patiently(open: Callable[[], zenoh.Session], stopped: Callable[[], bo
 
 
 def tell_connection(session: zenoh.Session) -> None:
-    """Print from now on when the connection is lost and when it is restored."""
+    """From now on, print a line when the connection is lost and when it is restored."""
     threading.Thread(target=_tell, args=(session,), name="umo fleet connection", daemon=True).start()
 
 
@@ -61,7 +62,7 @@ def _tell(session: zenoh.Session) -> None:
 
 
 def jetstream_server(url: str, settings: FleetSettings) -> JetStreamServer:
-    """Return the JetStream of a command line. UmoError without its requirements."""
+    """Return the JetStream of a command line. Raises UmoError if the requirements of JetStream are missing."""
     if find_spec("nats") is None:
         raise UmoError(f"a JetStream needs nats: {how_to_install('fleet-jetstream')}")
     from umo.clients.fleet.jetstream_server import load

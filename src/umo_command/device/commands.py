@@ -57,11 +57,11 @@ def get(
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
-    """Read objects by path. If the station runs, the live values are read, also of signals and tunable numbers; if it
-    runs several times, give the pid of one run. If it does not run, this command opens its devices: it sets every
-    actuator to its default, reads, and sets every actuator to its default again. Below a sensor the content of its
-    circuit is shown if its driver supports that, such as registers in each order of their bytes. Options of the machine
-    follow the station's name.
+    """Read objects by path. If the station runs, the live values are read, also of signals and tunable numbers; if
+    several runs of it are active, give the pid of one. If it does not run, this command opens its devices: it sets
+    every actuator to its default, reads, and sets every actuator to its default again. Below a sensor the content of
+    its circuit is shown if its driver supports that, such as registers in each order of their bytes. Options of the
+    machine follow the station's name.
     """
     from umo_command.device.get_set import get_values
 
@@ -94,9 +94,9 @@ def set_(
     """Write and hold one actuator, show its value, then reset it.
 
     If the station runs, the actuator is taken from the application; this needs manual mode (`umo do STATION mode`). If
-    it runs several times, give the pid of one run. If it does not run, this command opens its devices: it sets every
-    actuator to its default, writes and holds this one, and sets every actuator to its default again. No control code of
-    the station runs meanwhile. Options of the machine follow the value.
+    several runs of it are active, give the pid of one. If it does not run, this command opens its devices: it sets
+    every actuator to its default, writes and holds this one, and sets every actuator to its default again. No control
+    code of the station runs meanwhile. Options of the machine follow the value.
     """
     from umo_command.device.get_set import set_value
 

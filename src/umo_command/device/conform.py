@@ -47,7 +47,7 @@ IN_PART = 3
 
 @dataclass(frozen=True)
 class Choice:
-    """The user's choices on the command line."""
+    """The choices of the user on the command line."""
 
     driver: str | None = None
     only: Sequence[str] = ()
@@ -111,7 +111,7 @@ def _of_link(
     from umo_command.device.conform_link import link_certificate
 
     if choice.only or choice.loopbacks or choice.refused or choice.steady:
-        raise StationError(f"{name} is a controller: its link is tried, and no channels are chosen")
+        raise StationError(f"{name} is a controller: the kit tests its link, so no channels can be chosen")
     claim = DeviceClaim(wired.hardware.get(name, ()), station.name, "conform", acknowledge=choice.acknowledge)
     try:
         return link_certificate(_title(station, file, name), machine, wired, name)
@@ -140,7 +140,9 @@ def _driver(wired: Wired, given: str | None) -> str:
     names = ", ".join(wired.drivers)
     if given is not None:
         if given not in wired.drivers:
-            raise StationError(f"no driver {given!r}{did_you_mean(given, wired.drivers)} in the wiring: {names}")
+            raise StationError(
+                f"there is no driver {given!r}{did_you_mean(given, wired.drivers)} in the wiring: {names}"
+            )
         return given
     timer = wired.timer_wire
     others = [name for name, driver in wired.drivers.items() if timer is None or driver is not timer.driver]
@@ -165,7 +167,9 @@ def _wire(wires: Iterable[Wire], text: str) -> Wire:
     """Find a wire by the text of its channel or the path of its object."""
     known = {wire.path: wire for wire in wires} | {wire.channel.text: wire for wire in wires}
     if text not in known:
-        raise PathError(f"{text!r} is no channel of this driver and no object wired to it{did_you_mean(text, known)}")
+        raise PathError(
+            f"{text!r} is neither a channel of this driver nor an object wired to it{did_you_mean(text, known)}"
+        )
     return known[text]
 
 
@@ -241,7 +245,7 @@ def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back
 
 
 class NotDriven(StationError):
-    """The user did not agree."""
+    """The user did not agree that the outputs are driven."""
 
 
 def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], yes: bool) -> None:

@@ -14,7 +14,7 @@ from umo.wiring import Wired
 
 
 def link_certificate(title: str, machine: Compound, wired: Wired, name: str) -> Certificate:
-    """Try the rules of the link on a controller. Nothing is driven."""
+    """Try the rules of the link on a controller. No output is driven."""
     driver = bare(wired.drivers[name])
     assert isinstance(driver, Controller)
     path = next((each for each, other in wired.controllers.items() if other == name), None)

@@ -1,4 +1,4 @@
-"""`umo device drivers`: which drivers there are, and what one of them takes."""
+"""`umo device drivers`: a list of the drivers, or a description of one."""
 
 from __future__ import annotations
 
@@ -30,16 +30,19 @@ FUNCTIONS = {
     for name in names_of(kind)
     if callable(function := getattr(kind, name))
 }
-"""Functions of a driver in the order of the contract, then those that it may have beside it."""
+"""Functions of a driver in the order of the contract, then the optional ones."""
 COMMON_OPTIONS = {
-    "timeout": ("duration = 10 periods, at most 1 s", "of one call of the driver"),
-    "watchdog": ("duration", "of the circuit: its outputs go to safe levels after this time without a request"),
+    "timeout": ("duration = 10 periods, at most 1 s", "time limit of one call of the driver"),
+    "watchdog": (
+        "duration",
+        "watchdog of the circuit: its outputs go to safe levels after this time without a request",
+    ),
 }
-"""Options that the wiring has for every driver; the last one for those with a watchdog."""
+"""Options in the wiring of every driver; the last one only for drivers with a watchdog."""
 
 
 def show_drivers() -> None:
-    """Print every registered driver with its options and channels, or why it cannot be imported."""
+    """Print every registered driver with its options and channels, or the reason why it cannot be imported."""
     tree = Tree("drivers; a wiring may also name module:Class")
     for known in registry.known():
         try:
@@ -57,8 +60,8 @@ def show_drivers() -> None:
 
 
 def show_driver(name: str, arguments: Sequence[str]) -> None:
-    """The driver of this name, or `module:Class`: what its docstring says, its options with their types, its channels
-    and functions. The arguments are options for drivers that know their channels only with them."""
+    """Print the driver with this name, or `module:Class`: its docstring, its options with their types, its channels and
+    functions. The arguments are options for drivers that need them to know their channels."""
     cls = _find(name)
     given = values_of(name, options_of_driver(cls, name), arguments)
     doc = _doc(cls)

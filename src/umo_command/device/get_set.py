@@ -1,5 +1,5 @@
-"""`umo device get` and `umo device set`: read and write single objects by hand. Where the station runs, through its
-frames and its queue; else its devices are opened, and the loop runs without control code."""
+"""`umo device get` and `umo device set`: read and write single objects by hand. If the station runs, through its frames
+and its queue; otherwise its devices are opened, and the loop runs without control code."""
 
 from __future__ import annotations
 
@@ -37,11 +37,12 @@ from umo_command.station_options import machine_and_words, machine_of
 from umo_command.values import number, state
 
 UNTIMED_PAUSE = 0.01
-"""s between two looks at a machine that has no timer."""
+"""Time in s between two looks at a machine that has no timer."""
 
 
 def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False) -> None:
-    """Print values, units, qualities: from a run's frames, else connected. Paths may hold options of the machine."""
+    """Print values, units, qualities: from a run's frames, or by connecting the machine. Paths may include options of
+    the machine."""
     if (running := _running(name, wiring, paths)) is not None:
         get_running(running, paths, unit)
         return

@@ -20,7 +20,7 @@ from umo_command.run.run_folder import rows
 from umo_command.station_options import parse
 
 MODBUS = "modbus"
-"""Name of the wiring that is served, and of its driver."""
+"""Name of the served wiring and of its driver."""
 
 
 def serve_plant(
@@ -60,7 +60,8 @@ def serve_plant(
 
 
 def modbus_wiring(station: Station, name: str | None) -> Path | None:
-    """The Modbus wiring of that name; without a name the one called modbus, else the only one with a modbus driver."""
+    """Return the Modbus wiring with this name; without a name the one called modbus, or else the only one with a modbus
+    driver."""
     if name is not None:
         return station.wiring(name)
     found = [MODBUS] if MODBUS in station.wirings else [key for key, file in station.wirings.items() if _uses(file)]

@@ -1,5 +1,5 @@
-"""`umo do STATION acknowledge` and `umo do STATION clear`: end what an operator has to end, of a station, or of parts
-of it."""
+"""`umo do STATION acknowledge` and `umo do STATION clear`: acknowledge and clear conditions of a station, or of parts
+of it, that only an operator may end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from umo_command.show.stations import attach, readers, standing
 
 
 def acknowledge(name: str, paths: Sequence[str], over: bool) -> None:
-    """Acknowledge latched interlocks of a station that runs; else the end of its last run, or of the device's."""
+    """Acknowledge latched interlocks of a station that runs; for a station that does not run, or a device, the unsafe
+    end of its last run."""
     try:
         reader = attach(name)
     except FramesError:
@@ -57,7 +58,7 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
                 answer = station.clear(part)  # it names what was cleared
                 out.print(answer if answer.startswith("cleared") or not part else f"{part}: {answer}", soft_wrap=True)
         if not parts:
-            out.print(f"{', '.join(paths)}: in no equipment", soft_wrap=True)
+            out.print(f"{', '.join(paths)}: not in any equipment", soft_wrap=True)
 
 
 def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:

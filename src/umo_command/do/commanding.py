@@ -35,9 +35,9 @@ from umo_command.tune.kept import toml_line
 from umo_command.values import argument, number, state
 
 PICTURE_PAUSE = 0.05
-"""s between two pictures of the progress."""
+"""Time in s between two pictures of the progress."""
 MIN_PAUSE = 0.001
-"""s between two looks for a new frame, at least."""
+"""Least time in s between two looks for a new frame."""
 
 
 @contextmanager
@@ -48,7 +48,8 @@ def station_of(name: str) -> Iterator[RemoteStation]:
 
 @contextmanager
 def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
-    """The lease for a command; while another client has it, the message names the option that takes it over."""
+    """Return a context with the lease for a command. If another client has the lease, the message names the option that
+    takes it over."""
     limit_waits()
     with ExitStack() as stack:
         try:
@@ -91,14 +92,16 @@ def stop(name: str) -> None:
 
 
 def call(name: str, path: str | None, words: Sequence[str], over: bool, hold: float | None) -> int:
-    """List the actions of a station; or call one, show its progress and print its result. The exit status."""
+    """List the actions of a station; or call one, show its progress and print its result. Return the exit status."""
     with station_of(name) as station:
         actions = {entry["path"]: entry for entry in station.reader.layout.actions}
         if path is None:
             out.print(actions_table(station.reader) if actions else f"{station.reader.about['station']} has no actions")
             return 0
         if path not in actions:
-            raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo do {name} call` lists them")
+            raise PathError(
+                f"there is no action {path!r}{did_you_mean(path, actions)}; `umo do {name} call` lists them"
+            )
         given = arguments_of(actions[path], words)
         if hold is not None and not actions[path]["dead_man"]:
             raise RangeError(f"{path} ends by itself; --for is for dead-man actions, such as a jog")
@@ -136,7 +139,8 @@ def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any
 
 
 def arguments_of(action: dict[str, Any], words: Sequence[str]) -> dict[str, Any]:
-    """The values by name; RangeError for a name that is given twice. A word without a name is the next argument."""
+    """Return the values by name. Raises RangeError for a name that is given twice. A word without a name is the next
+    argument."""
     known = {each["name"]: each for each in action["arguments"]}
     given: dict[str, Any] = {}
     for word in words:
@@ -154,8 +158,8 @@ def arguments_of(action: dict[str, Any], words: Sequence[str]) -> dict[str, Any]
 
 
 def hold_until(lease: HeldLease, path: str, seconds: float | None) -> int:
-    """Hold while the thread of the lease gives signs of life. CommandRefused as soon as the machine has ended the hold.
-    Return the exit status: that of a Ctrl-C before the end of `seconds`, else 0."""
+    """Hold the actuator while the thread of the lease gives signs of life. Raises CommandRefused as soon as the machine
+    ends the hold. Return the exit status: that of a Ctrl-C if it comes before the end of `seconds`, otherwise 0."""
     if seconds is None:
         err.print("held until Ctrl-C; --for TIME ends it", soft_wrap=True)
     end = time.monotonic() + (inf if seconds is None else seconds)
@@ -200,7 +204,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
             return
         if path not in known:
             raise PathError(
-                f"no tunable number {path!r}{did_you_mean(path, known)}; `umo tune number {name}` lists them"
+                f"there is no tunable number {path!r}{did_you_mean(path, known)}; `umo tune number {name}` lists them"
             )
         unit = known[path].unit
         if text is None:
@@ -263,7 +267,7 @@ def _no_object(station: RemoteStation, path: str, known: Sequence[str]) -> PathE
     try:
         item = station[path]
     except AttributeError:
-        return PathError(f"no object {path!r}{did_you_mean(path, known)}")
+        return PathError(f"there is no object {path!r}{did_you_mean(path, known)}")
     if below := [each for each in known if each.startswith(f"{path}.")]:
         of_objects = any(each.startswith(f"{path}.") for each in station.reader.paths)
         what = "a compound object" if of_objects else "not an object"

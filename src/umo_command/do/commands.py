@@ -1,4 +1,4 @@
-"""`umo do`: its arguments and where they go."""
+"""`umo do`: its arguments, and the functions that carry it out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def do(
     station: Annotated[
         str,
         running_argument(
-            "STATION", "Name or pid of a station that runs in real time (see `umo`), or of what stands stopped."
+            "STATION",
+            "Name or pid of a station that runs in real time (see `umo`), or of one whose devices stand stopped.",
         ),
     ],
     verb: Annotated[

@@ -1,4 +1,4 @@
-"""`umo do`: any verb of a running station."""
+"""`umo do`: carries out any verb of a running station."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ HANDLERS: Mapping[Verb, Callable[[str, Sequence[str], bool, float | None], int |
     ACKNOWLEDGE: lambda name, words, over, held: acknowledge(name, words, over),
     CLEAR: lambda name, words, over, held: clear(name, words, over),
 }
-"""The verbs of which the terminal tells more than the answer of the machine."""
+"""The verbs for which the terminal prints more than the answer of the machine."""
 
 
 def _paths_of(verb: Verb, words: Sequence[str]) -> list[tuple[str, Sequence[str]]]:

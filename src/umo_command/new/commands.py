@@ -1,4 +1,4 @@
-"""`umo new station`: its commands, their arguments and where they go."""
+"""`umo new station`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from umo_command.shared import group
 command = group(
     "new",
     "Make",
-    "Make files to go on with: a station, a driver, a face, a controller in C, a service.",
+    "Make files to start from: a station, a driver, a face, a controller in C, a service.",
     "umo new station my-machine  |  umo new driver my_card",
 )
 

@@ -24,8 +24,8 @@ def generate_controller(
     arguments: Sequence[str],
     controller: str | None = None,
 ) -> int:
-    """Write the folder, and print which files were kept. Code that cannot be translated is listed, a line each, and
-    nothing is written."""
+    """Write the folder, and print which files were kept. If some code cannot be translated, it is listed, one line for
+    each place, and nothing is written."""
     if real not in (None, "double", "float"):
         raise OptionError(f"--real {real} is neither double nor float")
     chosen = target_of(target, real)  # type: ignore[arg-type]

@@ -27,11 +27,11 @@ REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
-    "fresh": "each start would put the kept values away; `umo run STATION --fresh` does it once, by hand",
+    "fresh": "each start would move the kept values aside; `umo run STATION --fresh` does it once, by hand",
     "full_traceback": "failure.txt in the run's folder has the traceback",
     "help_": "`umo run STATION --help` shows the options",
 }
-"""Options of `umo run` that a service does not take, by parameter."""
+"""Options of `umo run` that a service does not accept, by parameter."""
 KEEP, KEEP_RUNS = "200 MB", "20"
 """Defaults of a service: the size of the trace of every period, and the number of runs kept."""
 
@@ -159,4 +159,8 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
 def _standing(plan: Plan) -> list[str]:
     """Return what must be acknowledged before the first start."""
     ended = [each.brief for device in plan.wired.devices for each in standing(device) if each.state == "stopped"]
-    return [f"it will not start: stands stopped: {some(ended)}; `umo do {plan.name} acknowledge`"] if ended else []
+    return (
+        [f"it cannot start while these devices stand stopped: {some(ended)}; `umo do {plan.name} acknowledge`"]
+        if ended
+        else []
+    )

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 GROUPS = {"gpio": "gpio", "i2c": "i2c", "spi": "spi", "serial": "dialout", "iio": "iio", "counter": "counter"}
-"""The group of each kind of device as Debian and Raspberry Pi OS name it; iio and counter have none there, and take a
-rule of udev."""
+"""The group of each kind of device as Debian and Raspberry Pi OS name it; iio and counter have no group there, and need
+a udev rule."""
 WITHOUT_RULE = ("iio", "counter")
 MODEL = Path("/proc/device-tree/model")
 OVERLAYS = {
@@ -20,9 +20,9 @@ OVERLAYS = {
 
 
 def groups_for(devices: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the supplementary groups for these devices: the group of the device file if it exists, else the usual one
-    of its kind. The second list has a line for each group that this computer does not have: a unit with such a group
-    does not start."""
+    """Return the supplementary groups for these devices: the group of the device file if that exists, otherwise the
+    usual group of its kind. The second list has a line for each group that this computer does not have: a unit with
+    such a group does not start."""
     kinds = [(device.partition(" ")[0], device) for device in devices]
     wanted = {(kind, _owner(device) or GROUPS[kind]) for kind, device in kinds if kind in GROUPS}
     missing = sorted(each for each in wanted if not _is_there(each[1]))

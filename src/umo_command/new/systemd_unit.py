@@ -1,7 +1,8 @@
 """The text of a systemd unit for `umo run` (systemd.service(5), systemd.exec(5), systemd.kill(5)).
 
-The processes of a run reset the machine when one of them is killed, and need time for it. So the manager asks by
-SIGTERM, also when its watchdog starves, waits for as long as the wiring's own limits allow, and only then kills.
+The processes of a run reset the machine when one of them is killed, and need time for it. So the manager asks them to
+stop by SIGTERM, also when its watchdog starves, waits for as long as the limits of the wiring allow, and only then
+kills.
 """
 
 from __future__ import annotations
@@ -24,21 +25,22 @@ from umo_command.run.faces_beside import END_TIMEOUT
 from umo_command.run.process_beside import KILL_TIMEOUT
 
 NO_RESTART = (ExitStatus.MISTAKE, ExitStatus.UNREACHED, ExitStatus.NOT_RECORDED)
-"""Statuses after which a person is needed. An end that must be acknowledged is a mistake (2) of the next start."""
+"""Statuses after which a person is needed. After an end that must be acknowledged, the next start ends with status
+2."""
 SUCCESS = (ExitStatus.TIME_OVER, 129, 130, 143)
 """Statuses of a run that was ended on purpose, besides 0."""
 RESTART_PAUSE = 10
-"""s from the end of a run to the next."""
+"""Time in s from the end of a run to the next."""
 MAX_STARTS, STARTS_WITHIN = 5, 600
-"""Number of starts within so many s after which the manager gives up."""
+"""Number of starts within this time in s after which the manager gives up."""
 RECORD_TIME = 30.0
-"""s for the record of a run on a slow disk."""
+"""Time in s for the record of a run on a slow disk."""
 IMPORT_TIME = 60.0
-"""s for what a station imports at its start."""
+"""Time in s for the imports of a station at its start."""
 MIN_WATCHDOG = 10.0
 WATCHDOG_LIMITS = 8
-"""The watchdog's time in hang limits of the control process. A sign of life is up to half of it old when it is passed
-on, and the guardian takes up to three limits to find a hang itself."""
+"""The time of the watchdog, as a multiple of the control process's hang limit. A sign of life is up to half of it old
+when it is passed on, and the guardian takes up to three limits to find a hang itself."""
 HARDENING = {
     "NoNewPrivileges": "yes",
     "ProtectSystem": "full",
@@ -64,7 +66,7 @@ class ServiceUnit:
     folder: str
     wired: Wired
     user: str | None = None
-    """The user; None for a unit of the user's own manager, which has this user's groups and limits."""
+    """The user of the service; None for a unit of the user's own manager, which has this user's groups and limits."""
     groups: Sequence[str] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
 
@@ -85,7 +87,7 @@ class ServiceUnit:
 
     def _service(self) -> list[str]:
         return [
-            "# The guardian, a child of umo run, tells that the machine runs, and that it lives.",
+            "# The guardian, a child of umo run, reports to systemd that the machine runs.",
             "Type=notify",
             "NotifyAccess=all",
             f"WatchdogSec={watchdog(self.wired)}",
@@ -143,19 +145,19 @@ class ServiceUnit:
 
 
 def watchdog(wired: Wired) -> int:
-    """s without a sign of life after which the manager asks the service to stop."""
+    """Time in s without a sign of life after which the manager asks the service to stop."""
     return math.ceil(max(MIN_WATCHDOG, WATCHDOG_LIMITS * wired.process.hang_timeout))
 
 
 def start_limit(wired: Wired) -> int:
-    """s from the start to the first period, at most."""
+    """Return the longest time in s from the start to the first period."""
     return math.ceil(IMPORT_TIME + 2 * STARTING_LIMIT + 2 * longest_period(wired))
 
 
 def stop_limit(wired: Wired) -> int:
     """Return the maximum time in s from the request to stop to the end of the last process: a stop in a step of
-    connecting, a control process that hangs, a reset that is repeated as long as the wiring says, kept values, the
-    record, faces."""
+    connecting, a control process that hangs, a reset that is repeated for as long as the wiring permits, and the
+    writing of kept values, record and faces."""
     process = wired.process
     until_dead = STARTING_LIMIT + 2 * longest_period(wired) + STARVED_LIMITS * process.hang_timeout + DEATH_TIMEOUT
     reset = 2 * process.reset_for + settling(wired) + DEATH_TIMEOUT + REPORTING_LIMIT
@@ -164,7 +166,7 @@ def stop_limit(wired: Wired) -> int:
 
 
 def quoted(word: str, *, variables: bool = True) -> str:
-    """Return a word as systemd reads it: `%` and, in a command line, `$` are doubled."""
+    """Return a word quoted for systemd: `%` and, in a command line, `$` are doubled."""
     text = plain(word).replace("\\", "\\\\").replace('"', '\\"')
     if variables:
         text = text.replace("$", "$$")
@@ -172,7 +174,7 @@ def quoted(word: str, *, variables: bool = True) -> str:
 
 
 def plain(text: str) -> str:
-    """A value that is taken as it is, but for `%`. OptionError if a line cannot hold it."""
+    """Return a value that systemd uses unchanged, with `%` doubled. Raises OptionError if a line cannot contain it."""
     if not text.isprintable() or text != text.strip() or text.endswith("\\"):
         raise OptionError(
             f"{text!r} cannot stand in a systemd unit: no line breaks, blanks at its ends, or \\ at its end"

@@ -1,4 +1,4 @@
-"""`umo new station`, `driver` and `face`: a small working one to begin from (the files of `template/`)."""
+"""`umo new station`, `driver` and `face`: makes a small working example to begin from (the files of `template/`)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ FACE, FACE_CLASS = "my_face", "MyFace"
 
 
 def make_station(directory: Path) -> None:
-    """Copy the template. StationError if the directory exists and is not empty, or for a name that is
-    awkward or that of an installed module."""
+    """Copy the template. Raises StationError if the directory exists and is not empty, or if the name is awkward or
+    belongs to an installed module."""
     name = directory.name
     if name and not directory.exists() and not re.fullmatch(r"\w[\w.-]*", name):
         near = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "my-machine"
@@ -57,8 +57,8 @@ def make_station(directory: Path) -> None:
 
 
 def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
-    """`NAME.py` and `test_NAME.py` in the folder; for a line, "tcp" or "serial", `NAME_device.py` too. StationError if
-    the name cannot be used, a file exists, or there are two lines."""
+    """Write `NAME.py` and `test_NAME.py` into the folder, and `NAME_device.py` for a line, "tcp" or "serial". Raises
+    StationError if the name cannot be used, a file exists, or there are two lines."""
     if len(lines) > 1:
         raise StationError(f"give --{' or --'.join(lines)}, not both")
     line = "".join(lines)
@@ -90,7 +90,8 @@ def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
 
 
 def make_face(name: str, folder: Path) -> None:
-    """`NAME.py` and `test_NAME.py` in the folder. StationError if the name cannot be used, or a file exists."""
+    """Write `NAME.py` and `test_NAME.py` into the folder. Raises StationError if the name cannot be used, or a file
+    exists."""
     _check_module(name, folder, "face")
     cls, template = _class_of(name), files("umo_command") / "template" / "face"
     patterns = ("{}.py", "test_{}.py")

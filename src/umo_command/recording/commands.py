@@ -1,4 +1,4 @@
-"""`umo recording`: its commands, their arguments and where they go."""
+"""`umo recording`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def replay(
         ),
     ] = None,
 ) -> int:
-    """Run the control code of today on the inputs of a recording, and compare what it commands, to the bit.
+    """Run the present control code on the inputs of a recording, and compare what it commands, to the bit.
 
     No device is opened. Times, missed periods, errors of drivers and the commands of clients also come from the
     recording. The first difference is printed with its period, its object, both values, and the line of each sequence.
@@ -286,7 +286,8 @@ def history(
         ),
     ] = None,
     last: Annotated[
-        float | None, time_option(help="Keep data of this time, such as 30d, and remove older ones; default: keep all.")
+        float | None,
+        time_option(help="Keep the data of this last time, such as 30d, and remove older data; default: keep all."),
     ] = None,
     connect: Connect = None,
     certificates: Certificates = None,

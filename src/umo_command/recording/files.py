@@ -1,4 +1,5 @@
-"""`umo recording info`, `umo recording export` and `umo recording plot`: what a recording is, and what is in it."""
+"""`umo recording info`, `umo recording export` and `umo recording plot`: describe a recording, and write or draw its
+content."""
 
 from __future__ import annotations
 
@@ -20,9 +21,9 @@ from umo_command.run.record_beside import check_installed
 from umo_command.values import check_picture
 
 MAX_DAMAGE = 3
-"""Damaged places that are told, the last ones."""
+"""Number of damaged places that are reported, the latest ones."""
 MAX_NUMBERS = 1 << 25
-"""Numbers that are held for a plot at most, about."""
+"""Approximate largest number of values that are kept for a plot."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class ValueSelection:
 
 
 def info(file: Path, as_json: bool) -> int:
-    """Say what a recording is."""
+    """Describe a recording."""
     check_installed()
     from umo.recording.recording import Recording
     from umo.recording.tables.recording_summary import facts_of, lines_of
@@ -76,7 +77,7 @@ def export(file: Path, target: Path, wanted: ValueSelection) -> int:
 
 
 def plot(file: Path, wanted: ValueSelection, target: Path | None) -> int:
-    """Draw a recording as a run is drawn at its end."""
+    """Draw a recording, like the plot at the end of a run."""
     check_installed()
     if find_spec("matplotlib") is None:
         raise OptionError(f"a plot needs matplotlib: {how_to_install('plot')}")
@@ -130,7 +131,7 @@ def _drawn(values: Any, line: OneLine, with_alarms: bool = False) -> Any:
         line.show(float(frames["time"][-1]), "reading", values.share(float(frames["time"][-1])))
     curves = [Curve.of(about, 3 + i) for i, about in enumerate(values.entries)]
     rows = np.concatenate(parts) if parts else np.zeros((0, 3 + len(curves)))
-    return Curves(rows, curves, notes, "umo recording export writes all", alarms)
+    return Curves(rows, curves, notes, "umo recording export writes all of them", alarms)
 
 
 def _values(recording: Any, wanted: ValueSelection) -> Any:

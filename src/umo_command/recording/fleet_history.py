@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from umo.clients.fleet.jetstream_server import JetStreamServer
 
 BATCH = 10_000
-"""Rows that are held at a time."""
+"""Number of rows that are held in memory at a time."""
 
 
 def record_history(
@@ -60,7 +60,7 @@ def record_history(
             FleetRecorder(source, files, keep=keep, say=say).run(stop.is_set)
     finally:
         files.close()
-    say("the recorder has ended; what came is in its files")
+    say("the recorder has ended; the received data are in its files")
     return 0
 
 
@@ -96,7 +96,7 @@ def _source(
 
 
 def query_history(folder: Path, sql: str, *, last: float | None, rows: int, csv: Path | None, as_json: bool) -> int:
-    """Answer one question."""
+    """Answer one query."""
     _check_installed("duckdb", "pyarrow")
     from umo.clients.fleet.fleet_query import asked
 

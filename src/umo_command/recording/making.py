@@ -1,4 +1,4 @@
-"""`umo recording make`: record a running station, save what a flight recorder has, repair a file."""
+"""`umo recording make`: record a running station, save the content of a flight recorder, repair a file."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ def _opening(reader: RunReader, file: Path, last: float | None) -> str:
         return f"records {name} ({state}) in {file}; Ctrl-C ends the record, the machine runs on"
     station = reader.about["station"]
     return (
-        f"keeps the last {duration(last)} of {name} ({state}): umo recording save {station} saves them, a failed end "
-        "too; Ctrl-C ends the flight recorder, the machine runs on"
+        f"keeps the last {duration(last)} of {name} ({state}): umo recording save {station} saves them, and so does "
+        "a run that fails; Ctrl-C ends the flight recorder, the machine runs on"
     )
 
 
 def save_flight(station: str, file: Path | None) -> int:
-    """Save what the flight recorder of a station has."""
+    """Save the content of a station's flight recorder."""
     order = order_of(file, {}, None, _default(station))
     from umo.recording import flight_folder
     from umo.recording.recording import Recording
@@ -85,7 +85,7 @@ def save_flight(station: str, file: Path | None) -> int:
 
 
 def repair_file(file: Path) -> int:
-    """Make a file that was cut or torn whole."""
+    """Repair a file that was cut short or damaged."""
     check_installed()
     from umo.recording.copying import repair
     from umo.recording.recording import Recording

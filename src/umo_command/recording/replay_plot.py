@@ -1,4 +1,5 @@
-"""The plot of `umo recording replay --set`: what was commanded, and what would have been (extra `plot`)."""
+"""The plot of `umo recording replay --set`: the recorded commands, and the commands with the changed numbers (extra
+`plot`)."""
 
 from __future__ import annotations
 
@@ -10,13 +11,13 @@ from umo.objects.presentation.value_text import shown_unit
 from umo.recording.replay.what_if import RawCurves
 
 MAX_PANELS = 8
-"""Actuators that are drawn at most."""
+"""Largest number of actuators that are drawn."""
 WIDTH, HEIGHT = 16.0, 2.2
-"""Inches of the picture, and of each panel."""
+"""Width of the picture and height of each panel, inches."""
 
 
 def save_what_if(curves: RawCurves, path: Path, settings: Mapping[str, Any]) -> None:
-    """Draw the actuators that differ, recorded and replayed, and save it; ImportError without matplotlib."""
+    """Draw the actuators that differ, recorded and replayed, and save it. Raises ImportError without matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

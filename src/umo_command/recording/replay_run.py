@@ -1,4 +1,4 @@
-"""`umo recording replay`: replay a recording, and tell the first difference."""
+"""`umo recording replay`: replay a recording, and print the first difference."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ def replay_file(
 
 
 def setting(text: str) -> tuple[str, Any]:
-    """PATH=VALUE; OptionError for anything else. The value is a number, true or false, or a text."""
+    """Return the path and value of a text PATH=VALUE. Raises OptionError for any other text. The value is a number,
+    true or false, or a text."""
     path, equals, value = text.partition("=")
     if not equals or not path.strip() or not value.strip():
         raise OptionError(f"--set {text!r}: write for example z.servo.gain=0.004")
@@ -66,7 +67,7 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 class ReplayProgress:
-    """An observer that shows how far a replay is."""
+    """An observer that shows the progress of a replay."""
 
     def __init__(self, line: OneLine, tape: Tape) -> None:
         ends = [event.time for event in events_of(tape) if event.is_end]

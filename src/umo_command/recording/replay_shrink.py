@@ -31,7 +31,8 @@ RECORDING, TEST = ".mcap", ".py"
 
 
 def shrink_file(file: Path, code: CodeGiven, output: Path | None, seconds: float, closed: bool) -> int:
-    """Shrink it; the exit status. `output`: a recording, or a test. `closed`: in closed loop with the plant."""
+    """Shrink a recording. Return the exit status. `output`: file for a recording or a test. `closed`: replay in closed
+    loop with the plant."""
     target = output or (None if closed else file.with_suffix(".shrunk.mcap"))
     if (mistake := _mistake(target, closed)) is not None:
         say(mistake, "red")

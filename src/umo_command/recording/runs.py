@@ -1,4 +1,4 @@
-"""`umo recording runs`: the runs in `runs/`."""
+"""`umo recording runs`: lists or removes the runs in `runs/`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from umo_command.run.run_folder import RUNS
 
 
 def show_runs(station: str | None, keep: int | None) -> None:
-    """List the runs, after all but the newest `keep` were removed, where that is asked."""
+    """List the runs. If `keep` is given, first remove all but the newest `keep` runs."""
     if keep is not None:
         removed = prune(keep, station)
         out.print(f"removed: {len(removed)} runs, {_megabytes(sum(run.size for run in removed))}")
@@ -28,8 +28,8 @@ def show_runs(station: str | None, keep: int | None) -> None:
 def _none(station: str | None) -> str:
     others = {run.station for run in recorded()} if station is not None else set()
     if station is None or not others:
-        return f"no run in {RUNS}/"
-    return f"no run of {printable(station)} in {RUNS}/{did_you_mean(station, others)}"
+        return f"there are no runs in {RUNS}/"
+    return f"there is no run of {printable(station)} in {RUNS}/{did_you_mean(station, others)}"
 
 
 def _state(run: RecordedRun) -> str:

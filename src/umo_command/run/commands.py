@@ -1,4 +1,4 @@
-"""`umo run`: its arguments and where they go."""
+"""`umo run`: its arguments, and the functions that carry it out."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
 def named(
     context: typer.Context, help_: bool, station: str | None, wiring: str | None, application: bool = True
 ) -> str:
-    """The station that is named. With --help: show the help and the options of the station, and exit."""
+    """Return the named station. With --help: show the help and the options of the station, and exit."""
     if help_:
         typer.echo(context.get_help())
         if station is not None:

@@ -23,18 +23,19 @@ from umo_command.console import say
 from umo_command.run.process_beside import ProcessBeside
 
 FIRST_PAUSE, MAX_PAUSE = 1.0, 60.0
-"""Time in s after which a process that has ended is started again: it doubles, until one has lived for the longest."""
+"""Time in s after which a process that has ended is started again. The time doubles with each start, up to the maximum,
+until a process has lived for the maximum time."""
 NICENESS = 15
-"""Of the process, from its first moment on."""
+"""Niceness of the process, from its start on."""
 END_TIMEOUT = 5.0
-"""Time in s that the process has to end."""
+"""Time in s within which the process has to end."""
 MAX_TOLD = 50
-"""Lines of the process that are not repeated."""
+"""Largest number of lines of the process that are remembered, so that they are not printed again."""
 
 
 def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object] = say) -> dict[str, Any]:
     """Return the table `[faces]` of a wiring without the faces that are not installed. For these it is printed what to
-    install. Empty without any face. WiringError for a mistake in it."""
+    install. Empty if there is no face. Raises WiringError for a mistake in it."""
     if not table:
         return {}
     from umo.clients.faces.face_settings import KEYS, faces_present, faces_settings
@@ -53,7 +54,7 @@ def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object
 
 
 def wiring_of(plan: Plan) -> str:
-    """The file of a run's wiring."""
+    """Return the file of a run's wiring."""
     return str(plan.wiring) if plan.wiring_name else "wiring"
 
 
@@ -63,8 +64,8 @@ def names_in(table: Mapping[str, Any]) -> list[str]:
 
 
 class FacesBeside(ProcessBeside):
-    """The process that serves the faces of a run. It cannot hold up the run: it is asked, not waited for, until the
-    machine is safe at the end of the block."""
+    """The process that serves the faces of a run. It cannot hold up the run: this process does not wait for it until
+    the machine is safe at the end of the block."""
 
     def __init__(
         self,
@@ -74,18 +75,19 @@ class FacesBeside(ProcessBeside):
         command: Sequence[str] = (),
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        """`table`: as from `faces_of` with this wiring; empty: nothing is started. `command`: the program, for
-        tests."""
+        """`table`: the result of `faces_of` for this wiring; if it is empty, nothing is started. `command`: the
+        program, for tests."""
         super().__init__("umo_command.connect.faces", command)
         self._wiring, self._table = wiring, table
         self._clock = clock
         self._begun, self._pause, self._next = 0.0, FIRST_PAUSE, 0.0
         self._told: deque[str] = deque(maxlen=MAX_TOLD)
         self.is_ending = False
-        """True if the run is to end: a process that ends now is not missed."""
+        """True if the run is ending, so that a process that ends now is not started again."""
 
     def look(self, pid: int | None, path: Sequence[str]) -> None:
-        """Print the output of the process, start it, or start it again. `pid`: the control process; None: not yet."""
+        """Print the output of the process, start it, or start it again. `pid`: the control process, or None before it
+        exists."""
         if not self._table or pid is None:
             return
         if self._process is not None:

@@ -25,7 +25,7 @@ from umo_command.run.record_beside import RecordBeside
 from umo_command.show.stations import readers
 
 POLL_TIMEOUT = 0.05
-"""s between two looks at the frames."""
+"""Time in s between two looks at the frames."""
 
 
 class RingFrame:
@@ -64,8 +64,9 @@ def follow(
     faces: FacesBeside,
     recorder: RecordBeside,
 ) -> tuple[Outcome, float]:
-    """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran. `faults` gets
-    those of equipment. `faces` are served while it runs, and end after it; the recorder begins before it."""
+    """Start the job, show every frame to the observers until it ends. Return its outcome, and the time in s that it
+    ran. Faults of equipment are added to `faults`. `faces` are served while it runs, and end after it; the recorder
+    begins before it."""
 
     def stop(number: int, frame: object) -> None:
         faces.is_ending = True
@@ -100,7 +101,7 @@ def follow(
     if outcome.unsafe:  # what the control process had no more time to say
         outcome.simulated = frame.time
     if lost:
-        say(f"{lost} periods came too fast to be noted in the trace")
+        say(f"{lost} periods came too fast to be written to the trace")
     return outcome, elapsed
 
 

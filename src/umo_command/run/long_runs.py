@@ -23,16 +23,16 @@ from umo_command.console import say
 from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
 
 PARTS = 10
-"""Number of parts that a trace with a limit is divided into, about."""
+"""Approximate number of parts that a trace with a limit is divided into."""
 PENDING_ROWS = 4096
-"""Number of rows that wait for the next writing at most."""
+"""Largest number of rows that wait for the next writing."""
 SUMMARY_PAUSE = 60.0
-"""s on the machine's clock between two summaries while the run goes on."""
+"""Time in s on the machine's clock between two summaries while the run goes on."""
 
 
 class TraceParts:
-    """An observer that writes every period to `trace-000001.csv` and so on in a folder, of at most `limit` bytes in
-    all; the oldest parts are removed. A write error is reported once and leaves a gap (`complete`)."""
+    """An observer that writes every period to `trace-000001.csv` and so on in a folder, with at most `limit` bytes in
+    total; the oldest parts are removed. A write error is reported once and leaves a gap (`complete`)."""
 
     def __init__(self, folder: Path, limit: int) -> None:
         self._folder = folder
@@ -128,7 +128,7 @@ class RecordedRun:
     status: int | None
     """Exit status; None unless it has ended."""
     how: str
-    """The failure, or who has stopped it; "": neither, or not known."""
+    """The failure, or who has stopped it; "" if neither applies, or it is unknown."""
     size: int
     """Bytes of its files."""
     written: float
@@ -153,7 +153,8 @@ def newest(runs: Iterable[RecordedRun]) -> list[RecordedRun]:
 
 
 def recorded(station: str | None = None) -> Iterator[RecordedRun]:
-    """The runs in `runs/` by name, which is by station and start; those of one station, where one is given."""
+    """Return the runs in `runs/`, sorted by name, that is by station and start; only those of one station if it is
+    given."""
     for path in sorted(RUNS.glob("*/run.json")):
         folder, about = path.parent, _read(path)
         name = about.get("station")
@@ -173,7 +174,7 @@ def _how(summary: dict[str, Any]) -> str:
 
 
 def prune(keep: int, station: str | None = None) -> list[RecordedRun]:
-    """Remove all but the newest `keep` runs of each station, or of one, except active ones. Return those removed."""
+    """Remove all but the newest `keep` runs of each station, or of one, except active ones. Return the removed ones."""
     by_station: dict[str, list[RecordedRun]] = {}
     for run in recorded(station):
         by_station.setdefault(run.station, []).append(run)

@@ -24,9 +24,9 @@ from umo.text import some
 SENSOR_SIGNALS = ("setpoint", "low", "high")
 """Signals that are drawn beside the sensors of their unit."""
 MAX_POINTS = 4000
-"""Points of a curve, at most: a picture has hardly more than a thousand columns."""
+"""Largest number of points of a curve: a picture has hardly more than a thousand columns."""
 MAX_PANELS, MAX_ROWS = 10, 30
-"""Panels and rows of binary objects, at most: a figure is at most 23 inches high."""
+"""Largest number of panels, and of rows of binary objects: a figure is at most 23 inches high."""
 ALARM_COLOURS = {
     Priority.LOW: "#4682b4",
     Priority.MEDIUM: "#e6a700",
@@ -34,11 +34,11 @@ ALARM_COLOURS = {
     Priority.CRITICAL: "#b00020",
 }
 MAX_NAMED, MAX_LINES = 8, 40
-"""Curves of a panel that have names, and that are drawn one by one, at most; more become a band."""
+"""Largest number of curves of a panel that have names, and that are drawn one by one; more become a band."""
 WIDTH, MIN_HEIGHT = 16.0, 10.0
 """Size of the figure, inches."""
 MAX_NAME_LENGTH = 40
-"""Characters of a name beside the panels, at most."""
+"""Largest number of characters of a name beside the panels."""
 CHARACTER_WIDTH = 0.065
 """Inches of a character of the texts above the panels."""
 
@@ -51,7 +51,7 @@ class Curve(NamedTuple):
     kind: str
     """`sensors`, `actuators`, `signals`, or `binary`."""
     one: str
-    """The 1 state of a binary object."""
+    """The state of a binary object that is drawn as 1."""
     column: int
     """Its column in the rows."""
 
@@ -87,13 +87,13 @@ class Panel:
 
     label: str
     name: str = ""
-    """Name of the family that they are; empty: they have names of their own."""
+    """Name of the family of its curves, or empty if they have names of their own."""
     curves: list[Curve] = field(default_factory=list)
 
 
 def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
-    """Draw and save the plot. ImportError without matplotlib. Return what did not fit, as text; empty if everything
-    did."""
+    """Draw and save the plot. Raises ImportError without matplotlib. Return a text about the curves that did not fit;
+    empty if all did."""
     if not len(trace.rows):
         return ""
     figure, rest = draw(trace, title)
@@ -105,7 +105,7 @@ def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
 
 def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
     """A panel for each unit and for each family of like objects, a strip of bars for the binary objects and one for the
-    alarms that were raised: the figure, and what found no room in it, which it says too."""
+    raised alarms. Return the figure, and a text about the curves that did not fit, which the figure shows too."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

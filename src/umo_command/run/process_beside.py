@@ -1,4 +1,4 @@
-"""A process beside a run: it cannot hold the run up, as what it says is taken without waiting for it."""
+"""A process beside a run: it cannot hold the run up, because its output is read without waiting for it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from umo.process.start import ONE_THREAD
 from umo.system import notify
 
 MAX_BYTES = 1 << 16
-"""Bytes of its text that are taken at each look: as many as a pipe holds."""
+"""Largest number of bytes of its output that are read at each look: the capacity of a pipe."""
 KILL_TIMEOUT = 1.0
 """Timeout in s for its end once it is killed."""
 
 
 class ProcessBeside:
-    """`module` is run; `command`: the program instead, for tests."""
+    """`module` is the Python module to run; `command`: another program in its place, for tests."""
 
     def __init__(self, module: str, command: Sequence[str] = ()) -> None:
         self._command = command or [sys.executable, "-P", "-m", module]

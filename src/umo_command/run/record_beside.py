@@ -1,5 +1,5 @@
-"""The recorder of a run: which file it writes, and its process, which `umo run` starts before the run and never waits
-for until the machine is safe."""
+"""The recorder of a run: its file, and its process. `umo run` starts the process before the run, and does not wait for
+it before the machine is safe."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SUFFIX = ".mcap"
 READY, FRAMES = b"ready", b"frames"
 """The messages of the process, the second one with the descriptors of the frames."""
 START_TIMEOUT = 10.0
-"""Timeout in s for the process to be ready: the run begins then, with or without it."""
+"""Timeout in s for the process to be ready; after it, the run begins without the recorder."""
 END_TIMEOUT = 60.0
 """Timeout in s for the process to write the rest after the run."""
 NEEDED = ("google.protobuf", "zstandard")
@@ -45,7 +45,7 @@ class RecordOrder:
 
 
 def check_installed() -> None:
-    """OptionError with what to install."""
+    """Raise OptionError, with the package to install, if the recorder is not installed."""
     for each in NEEDED:
         if find_spec(each.partition(".")[0]) is None or find_spec(each) is None:
             raise OptionError(f"recording needs {each}: {how_to_install('record')}")
@@ -58,8 +58,8 @@ def order_of(
     default: Path,
     wiring: str = "wiring",
 ) -> RecordOrder:
-    """Return the order given by the command line and the table `[record]` of the wiring. OptionError for a mistake, an
-    existing file or a missing folder."""
+    """Return the order given by the command line and the table `[record]` of the wiring. Raises OptionError for a
+    mistake, an existing file or a missing folder."""
     check_installed()
     from umo.recording.part_names import part_name
     from umo.recording.record_settings import record_of
@@ -79,12 +79,12 @@ class RecordBeside(ProcessBeside):
     """The process that records a run in real time. Its failure does not affect the run."""
 
     def __init__(self, order: RecordOrder | None, command: Sequence[str] = ()) -> None:
-        """`order`: None: nothing is started. `command`: the program, for tests."""
+        """`order`: None means that nothing is started. `command`: another program, for tests."""
         super().__init__("umo_command.run.record_process", command)
         self._order = order
         self._channel: socket.socket | None = None
         self.complete = True
-        """True if everything was recorded that was to be."""
+        """True if everything was recorded that should be."""
 
     def __enter__(self) -> RecordBeside:
         if self._order is not None:
@@ -104,7 +104,7 @@ class RecordBeside(ProcessBeside):
             self._channel.recv(len(READY))
 
     def attach(self, reader: Reader) -> None:
-        """The run has begun: hand its frames over."""
+        """Hand the frames of the run, which has begun, to the recorder."""
         if self._channel is not None and reader.ends is not None:
             with suppress(OSError):  # it has ended, which is told
                 calls.send_message(self._channel, FRAMES, reader.ends)
@@ -112,7 +112,7 @@ class RecordBeside(ProcessBeside):
             self._channel = None
 
     def look(self) -> None:
-        """Tell what the process says, and once that it has ended before the run."""
+        """Print the output of the process, and a notice, once, if it has ended before the run."""
         self._look(run_is_over=False)
 
     def _look(self, run_is_over: bool) -> None:
@@ -142,7 +142,7 @@ class RecordBeside(ProcessBeside):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """The run is over: the recorder writes the rest."""
+        """End the recording after the run: the recorder writes the rest."""
         if self._channel is not None:
             self._channel.close()
         if (process := self._process) is None:

@@ -1,5 +1,5 @@
 """The recorder beside `umo run` as a program. The socket that it inherits brings it the descriptors of the frames; it
-records until the run ends. What there is to tell goes to stdout in lines."""
+records until the run ends. Its notices are lines on stdout."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from umo_command.console import say
 from umo_command.run.record_beside import RecordOrder
 
 SHARE_OF_RING = 4
-"""The recorder looks whenever this part of the ring is full."""
+"""Share of the ring after which the recorder reads it."""
 
 
 class RecordedVirtual:
@@ -25,17 +25,17 @@ class RecordedVirtual:
     continues."""
 
     def __init__(self, order: RecordOrder | None) -> None:
-        """`order`: None: nothing is recorded, or published."""
+        """`order`: None means that nothing is recorded or published."""
         self._order = order
         self._undo = ExitStack()
         self._work: Any = None
         self._periods = self._share = 0
         self.complete = True
-        """True if everything was recorded that was to be."""
+        """True if everything was recorded that should be."""
 
     @contextmanager
     def published(self, connection: connect[Any], plan: Plan) -> Iterator[None]:
-        """Publish and record the periods of the connected machine while the block lasts."""
+        """Return a context in which the periods of the connected machine are published and recorded."""
         with ExitStack() as stack:
             if self._order is not None:
                 try:
@@ -69,7 +69,7 @@ class RecordedVirtual:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """The actuators are reset: write the rest."""
+        """Write the rest, after the actuators are reset."""
         with self._undo:
             if self._work is not None:
                 self._work.finish()

@@ -20,8 +20,8 @@ from umo.recording.recording_parts import RecordingParts
 
 
 class RecordingWork:
-    """Records one run to a file, or in a flight recorder. OSError, UmoError if it cannot begin. A full disk ends the
-    record with a notice; the file has all that was written before."""
+    """Records one run to a file, or in a flight recorder. Raises OSError or UmoError if it cannot begin. A full disk
+    ends the record with a notice; the file keeps everything that was written before."""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class RecordingWork:
         *,
         threaded: bool = True,
     ) -> None:
-        """`threaded`: whether a thread writes, while frames are read on."""
+        """`threaded`: True if a separate thread writes while frames are read."""
         self._reader, self._file, self._say = reader, file, say
         self._last = settings.last
         self._folder: FlightFolder | None = None
@@ -48,13 +48,13 @@ class RecordingWork:
         self._thread = ThreadPoolExecutor(1, "umo record") if threaded else None
         self._recorder = Recorder(reader, self._parts, thread=self._thread)
         self.is_over = False
-        """True if nothing is recorded any more."""
+        """True if the recording has ended."""
         self.failed = False
-        """True if it ended before the run, or could not be saved."""
+        """True if the recording ended before the run, or could not be saved."""
 
     @property
     def pause(self) -> float:
-        """s to the next look."""
+        """Time in s to the next look."""
         return self._recorder.pause
 
     @property
@@ -78,7 +78,7 @@ class RecordingWork:
         self.is_over = ended
 
     def finish(self) -> None:
-        """Write the rest, and say what there is."""
+        """Write the rest, and report the result."""
         self.is_over = True
         if not self.failed:
             try:
@@ -148,7 +148,7 @@ class RecordingWork:
 def record_to_the_end(
     work: RecordingWork, stopped: Callable[[], Any], sleep: Callable[[float], Any] = time.sleep
 ) -> None:
-    """Record until the run ends, or this process is to stop."""
+    """Record until the run ends, or until this process is asked to stop."""
     while not work.is_over and not stopped():
         work.look()
         sleep(work.pause)

@@ -1,8 +1,8 @@
 """The result of a run: its table, its summary, and its folder in `runs/`, with `run.json` and the trace from its
 beginning, and summary, failure and plot at its end.
 
-Every file is there whole or not at all. The trace of a run whose `umo run` was killed, or could not read its frames to
-the end (status 4), ends before the run did.
+Every file is written whole or not at all. The trace of a run whose `umo run` was killed, or could not read its frames
+to the end (status 4), ends before the run did.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 TRACE_PAUSE = 1.0
-"""s on the machine's clock between two writings of the trace while the run goes on."""
+"""Time in s on the machine's clock between two writings of the trace while the run goes on."""
 MAX_SHOWN = 5
 """Number of faults of equipment that are shown."""
 MAX_VALUE_LENGTH = 100
-"""Characters of a value in the table, at most."""
+"""Largest number of characters of a value in the table."""
 
 
 @dataclass
@@ -55,9 +55,9 @@ class RunSummary:
     statistics: Statistics
     outcome: Outcome = field(default_factory=Outcome)
     progress: Progress = field(default_factory=Progress)
-    """Last progress that the machine told."""
+    """Last progress that the machine reported."""
     elapsed: float = 0.0
-    """s of wall-clock time."""
+    """Wall-clock time in s."""
     injected: Sequence[str] = ()
     """Faults that were injected on purpose."""
     equipment_faults: FaultLog = field(default_factory=FaultLog)
@@ -70,12 +70,12 @@ class RunSummary:
 
     @property
     def failed(self) -> str:
-        """Reason why the run failed, in a line; "": it did not."""
+        """Reason why the run failed, in a line, or "" if it did not."""
         failure = self.outcome.failure
         return "" if failure is None else failure.message.partition("\n")[0]
 
     def summary(self, *, running: bool = False) -> dict[str, Any]:
-        """Return the summary as plain data, while the run lasts as well."""
+        """Return the summary as plain data; possible during the run too."""
         statistics = self.statistics
         optional: dict[str, Any] = {"injected_faults": list(self.injected)} if self.injected else {}
         if mistakes := self.equipment_faults.mistakes:
@@ -195,7 +195,7 @@ class RunSummary:
 
 
 def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
-    """Plain data: a row for each entry of a dict, else one under this name."""
+    """Return rows for plain data: one row for each entry of a dict, otherwise one row under this name."""
     if isinstance(data, dict):
         for key, value in data.items():
             yield printable(str(key).replace("_", " ")), _text(value)
@@ -225,7 +225,7 @@ class RunFolder:
         self._alone = alone
         """True if `runs/` was made for it."""
         self.complete = True
-        """True if all was written."""
+        """True if everything was written."""
 
     @classmethod
     def make(cls, plan: Plan) -> RunFolder:
@@ -255,7 +255,7 @@ class RunFolder:
                 RUNS.rmdir()
 
     def save(self, result: RunSummary, trace: Trace) -> None:
-        """Write all but the plot. What fails is said and makes the record incomplete."""
+        """Write all but the plot. A failure is printed and makes the record incomplete."""
         failure = result.outcome.failure
         if failure is not None:
             text = f"{failure.message}\n{failure.traceback}"
@@ -274,7 +274,7 @@ class RunFolder:
         return True
 
     def lost(self, name: str, error: OSError) -> None:
-        """Say that a file could not be written: the record is not complete."""
+        """Report that a file could not be written, and mark the record as incomplete."""
         self.complete = False
         say(f"{self.path / name} could not be written: {text_of(error)}", "red")
 
@@ -309,7 +309,8 @@ class TraceFile:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A file to write that gets its name when it is complete; none is left if writing it fails or is interrupted."""
+    """Return a context with a file to write, which gets its name when it is complete. If writing fails or is
+    interrupted, no file is left."""
     new = path.with_name(f".new-{path.name}")
     try:
         yield new

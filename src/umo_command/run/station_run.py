@@ -41,9 +41,10 @@ from umo_command.shared import begin_again, interrupt_once
 from umo_command.values import check_file
 
 STILL_TIME = 600.0
-"""s on the machine's clock without a change after which it is said."""
+"""Time in s on the machine's clock without a change after which a notice is printed."""
 LOOK_PERIODS = 997
-"""Periods between two looks: a prime number, so that a machine that repeats itself is hardly taken for a still one."""
+"""Periods between two looks: a prime number, so that a machine that repeats itself is hardly ever mistaken for one that
+stands still."""
 
 
 @dataclass(frozen=True)
@@ -51,25 +52,24 @@ class Record:
     """The files that a run writes."""
 
     folder: bool = True
-    """True if it leaves a folder in runs/."""
+    """True if the run leaves a folder in runs/."""
     plot: bool = True
     summary: Path | None = None
     """File for the summary."""
     keep: int | None = None
-    """Bytes of a trace of every period, whose oldest parts are removed; None: none is written."""
+    """Bytes of a trace of every period, whose oldest parts are removed, or None if none is written."""
     keep_runs: int | None = None
-    """Number of runs of the station that are kept, with this one; None: all."""
+    """Number of runs of the station that are kept, with this one; None means all."""
     recording: Path | None = None
-    """File for a recording of every period; an empty path: `recording.mcap` in the run's folder. None: none, unless the
-    wiring asks for one."""
+    """File for a recording of every period; an empty path: `recording.mcap` in the run's folder. None means no
+    recording, unless the wiring asks for one."""
     recording_settings: Mapping[str, Any] = field(default_factory=dict)
     """The settings of a recording that the command line changes."""
 
 
 def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = False, serve: bool = True) -> int:
-    """Run a station's application to its end; the exit status. `serve`: the faces of its wiring too.
-
-    In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
+    """Run a station's application to its end, and return the exit status. `serve`: also serve the faces of its wiring.
+    In real time the station runs in its own processes (`umo.process`), in virtual time in this one.
     """
     limit_waits()
     status = _run_station(job, record, full_traceback, serve)
@@ -282,7 +282,7 @@ def _plot(title: str, trace: Trace, result: RunSummary, folder: RunFolder) -> st
 
 
 class Stillness:
-    """An observer that says once that no value has changed for a long time, and where the application waits."""
+    """An observer that reports once that no value has changed for a long time, and where the application waits."""
 
     def __init__(self, say: Callable[[str], object], places: Callable[[], list[str]]) -> None:
         self._say = say

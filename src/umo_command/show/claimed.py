@@ -1,4 +1,4 @@
-"""`umo show why STATION PATH`: who drives an actuator, why, and what comes next."""
+"""`umo show why STATION PATH`: shows who drives an actuator, why, and the next steps."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from umo_command.console import out, say
 
 
 def show_claim(station: str, path: str) -> None:
-    """Print who drives an actuator. PathError, FramesError and OptionError if the path does not exist, the station does
-    not run, or it is not an actuator."""
+    """Print who drives an actuator. Raises PathError, FramesError or OptionError if the path does not exist, the
+    station does not run, or it is not an actuator."""
     with closing(find_running(station, say)) as reader:
         number, frame = reader.index(path), reader.latest()
         if not reader.layout.described.objects[number].is_actuator:
@@ -38,7 +38,7 @@ def _table(reader: RunReader, frame: object, number: int) -> Table:
     table.add_row("next", claim.ends)
     table.add_row("default", about.default_text)
     if about.expires:
-        table.add_row("expires", f"{duration(about.expires)} after a write of the program the default is sent")
+        table.add_row("expires", f"the default is sent {duration(about.expires)} after the last write of the program")
     if about.is_held:
-        table.add_row("when suspended", "it holds its value")
+        table.add_row("when suspended", "the actuator holds its value")
     return table

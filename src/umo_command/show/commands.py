@@ -1,4 +1,4 @@
-"""`umo show`: its commands, their arguments and where they go."""
+"""`umo show`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 
@@ -66,7 +66,8 @@ def values(
     """Watch a running station: values, traces, missed periods. Watching does not disturb the station.
 
     Similar objects of a list are folded into one line. In a terminal: arrows, page up and down, home and end move;
-    enter folds and unfolds; a: all; q quits. Without a terminal, or with --once, every object is shown once.
+    enter folds and unfolds; a folds and unfolds all; q quits. Without a terminal, or with --once, every object is shown
+    once.
     """
     from umo_command.show.values_live import watch as show
 

@@ -15,7 +15,7 @@ from umo_command.console import out, plain_table
 
 COLUMNS = ("station", "since", "state", "mode", "lease", "missed", "alarms", "progress")
 SEARCH_TIME = 3.0
-"""Time in s that stations are waited for."""
+"""Time in s for which the command waits for stations."""
 SEARCH_PAUSE = 0.05
 
 

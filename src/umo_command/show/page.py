@@ -39,11 +39,11 @@ LIBRARIES = ("starlette", "uvicorn", "websockets")
 DEFAULT_PORT = 8270
 """TCP port; any free one if it is taken."""
 MIN_TOKEN_LENGTH = 8
-"""Characters of a token that is given, at least."""
+"""Least number of characters of a given token."""
 
 
 class PageError(FramesError, ValueError):
-    """The page cannot be served like this."""
+    """The page cannot be served with these options."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class ViewOptions:
     """The address at which a proxy serves the page."""
     fleet: bool = False
     second: Path | None = None
-    """A recording to be laid over another one."""
+    """A recording that is drawn over another one."""
     code: str | None = None
     """The station whose twin is drawn in a recording, by folder or name."""
 
@@ -218,7 +218,7 @@ def _station(choice: ViewOptions) -> tuple[str, str, int | None] | None:
             raise
         near = did_you_mean(name, [*running, *shipped()])
         known = f"running: {', '.join(running) or 'none'}; others: {', '.join(shipped())}, or a directory"
-        raise PageError(f"no station {printable(choice.station)!r}{near}; {known}") from error
+        raise PageError(f"there is no station {printable(choice.station)!r}{near}; {known}") from error
     say(f"{name} is not running yet; the page waits for it")
     return station.name, str(station.path), None
 
@@ -249,15 +249,15 @@ def _warn(choice: ViewOptions, operate: bool) -> None:
 
 
 def _tell_roles(own: str | None) -> None:
-    """Print the rights of users who have the token, and how this user is identified (`own`; None: not at all)."""
+    """Print the rights of users who have the token, and how this user is identified (`own`, or None if not)."""
     roles = Roles.load()
     role = roles.of(Caller(PAGE, ""))
     if roles.mistake:
         say(f"warning: other users may only look: {roles.mistake}")
     elif role is Role.SEE:
-        say(f"with the token that was given one may look; {PAGE} in [unverified] of {place()} gives a role")
+        say(f"with the given token a user may look; {PAGE} in [unverified] of {place()} gives a role")
     else:
-        say(f"with the token that was given one may {role}")
+        say(f"with the given token a user may {role}")
     if own is not None:
         say(f"with all rights, for programs of yours on this computer: {own}")
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 
 def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), everything: bool = False) -> int:
-    """The objects, or those at a path; 2 if the wiring has faults. `words`: the path and options of the machine."""
+    """Print all objects, or those at a path. Return 2 if the wiring has mistakes. `words`: the path and options of the
+    machine."""
     file = station.wiring(wiring)
     machine, paths = machine_and_words(station, words)
     if len(paths) > 1:

@@ -30,7 +30,7 @@ MAX_NAMED_PARTS = 8
 
 
 def show_period(station: Station, wiring: str | None, words: Sequence[str] = ()) -> int:
-    """The phases in their order; nothing is opened. `words`: options of the machine."""
+    """Print the phases in their order. No device is opened. `words`: options of the machine."""
     root, paths = machine_and_words(station, words)
     if paths:
         raise OptionError(f"unexpected argument {paths[0]!r}: --period is about the whole machine")

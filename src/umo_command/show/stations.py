@@ -27,7 +27,7 @@ COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "mis
 MAX_STOPPED = 5
 """Number of machines that stand stopped of which each has a line: the newest."""
 CHANGED = "changed"
-"""Name of the fact that tells which files have changed on disk since the run has read them."""
+"""Name of the fact that lists the files that have changed on disk since the run has read them."""
 
 
 def show_stations(as_json: bool = False) -> None:
@@ -86,21 +86,25 @@ def _remark(data: dict[str, Any], facts: dict[str, str], ambiguous: bool) -> Non
 
 
 def how_to_clear(name: str, faults: Iterable[str]) -> str:
-    """Hint which command clears the faults at these paths of a station."""
+    """Return a hint that names the command which clears the faults at these paths of a station."""
     paths = list(faults)
     return f"cleared by: umo do {name} clear{f' {paths[0]}' if len(paths) == 1 else ''}"
 
 
 def how_ended(reader: RunReader) -> Text:
-    """Return the sentence that a run has ended, and how, if it could still report that; red after a failure."""
+    """Return the sentence that a run has ended, with its result if the run could still report it; red after a
+    failure."""
     name, end = reader.about["station"], reader.end
     if end is None:
-        return Text(f"{name} has ended without telling how; `umo show stations` names what stands stopped", "red")
+        return Text(
+            f"{name} has ended without a report; `umo show stations` lists the devices that stand stopped", "red"
+        )
     return Text(f"{name} has ended: {printable(end.text)}", "red" if end.state is CommandState.FAILED else "")
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
-    """The station that the first word names and the words after it; else the only one that runs, and all the words."""
+    """Return the station that the first word names, and the words after it; if the first word names no station, return
+    the only one that runs, and all the words."""
     try:
         return attach(words[0] if words else None), words[1:]
     except FramesError:
@@ -127,12 +131,13 @@ def readers() -> list[Reader]:
 
 
 def attach(name: str | None) -> Reader:
-    """The frames of one running station, by name or pid; FramesError lists those that run."""
+    """Return the frames of one running station, by name or pid. Raises FramesError, which lists the running
+    stations."""
     return search.find_running(name, say)
 
 
 def standing() -> list[Ended]:
-    """The machines that stand stopped, or whose processes are all gone; the newest first."""
+    """Return the machines that stand stopped, or whose processes are all gone; the newest first."""
     found = [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
     return sorted(found, key=lambda ended: ended.when, reverse=True)
 

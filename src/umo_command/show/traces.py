@@ -9,18 +9,19 @@ from umo.digits import number_text
 from umo.objects.presentation.described import Described
 
 TRACE_BLOCKS = 16
-"""Blocks of a trace, the newest last."""
+"""Number of blocks of a trace; the newest is the last."""
 TRACE_SPAN = 16.0
-"""s on the machine's clock that a trace covers."""
+"""Time in s on the machine's clock that a trace covers."""
 MAX_TIME = 1e12
-"""s: a frame with a later time is damaged."""
+"""Time in s; a frame with a later time is damaged."""
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 Floats = npt.NDArray[np.float64]
 
 
 class Traces:
-    """The least and the greatest value of each row in each stretch of time; NaN: there was none."""
+    """The least and the greatest value of each row in each stretch of time; NaN stands for a stretch without a
+    value."""
 
     def __init__(self, rows: int) -> None:
         self.low: Floats = np.full((TRACE_BLOCKS, rows), np.nan)
@@ -28,7 +29,7 @@ class Traces:
         self._stretch: int | None = None
 
     def add(self, times: Floats, values: Floats) -> None:
-        """Take some frames: a time and a row of values for each; those without a time are passed over."""
+        """Add some frames, each with a time and a row of values. Frames without a time are ignored."""
         known = np.isfinite(times) & (np.abs(times) < MAX_TIME)
         times, values = times[known], values[known]
         stretches = (times * (TRACE_BLOCKS / TRACE_SPAN)).astype(np.int64)
@@ -43,14 +44,15 @@ class Traces:
             np.fmax(self.high[-1], np.fmax.reduce(inside), out=self.high[-1])
 
     def of(self, rows: list[int]) -> tuple[Floats, Floats]:
-        """The least and the greatest of some rows in each stretch in which there was a value."""
+        """Return the least and the greatest value of some rows in each stretch of time that has a value."""
         low, high = np.fmin.reduce(self.low[:, rows], axis=1), np.fmax.reduce(self.high[:, rows], axis=1)
         known = np.isfinite(low) & np.isfinite(high)
         return low[known], high[known]
 
 
 def spark(traced: tuple[Floats, Floats], about: Described) -> str:
-    """Return a block for each stretch of time, at the middle of the values in it. `about`: the row."""
+    """Return a block for each stretch of time, at the height of the middle of its values. `about`: the description of
+    the row."""
     low, high = traced
     if not len(low):
         return ""
@@ -62,7 +64,7 @@ def spark(traced: tuple[Floats, Floats], about: Described) -> str:
 
 
 def traced_span(traced: tuple[Floats, Floats], about: Described) -> str:
-    """`2 to 3.5`; empty for a binary object and a named value."""
+    """Return the range of the values, such as `2 to 3.5`; empty for a binary object or a named value."""
     low, high = traced
     if not (about.is_number and len(low)):
         return ""

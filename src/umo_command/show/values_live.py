@@ -48,16 +48,17 @@ OTHER_LINES = 6
 """Lines of a screen above and below those of the table."""
 HEADINGS = ("object or signal", "value", f"last {TRACE_SPAN:g} s", "least to most", "raw")
 MAX_REASONS = 3
-"""Reasons of inhibitions that are told, at most."""
+"""Largest number of reasons of inhibitions that are reported."""
 WARNINGS = ("no frame for", "not seen")
-"""Facts in another colour."""
+"""Facts that are shown in another colour."""
 OWN_LINE_FACTS = (IN_FAULT, "driven", ALARMS)
-"""Facts that are told in lines of their own."""
+"""Facts that are shown in lines of their own."""
 COLUMN_GAP = 2
 """Characters between two columns."""
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
 PAUSE_RATIO = 9
-"""Pause after a picture, in times of what it took: the computer is the station's, and the terminal may be slow."""
+"""Pause after a picture, as a multiple of the time that the picture took, because the station needs the computer, and
+the terminal may be slow."""
 MARKS = {True: "▾ ", False: "▸ "}
 SEQUENCES = {
     b"\x1b[A": "up",
@@ -130,7 +131,7 @@ def _keys(wait: Wait | None, seconds: float) -> Iterable[str]:
 
 
 class WatchScreen:
-    """The screen: the last frame, and traces of those before."""
+    """The screen: the last frame, and traces of earlier ones."""
 
     def __init__(self, reader: RunReader, rows: list[int]) -> None:
         entries = reader.layout.described.traced
@@ -154,13 +155,13 @@ class WatchScreen:
         return ended
 
     def whole(self) -> Group | Text:
-        """Everything that was asked for, each object in a line."""
+        """Return all selected objects, one in a line."""
         lines = View(self._names, fold=False).lines
         rest = f"{others(self._others)} not shown" if self._others else ""
         return self._draw(lines, None, self._remarks(), rest, out.width)
 
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
-        """Draw as much as fits the terminal; with keys, a cursor and what they do."""
+        """Draw as much as fits the terminal; if there is a keyboard, also draw a cursor and the meaning of the keys."""
         remarks = self._remarks()
         height = max(1, console.size.height - OTHER_LINES - len(remarks))
         lines, total = self.view.visible(height), len(self.view.lines)
@@ -271,13 +272,13 @@ def _value(line: list[TableRow]) -> Text:
 class Line:
     name: str
     rows: list[int]
-    """Places of what it shows; several: a family."""
+    """Places of the objects in the line; a family has several."""
     family: str = ""
-    """The family that it opens and closes."""
+    """The family that the line folds and unfolds."""
 
 
 class View:
-    """State of the list: what is unfolded, the cursor, the first visible line."""
+    """State of the list: the unfolded families, the cursor, the first visible line."""
 
     def __init__(self, names: Sequence[str], fold: bool = True) -> None:
         self._names = names
@@ -302,7 +303,7 @@ class View:
         return lines
 
     def press(self, key: str, height: int) -> None:
-        """Move by a key; fold or unfold what the cursor is on, or all."""
+        """Carry out a key: move the cursor, or fold or unfold the family at the cursor, or all families."""
         page = max(1, height - 1)
         steps = {"up": -1, "down": 1, "page up": -page, "page down": page, "home": -len(self.lines), "end": 10**9}
         if key in steps:
@@ -315,7 +316,7 @@ class View:
         self.cursor = min(max(self.cursor, 0), len(self.lines) - 1)
 
     def visible(self, height: int) -> list[Line]:
-        """The lines that fit, with the cursor among them."""
+        """Return the lines that fit, with the cursor among them."""
         self.top = min(max(self.top, self.cursor - height + 1), self.cursor, max(0, len(self.lines) - height))
         return self.lines[self.top : self.top + height]
 

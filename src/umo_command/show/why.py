@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""
 MAX_VERDICTS = 10
-"""Missed periods that are explained, the last ones."""
+"""Number of missed periods that are explained, the latest ones."""
 PROFILED = "which function takes the time, in virtual time (docs/howto-late-periods.md):"
-"""Heading of the command that tells it."""
+"""Heading of the command that explains it."""
 PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 

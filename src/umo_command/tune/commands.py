@@ -1,4 +1,4 @@
-"""`umo tune number`: its commands, their arguments and where they go."""
+"""`umo tune number`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def law(
         str,
         typer.Argument(
             metavar="STATION",
-            help="Name, folder or pid; it may run, or not.",
+            help="Name, folder or pid of a station, running or not.",
             autocompletion=completion.stations_and_running,
         ),
     ],
@@ -153,8 +153,8 @@ def law(
     derivative: Annotated[
         bool, typer.Option("--derivative", help="Allow a derivative, even if the law has none now.")
     ] = False,
-    sensor: Annotated[str, typer.Option(metavar="PATH", help="Sensor of a law that does not know it.")] = "",
-    actuator: Annotated[str, typer.Option(metavar="PATH", help="Actuator of a law that does not know it.")] = "",
+    sensor: Annotated[str, typer.Option(metavar="PATH", help="The sensor, if the law does not name one.")] = "",
+    actuator: Annotated[str, typer.Option(metavar="PATH", help="The actuator, if the law does not name one.")] = "",
     cascade: Annotated[
         bool,
         typer.Option(

@@ -1,4 +1,4 @@
-"""`umo tune kept`: the kept values of a station; `umo tune save`: the lines that keep what was tuned."""
+"""`umo tune kept`: the kept values of a station; `umo tune save`: the lines of a wiring that keep the tuned numbers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def kept(station: str, wiring: str | None, forget: str | None) -> None:
         raise KeptFileError(f"the kept values cannot be looked for: {error.strerror or error}") from None
     if not files:
         of = f" with the wiring {wiring}" if wiring is not None else ""
-        raise PathError(f"nothing is kept of {name}{of}; a run in real time keeps what is declared kept=True")
+        raise PathError(
+            f"no values are kept of {name}{of}; a run in real time keeps the numbers that are declared kept=True"
+        )
     if forget is not None:
         _forget(files, forget)
         return
@@ -89,8 +91,8 @@ def _forget(files: list[tuple[Path, KeptValues | KeptFileError]], number: str) -
 
 
 def save_tuned(reader: RunReader) -> None:
-    """Print which tuned numbers are kept, and for the others the lines of the wiring that keep them: valid TOML, to
-    the last digit."""
+    """Print which tuned numbers are kept, and for the others the lines of the wiring that keep them, as valid TOML with
+    all digits."""
     kept, tuned = reader.kept, reader.tuned()
     for path in tuned:
         if path in kept:
@@ -103,6 +105,6 @@ def save_tuned(reader: RunReader) -> None:
 
 
 def toml_line(path: str, number: str) -> str:
-    """The line of `[parameters]` that gives a number its value: valid TOML for every path."""
+    """Return the line of `[parameters]` that gives a number its value. It is valid TOML for every path."""
     text = path.replace("\\", "\\\\").replace('"', '\\"')
     return f'"{text}" = {number}'

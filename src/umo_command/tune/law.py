@@ -1,4 +1,4 @@
-"""`umo tune law`: find the gains of a law, from an experiment or from what was recorded."""
+"""`umo tune law`: find the gains of a law, from an experiment or from a recorded run."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from umo_command.tune.told import SettingsReport, settings_report, tables_of
 from umo_command.values import check_picture, difference, number
 
 MAX_LIMITED_SHARE = 0.02
-"""Share of an experiment in which an inner law may be at its limit, and nothing is said."""
+"""Largest share of an experiment in which an inner law may be at its limit without a remark."""
 LOW_FIT = 90.0
-"""Fit in per cent below which it is said."""
+"""Fit in per cent below which a remark is printed."""
 
 
 @dataclass(frozen=True)
 class TuningOrder:
-    """The request of the command line."""
+    """The order that the command line gives."""
 
     relay: str | None = None
     step: str | None = None
@@ -68,7 +68,7 @@ class TuningOrder:
     cascade: bool = False
 
     def check(self) -> None:
-        """OptionError unless it names one source."""
+        """Raise OptionError unless the order names exactly one source."""
         sources = {"--relay": self.relay, "--step": self.step, "--moves": self.moves, "--file": self.file}
         given = [name for name, value in sources.items() if value is not None]
         if len(given) != 1:
@@ -85,7 +85,7 @@ class TuningOrder:
 
 
 def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str]) -> int:
-    """Find the gains, and print them; the exit status. Without a place, list the laws."""
+    """Find the gains and print them, or list the laws if no place is given. Return the exit status."""
     if not place:
         return _list_laws(station, order, options)
     order.check()

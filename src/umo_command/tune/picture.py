@@ -10,11 +10,11 @@ from umo.commissioning.tuning.tuning_result import PRESENT, TuningResult
 from umo.objects.presentation.value_text import shown_unit
 
 WIDTH, HEIGHT = 12.0, 10.0
-"""Inches."""
+"""Size of the picture, inches."""
 
 
 def save_tuning_plot(result: TuningResult, path: Path, title: str) -> None:
-    """Draw and save it; ImportError without matplotlib."""
+    """Draw and save the picture. Raises ImportError without matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -50,7 +50,7 @@ def _steps(axis: Any, result: TuningResult) -> None:
     """Draw each predicted step of the setpoint by 1; for the balanced set also with the models that fit equally
     well."""
     for number, step in enumerate(result.doubt(BALANCED)):
-        label = f"{BALANCED}, with what fits as well" if not number else None
+        label = f"{BALANCED}, with other models that fit as well" if not number else None
         axis.plot(step.times, step.measurements, color="tab:orange", alpha=0.35, linewidth=0.6, label=label)
     for name, step in result.steps.items():
         style = {"color": "0.5", "linestyle": "--"} if name == PRESENT else {}

@@ -22,7 +22,8 @@ from umo_command.do.commanding import leased, station_of
 
 
 def show_recipes(station: Station, running: str) -> int:
-    """Print every recipe with its values and units; of a station that runs, which was begun last and which is next."""
+    """Print every recipe with its values and units; for a running station, also which one was begun last and which one
+    is next."""
     found = books_of(station.machine())
     if not found:
         raise OptionError(f"{station.name} has no recipes")
@@ -71,7 +72,7 @@ def _named(station: Station, books: Mapping[str, RecipeBook[Any]], name: str) ->
     found = [(path, book.recipes[name]) for path, book in books.items() if name in book.recipes]
     if not found:
         known = list(dict.fromkeys(each for book in books.values() for each in book.recipes))
-        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
+        raise RecipeError(f"there is no recipe {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
     if len(found) > 1:
         ways = " | ".join(f"umo do {station.name} call {path}.choose name={name}" for path, _ in found)
         raise RecipeError(f"several parts have a recipe {name!r}: {ways}")

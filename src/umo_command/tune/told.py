@@ -18,23 +18,24 @@ from umo_command.console import plain_table
 from umo_command.tune.kept import toml_line
 
 LEAST_DEAD_TIME = 1e-3
-"""Periods below which a dead time is told as 0."""
+"""Number of periods below which a dead time is shown as 0."""
 
 
 @dataclass
 class SettingsReport:
-    """The settings of one set, and what to do with them."""
+    """The gains of one set, with the lines that try and keep them."""
 
     name: str
     values: dict[str, float]
-    """By the names of the law."""
+    """Values of the gains, by the names of the law."""
     lines: list[str] = field(default_factory=list)
 
 
 def settings_report(
     result: TuningResult, name: str, station: str, tunable: Mapping[str, tuple[float, float]]
 ) -> SettingsReport:
-    """`tunable`: the tunable numbers, with their ranges. RangeError if there is no set of this name."""
+    """Return the report on one set. `tunable`: the tunable numbers, with their ranges. Raises RangeError if there is no
+    set of this name."""
     chosen = result.set_of(name)
     told = SettingsReport(name, settings_of(result, chosen))
     base = result.facts.base
@@ -67,7 +68,7 @@ def _code(value: float) -> str:
 
 
 def tables_of(result: TuningResult) -> Iterator[Table]:
-    """The model, then the sets."""
+    """Return the tables: first the model, then the sets."""
     yield _model_table(result)
     yield _sets_table(result)
 

@@ -308,7 +308,7 @@ def test_a_flood_of_puts_of_one_connection_keeps_no_other_waiting_for_the_look_a
     answers = asyncio.run(work())
     assert looked == ["10.0.0.7:4711"] * MAX_ASKED + ["127.0.0.1:5000"]
     refused = [str(each) for each in answers if isinstance(each, UmoError)]
-    assert refused == [f"up to {MAX_ASKED} puts and calls of a connection at once"] * (1000 - MAX_ASKED)
+    assert refused == [f"a connection may have at most {MAX_ASKED} puts and calls in progress"] * (1000 - MAX_ASKED)
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_what_is_held_is_kept_up_while_the_queue_takes_nothing_of_another(monkey
 
 def test_a_client_that_has_gone_before_its_command_was_sent_commands_nothing() -> None:
     async def step(rig: Any, face: Recorder) -> None:
-        with pytest.raises(CommandRefused, match="its client has gone"):
+        with pytest.raises(CommandRefused, match="its client has disconnected"):
             await face.commands.ask(user(is_alive=lambda: False), "call", "cell.add", arguments={"weight": 1.0})
         assert not [each for each in rig.events if each.path == "cell.add"]
 

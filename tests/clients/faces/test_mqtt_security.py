@@ -130,7 +130,7 @@ def test_a_broker_with_tls_and_a_password(
     text = said(make(**given, password_file=secret(tmp_path, "wrong")), caplog)
     assert text == f"mqtts://localhost:{port} refuses the user ann: Not authorized; it is tried again"
     caplog.clear()
-    assert "refuses who has no user" in said(make(port=port, host="localhost", ca=authority.file), caplog)
+    assert "refuses clients without a user" in said(make(port=port, host="localhost", ca=authority.file), caplog)
     caplog.clear()
     other = Authority(tmp_path, "other").file
     text = said(make(**(given | {"ca": other}), password_file=secret(tmp_path, "right")), caplog)

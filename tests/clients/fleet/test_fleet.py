@@ -240,7 +240,7 @@ def test_a_command_of_before_the_gateway_began_is_refused() -> None:
         await fleet.client()
         sent = time.time() - 20.0
         command = {"do": "tune", "path": "cell.gain", "value": 3.0, "sent": sent, "until": sent + 30.0}
-        assert "before the gateway began" in (await asked(session, "ann", **command))[-1]["error"]
+        assert "before the gateway started" in (await asked(session, "ann", **command))[-1]["error"]
         assert machine.m.cell.gain == 1.0
         session.close()  # type: ignore[no-untyped-call]
 
@@ -275,7 +275,7 @@ def test_a_second_station_of_the_same_name_is_not_published_and_that_is_told() -
         other = Fleet(machine, int(fleet.address.rpartition(":")[2]))
         await other.begin(as_client=True)
         await until(lambda: other.said)
-        assert f"{PLANT} is in the fleet already" in other.said[0]
+        assert f"{PLANT} is already in the fleet" in other.said[0]
         await other.end()
 
     tried(work)

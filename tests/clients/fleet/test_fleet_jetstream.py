@@ -229,7 +229,7 @@ def test_what_is_not_kept_any_more_when_the_server_is_back_is_a_gap_and_told(
         await recorded_up_to(history, number)
         await history.end()
         ((first, last, count),) = rows(
-            history.root, "SELECT first, last, count FROM gaps WHERE of = 'values' AND why = 'they did not come'"
+            history.root, "SELECT first, last, count FROM gaps WHERE of = 'values' AND why = 'they did not arrive'"
         )
         assert count == last - first + 1 > 20
         deltas = history.deltas()

@@ -89,9 +89,9 @@ def test_a_rule_in_another_form_is_not_spoilt(fleet: Authority) -> None:
     [
         ("users.ann = true", "did you mean 'user'"),
         ("user = 3", "user: must be a table, not 3"),
-        ("user.ann = 3", "it is true"),
-        ("user.ann = []", "it is true"),
-        ('site.cell7 = ["cell8"]', "it is true"),
+        ("user.ann = 3", "must be true"),
+        ("user.ann = []", "must be true"),
+        ('site.cell7 = ["cell8"]', "must be true"),
         ('user."*" = true', "cannot be a name"),
         ('user.ann = ["**"]', "cannot be a name"),
         ("user.ann", "rules.toml"),

@@ -423,7 +423,7 @@ def test_nothing_is_lost_while_a_router_is_killed_and_back_after_two_seconds(aut
             sys.executable, "-c", code, *arguments, stdout=asyncio.subprocess.PIPE, env=dict(os.environ)
         )
         assert process.stdout is not None
-        assert b"those whom its rules name" in await process.stdout.readline()
+        assert b"the clients that its rules name" in await process.stdout.readline()
         return process
 
     async def all_of_it() -> None:

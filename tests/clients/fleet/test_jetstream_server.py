@@ -59,7 +59,7 @@ def test_stations_are_matched_by_the_patterns_of_the_command() -> None:
         ("plant.local", "'plant.local' is not a JetStream; write nats://HOST:4222, or tls://HOST:4222"),
         ("http://plant:4222", "is not a JetStream"),
         ("nats://plant:port", "is not a JetStream"),
-        ("nats://ann:secret@plant:4222", "no password on a command line"),
+        ("nats://ann:secret@plant:4222", "a password on a command line"),
         ("http://ann:secret@plant:4222", "'http://...@plant:4222' is not a JetStream"),
         ("tls://plant:4222", "needs the folder of certificates"),
     ],

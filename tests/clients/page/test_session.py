@@ -276,7 +276,7 @@ def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypa
         client.get("description")
         for number in range(MAX_REQUESTS + 2):
             client.send(type="measure", id=number, paths=["encoder"], start=0, stop=1)
-        assert client.get("error")["text"] == f"up to {MAX_REQUESTS} answers at once"
+        assert client.get("error")["text"] == f"a page may wait for at most {MAX_REQUESTS} answers"
         go_on.set()
         assert [client.get("measured")["id"] for _ in range(MAX_REQUESTS)] == list(range(MAX_REQUESTS))
 

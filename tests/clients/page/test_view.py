@@ -93,7 +93,7 @@ def test_a_mistake_in_the_roles_is_told_when_other_computers_may_operate(
     told = "other users may only look: "
     result = umo(*words, "--operate")
     assert told in " ".join(result.stderr.split())
-    assert "ann: no role 'maintian' (did you mean 'maintain'?)" in " ".join(result.stderr.split())
+    assert "ann: there is no role 'maintian' (did you mean 'maintain'?)" in " ".join(result.stderr.split())
     assert told not in " ".join(umo(*words).stderr.split())
 
 
@@ -183,4 +183,4 @@ def test_a_station_that_is_none_is_answered_in_a_line_with_those_that_are(umo: U
     result = umo("show", "page", "ztheat")
     known = "running: none; others: batch, conveyor, furnace, ztheta, or a directory"
     assert result.exit_code == 2
-    assert result.stderr == f"umo: no station 'ztheat' (did you mean 'ztheta'?); {known}\n"
+    assert result.stderr == f"umo: there is no station 'ztheat' (did you mean 'ztheta'?); {known}\n"

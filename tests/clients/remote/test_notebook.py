@@ -350,7 +350,7 @@ def test_what_is_bad_has_no_value_on_the_scope() -> None:
 @pytest.mark.parametrize(
     ("paths", "seconds", "error", "text"),
     [
-        (["encodr"], 1.0, PathError, r"no object or signal 'encodr' \(did you mean 'encoder'\?\) in press"),
+        (["encodr"], 1.0, PathError, r"there is no object or signal 'encodr' \(did you mean 'encoder'\?\) in press"),
         (["encoder"], 0.0, RangeError, "seconds: 0.0 is not above 0 and up to 300"),
         (["encoder"], float("nan"), RangeError, "seconds: nan"),
     ],
@@ -469,7 +469,7 @@ def test_a_live_view_goes_on_when_the_station_was_detached_from(screen: Screen) 
 def test_what_cannot_be_followed_is_refused_and_leaves_nothing_behind(screen: Screen) -> None:
     threads = threading.active_count()
     with running() as (_, station):
-        with pytest.raises(PathError, match="no object or signal 'motr'"):
+        with pytest.raises(PathError, match="there is no object or signal 'motr'"):
             station.live("motr")
         with pytest.raises(RangeError):
             station.scope("motor", seconds=-1)
@@ -515,7 +515,7 @@ PROCESSES = pytest.mark.skipif(not LINUX, reason="machines run in other processe
 def test_a_run_that_failed_says_why() -> None:
     with umo.start("no-such-station") as run:
         until(lambda: run.outcome is not None)
-        assert "state: ended · failure: no station 'no-such-station'" in shown(run).heading
+        assert "state: ended · failure: there is no station 'no-such-station'" in shown(run).heading
 
 
 @pytest.mark.full

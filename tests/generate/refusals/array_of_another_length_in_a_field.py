@@ -13,5 +13,5 @@ class ArrayOfAnotherLengthInAField(Program):
         self.i3, self.b3 = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.bool_)
 
     def control(self) -> None:
-        # refused: two values of different types; one type for both
+        # refused: the two values have different types; one type for both
         self.x3 = self.x3 if self.yes else self.y2

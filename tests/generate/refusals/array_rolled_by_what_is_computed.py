@@ -12,5 +12,5 @@ class ArrayRolledByWhatIsComputed(Program):
         self.row, self.mask = np.array([0.5, 1.5]), np.array([True, False])
 
     def control(self) -> None:
-        # refused: `np.roll` by an unknown number; np.roll(x, 1)
+        # refused: `np.roll` moves by an unknown number; np.roll(x, 1)
         self.row = np.roll(self.row, self.n)

@@ -13,6 +13,6 @@ class ArrayThatMayHaveOneElement(Program):
         self.more = np.zeros(3)
 
     def control(self) -> None:
-        # refused: it may have one or more elements in Python; np.zeros(n), np.full(n, ...)
+        # refused: the array may have one or more elements in Python; np.zeros(n), np.full(n, ...)
         self.k = float(len(self.one))
         self.one = self.one + self.more

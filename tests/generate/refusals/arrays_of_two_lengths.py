@@ -17,5 +17,5 @@ class ArraysOfTwoLengths(Program):
         )
 
     def control(self) -> None:
-        # refused: arrays of 2 and 3 elements
+        # refused: the arrays have different lengths: 2 and 3 elements
         self.k = (self.x3 + self.y2).sum()

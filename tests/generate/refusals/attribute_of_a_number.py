@@ -10,5 +10,5 @@ from helpers.written_programs import Program
 class AttributeOfANumber(Program):
     def control(self) -> None:
         value: Any = self.u
-        # refused: an attribute of something that is not known when the code is generated
+        # refused: the object of this attribute is not known when the code is generated
         value.other = 1.0

@@ -14,5 +14,5 @@ class Mode(Enum):
 
 class AttributeOfAStateThatIsNoFunction(Program):
     def control(self) -> None:
-        # refused: the attribute '_sort_order_' of a state; value, name, a method, a property
+        # refused: the attribute '_sort_order_' of a state cannot be translated; value, name, a method, a property
         self.k = Mode.ON._sort_order_ * 1.0

@@ -16,5 +16,5 @@ class AttributeOfATupleIsAssigned(Program):
         self.pair = Pair(1.0)
 
     def control(self) -> None:
-        # refused: an attribute of something that is not known when the code is generated
+        # refused: the object of this attribute is not known when the code is generated
         self.pair.first = 1.0

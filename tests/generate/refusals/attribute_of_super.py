@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class AttributeOfSuper(Program):
     def control(self) -> None:
-        # refused: an attribute of super() that no class has; a method, a property, a number
+        # refused: no class has this attribute of super(); a method, a property, a number
         self.k = super().gain  # type: ignore[misc]

@@ -17,5 +17,5 @@ class BitsOfAnArrayOfNumbers(Program):
         )
 
     def control(self) -> None:
-        # refused: & and | of numbers; of booleans
+        # refused: & and | are applied to numbers; & and | of booleans
         self.i3 = self.i3 & self.i3

@@ -10,6 +10,6 @@ class BoolInAListOfNumbers(Program):
         self.counts = [0, 0]
 
     def control(self) -> None:
-        # refused: a bool in a list of numbers; int(...)
+        # refused: a bool is put into a list of numbers; int(...)
         self.counts[0] = self.u > 2.0
         self.a.write(self.counts[0])

@@ -17,6 +17,6 @@ class BoolInATuple(Program):
         self.two = Numbers(0, 1)
 
     def control(self) -> None:
-        # refused: a bool where the tuple has an int; int(...)
+        # refused: a bool takes the place of an int in the tuple; int(...)
         self.two = Numbers(self.u > 2.0, 1)
         self.a.write(self.two[0])

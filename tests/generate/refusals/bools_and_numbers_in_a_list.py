@@ -10,6 +10,6 @@ class BoolsAndNumbersInAList(Program):
         self.row = [True, 2]
 
     def control(self) -> None:
-        # refused: an element of something that is not a list or an array in C; a list of floats or of ints, np.zeros(n)
+        # refused: this is an element of something that is not a list or an array in C; a list of floats or of ints, np.zeros(n)
         self.row[0] = self.n
         self.a.write(self.row[0])

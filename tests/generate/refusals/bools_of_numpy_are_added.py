@@ -12,5 +12,5 @@ class BoolsOfNumpyAreAdded(Program):
         self.marks = np.array([True, True])
 
     def control(self) -> None:
-        # refused: arithmetic of bools, one of which is of numpy; int(...), and, or
+        # refused: a numpy bool and another bool are combined by arithmetic; int(...), and, or
         self.c = int(self.marks[0] + self.marks[1])

@@ -13,5 +13,5 @@ class ChosenElementsBecomeAnArray(Program):
         self.i3, self.b3 = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.bool_)
 
     def control(self) -> None:
-        # refused: it is assigned an array of another length; one number for all elements
+        # refused: the slice is assigned an array of another length; one number for all elements
         self.x3[self.b3] = np.zeros(3)

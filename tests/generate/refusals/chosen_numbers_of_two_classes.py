@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class ChosenNumbersOfTwoClasses(Program):
     def control(self) -> None:
-        # refused: the number of elements is not known, and they are of several classes or of numpy; float(...)
+        # refused: the number of elements is not known, and the elements are of several classes or of numpy; float(...)
         found = [each for each in (self.u, self.n) if each > 1.0]
         self.k = 1.0 if found else 0.0

@@ -13,5 +13,5 @@ class ComparisonsOfNumpyAreAdded(Program):
 
     def control(self) -> None:
         within = 0.0 < self.row[0] < self.u
-        # refused: arithmetic of bools, one of which is of numpy; int(...), and, or
+        # refused: a numpy bool and another bool are combined by arithmetic; int(...), and, or
         self.c = int(within + within)

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ComplexNumber(Program):
     def control(self) -> None:
-        # refused: a complex has no C; numbers, states, bools, None
+        # refused: a complex cannot be translated; numbers, states, bools, None
         self.k = abs(1j * self.u)

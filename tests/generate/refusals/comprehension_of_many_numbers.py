@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ComprehensionOfManyNumbers(Program):
     def control(self) -> None:
-        # refused: 300 numbers in one expression; at most 256, or a loop
+        # refused: the expression has 300 numbers; at most 256, or a loop
         self.c = sum([i + self.c for i in range(300)])

@@ -16,6 +16,6 @@ class WithHelper(Program):
 
 class CounterOfAClass(WithHelper):
     def control(self) -> None:
-        # refused: an attribute of the class Helper is assigned; an attribute of another object
+        # refused: an attribute of the class Helper is assigned; the attribute belongs to another object
         Helper.made += 1
         self.c = self.helper.made

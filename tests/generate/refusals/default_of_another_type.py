@@ -14,5 +14,5 @@ class Mode(Enum):
 
 class DefaultOfAnotherType(Program):
     def control(self) -> None:
-        # refused: two values of different types; one type for both
+        # refused: the two values have different types; one type for both
         self.yes = max((each for each in (self.u, self.k) if each > 1.0), default=Mode.OFF) is Mode.ON  # type: ignore

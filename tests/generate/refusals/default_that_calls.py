@@ -11,5 +11,5 @@ class DefaultThatCalls(Program):
         return self.u
 
     def control(self) -> None:
-        # refused: a computed argument; assign it to a name first
+        # refused: an argument is computed; assign it to a name first
         self.k = max((each for each in (self.u, self.k) if each > 1.0), default=self.other())

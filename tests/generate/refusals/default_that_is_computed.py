@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class DefaultThatIsComputed(Program):
     def control(self) -> None:
-        # refused: a computed default of a nested function; an argument
+        # refused: the default of a nested function is computed; an argument
         def added(x: float = self.u) -> float:
             return x + 1.0
 

@@ -12,5 +12,5 @@ class DequeIsRotatedFar(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: `rotate` by a number other than 1 or -1; a loop with rotate(1)
+        # refused: `rotate` is called with a number other than 1 or -1; a loop with rotate(1)
         self.window.rotate(self.n)

@@ -12,5 +12,5 @@ class DequeOfSeveralClasses(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: elements of several classes in a deque; one class for all elements, float(...)
+        # refused: the deque has elements of several classes; one class for all elements, float(...)
         self.window.append(self.n)

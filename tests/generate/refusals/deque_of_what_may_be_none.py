@@ -12,5 +12,5 @@ class DequeOfWhatMayBeNone(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: a deque with elements other than Python numbers; float(...), int(...)
+        # refused: the deque has elements other than Python numbers; float(...), int(...)
         self.window.append(self.maybe)  # type: ignore[arg-type]

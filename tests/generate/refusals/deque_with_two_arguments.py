@@ -12,5 +12,5 @@ class DequeWithTwoArguments(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: `append` of a deque with 0 arguments; 1
+        # refused: `append` of a deque cannot be called with 0 arguments; 1
         self.window.append()  # type: ignore[call-arg]

@@ -12,5 +12,5 @@ class DequeWithoutALength(Program):
         self.window = deque([1.0])
 
     def control(self) -> None:
-        # refused: a deque without `maxlen`; deque(maxlen=n), at most 4096 numbers
+        # refused: the deque has no `maxlen`; deque(maxlen=n), at most 4096 numbers
         self.window.append(self.u)

@@ -19,5 +19,5 @@ class DescriptorThatIsSet(Program):
     level = Descriptor()
 
     def control(self) -> None:
-        # refused: level is a Descriptor, a user-defined descriptor; an attribute of another object
+        # refused: level is a Descriptor, a user-defined descriptor; the attribute belongs to another object
         self.level = 2.0

@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class DictOfWhatIsComputed(Program):
     def control(self) -> None:
-        # refused: a dict with values that are not known when the code is generated; an `if` for each key
+        # refused: the values of the dict are not known when the code is generated; an `if` for each key
         limits = {"low": self.u > 1.0, "high": self.u > 2.0}
         self.c = len(limits)

@@ -6,7 +6,7 @@ from helpers.written_programs import Program
 
 
 class DifferentObjectsAreReturned(Program):
-    # refused: it returns different objects; one object per call
+    # refused: the function returns different objects; one object per call
     def found(self):
         if self.yes:
             return self.a

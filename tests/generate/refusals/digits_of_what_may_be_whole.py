@@ -14,5 +14,5 @@ class Numbers(Program):
 
 class DigitsOfWhatMayBeWhole(Numbers):
     def control(self) -> None:
-        # refused: it may be an int or a float; 0.0 instead of 0, float(...)
+        # refused: the number may be an int or a float; 0.0 instead of 0, float(...)
         self.k = round(max(0, self.u), 1) * 1.0

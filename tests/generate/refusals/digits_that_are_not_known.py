@@ -14,5 +14,5 @@ class Numbers(Program):
 
 class DigitsThatAreNotKnown(Numbers):
     def control(self) -> None:
-        # refused: `round` to an unknown number of digits, or one outside 0 to 22; round(x, 2)
+        # refused: `round` has an unknown number of digits, or a number outside 0 to 22; round(x, 2)
         self.k = round(self.u, self.n)

@@ -12,5 +12,5 @@ class ElementOfADeque(Program):
         self.window = deque([1, 2], maxlen=2)
 
     def control(self) -> None:
-        # refused: `in` of something that is not known when the code is generated; a tuple
+        # refused: `in` searches something that is not known when the code is generated; a tuple
         self.yes = self.n in self.window

@@ -10,5 +10,5 @@ class ElementOfATupleIsChanged(Program):
         self.pair = (1.0, 2.0)
 
     def control(self) -> None:
-        # refused: an element of something that is not a list or an array in C; a list of floats or of ints, np.zeros(n)
+        # refused: this is an element of something that is not a list or an array in C; a list of floats or of ints, np.zeros(n)
         self.pair[0] += 1.0

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ElementOfATupleOfSeveralClasses(Program):
     def control(self) -> None:
-        # refused: an element of a tuple with values of several classes; one class for all elements
+        # refused: the tuple has values of several classes; one class for all elements
         self.k = (self.u, self.n)[self.n]

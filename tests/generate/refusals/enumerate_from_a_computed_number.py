@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class EnumerateFromAComputedNumber(Program):
     def control(self) -> None:
-        # refused: `enumerate` from an unknown number; i + start
+        # refused: `enumerate` starts from an unknown number; i + start
         for i, each in enumerate((self.u, 1.0), self.n):
             self.k = each + i

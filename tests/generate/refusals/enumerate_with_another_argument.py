@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class EnumerateWithAnotherArgument(Program):
     def control(self) -> None:
-        # refused: a keyword argument of `enumerate`; a positional argument
+        # refused: an argument is given by keyword to `enumerate`; a positional argument
         for i, each in enumerate(iterable=(self.u, 1.0)):
             self.k = each + i

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ExtremeByAKeyThatIsComputed(Program):
     def control(self) -> None:
-        # refused: a computed key function; lambda each: ..., the name of a function
+        # refused: the key function is computed; lambda each: ..., the name of a function
         self.k = max((1.0, self.u), key=[abs, float][self.n])

@@ -17,5 +17,5 @@ class ExtremeOfBoolsOfNumpy(Program):
         )
 
     def control(self) -> None:
-        # refused: a minimum or maximum of numpy bools; and, or, bool(...)
+        # refused: a minimum or maximum of numpy bools cannot be translated; and, or, bool(...)
         self.yes = max(self.b3[0], self.b3[1])

@@ -19,5 +19,5 @@ class ExtremeOfMembers(Program):
     def control(self) -> None:
         self.level = Level.SOME if self.u > 1.0 else Level.NONE
         self.other = Level.NONE if self.u > 2.0 else Level.SOME
-        # refused: it is not a number
+        # refused: the value is not a number
         self.c = max(self.level, self.n) * 1

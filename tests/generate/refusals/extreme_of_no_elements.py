@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class ExtremeOfNoElements(Program):
     def control(self) -> None:
-        # refused: a minimum or maximum of no elements; elements
+        # refused: the minimum or maximum has no elements; elements
         self.k = max((), key=abs)

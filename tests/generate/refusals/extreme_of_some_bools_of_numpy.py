@@ -12,5 +12,5 @@ class ExtremeOfSomeBoolsOfNumpy(Program):
         self.able = np.zeros(3, dtype=np.bool_)
 
     def control(self) -> None:
-        # refused: a minimum or maximum of numpy bools; and, or, bool(...)
+        # refused: a minimum or maximum of numpy bools cannot be translated; and, or, bool(...)
         self.yes = bool(max((each for each in self.able if self.n > 1), default=False))

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class FirstWithoutADefault(Program):
     def control(self) -> None:
-        # refused: `next` of a generator that may be empty or has two loops; next(..., 0.0), a loop
+        # refused: `next` is applied to a generator that may be empty or has two loops; next(..., 0.0), a loop
         self.k = next(each for each in (self.u, self.k) if each > 1.0)

@@ -17,5 +17,5 @@ class FrozenDataclass(Program):
         self.frozen = Frozen()
 
     def control(self) -> None:
-        # refused: Frozen has a __setattr__, or is frozen; an attribute of another object
+        # refused: Frozen has a __setattr__, or is frozen; the attribute belongs to another object
         self.frozen.k = self.u  # type: ignore[misc]

@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class FunctionThatCallsItself(Program):
     def down(self, n):
-        # refused: it calls itself; a loop
+        # refused: the function calls itself; a loop
         return 0.0 if n < 1 else self.down(n - 1)
 
     def control(self) -> None:

@@ -12,5 +12,5 @@ class FunctionThatYields(Program):
         yield from (each for each in (self.u, 1.0) if each > 0.0)
 
     def control(self) -> None:
-        # refused: a generator function; sum(... for ...), a loop
+        # refused: a generator function is called; sum(... for ...), a loop
         self.k = max(self.great_ones())

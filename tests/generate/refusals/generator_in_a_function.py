@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class GeneratorInAFunction(Program):
     def control(self) -> None:
-        # refused: a nested function that is decorated or a generator; a method
+        # refused: the nested function is decorated or a generator; a method
         def several():
             yield self.u
 

@@ -14,5 +14,5 @@ class GeneratorOverAListThatACallChanges(Program):
         return self.u
 
     def control(self) -> None:
-        # refused: a call that may change what the generator iterates over; a loop
+        # refused: a call may change the elements of the generator; a loop
         self.yes = any(self.next() > each for each in self.row)

@@ -18,5 +18,5 @@ class HiddenAttributeOfAMember(Program):
 
     def control(self) -> None:
         self.side = Side.RIGHT if self.u > 1.0 else Side.LEFT
-        # refused: the attribute '_value_' of a state; value, a method, a property
+        # refused: the attribute '_value_' of a state cannot be translated; value, a method, a property
         self.c = self.side._value_

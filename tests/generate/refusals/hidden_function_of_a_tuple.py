@@ -18,5 +18,5 @@ class HiddenFunctionOfATuple(Program):
 
     def control(self) -> None:
         self.pair = Pair(self.u, 1.0)
-        # refused: the attribute '_asdict' of a Pair; a field, a property, a method
+        # refused: the attribute '_asdict' of a Pair cannot be translated; a field, a property, a method
         self.k = self.pair._asdict()["first"]

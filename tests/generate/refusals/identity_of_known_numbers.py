@@ -10,5 +10,5 @@ OTHER = 1000
 
 class IdentityOfKnownNumbers(Program):
     def control(self) -> None:
-        # refused: `is` of numbers or texts; ==
+        # refused: numbers or texts are compared by `is`; ==
         self.yes = THOUSAND is OTHER

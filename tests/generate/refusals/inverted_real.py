@@ -14,5 +14,5 @@ class Numbers(Program):
 
 class InvertedReal(Numbers):
     def control(self) -> None:
-        # refused: a bit operator on something other than integers; int(...)
+        # refused: a bit operator is applied to something other than integers; int(...)
         self.c = ~self.u  # type: ignore[operator]

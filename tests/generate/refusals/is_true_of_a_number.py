@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class IsTrueOfANumber(Program):
     def control(self) -> None:
-        # refused: `is` of numbers; ==
+        # refused: numbers are compared by `is`; ==
         self.yes = self.n is True

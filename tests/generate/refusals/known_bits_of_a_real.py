@@ -14,5 +14,5 @@ class Numbers(Program):
 
 class KnownBitsOfAReal(Numbers):
     def control(self) -> None:
-        # refused: a bit operator on something other than integers; int(...)
+        # refused: a bit operator is applied to something other than integers; int(...)
         self.c = self.n + (3 & 1.5)  # type: ignore[operator]

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class LargePower(Program):
     def control(self) -> None:
-        # refused: a power of 100; the number itself
+        # refused: a power of 100 cannot be translated; the number itself
         self.k = 2**100

@@ -12,5 +12,5 @@ class ListOfADeque(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: an expression with a varying number of elements; any, all, sum, min, max, len or next of it; a loop
+        # refused: the number of elements of the expression varies; any, all, sum, min, max, len or next of it; a loop
         self.k = [each * 2 for each in self.window][0]

@@ -17,7 +17,7 @@ class ListOfItsOwnClass(Program):
         self.row = Sevens([1.0, 2.0])
 
     def control(self) -> None:
-        # refused: an element of something that is not a list or an array in C; a list of floats or of ints, np.zeros(n)
+        # refused: this is an element of something that is not a list or an array in C; a list of floats or of ints, np.zeros(n)
         self.row[0] = self.u
         # refused: Sevens defines its elements itself; a list, a tuple
         self.k = self.row[0] * 1.0

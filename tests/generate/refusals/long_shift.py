@@ -14,5 +14,5 @@ class Numbers(Program):
 
 class LongShift(Numbers):
     def control(self) -> None:
-        # refused: a shift by 100000; at most 64
+        # refused: a shift by 100000 cannot be translated; at most 64
         self.c = 1 << 100000

@@ -10,7 +10,7 @@ class LoopIsLeftInTry(Program):
         for each in (1.0, 2.0):
             try:
                 self.k = each / self.u
-                # refused: it jumps out of a `try`; a flag
+                # refused: the loop jumps out of a `try`; a flag
                 break
             except ZeroDivisionError:
                 self.k = 0.0

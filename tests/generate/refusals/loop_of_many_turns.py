@@ -9,6 +9,6 @@ OBJECTS = [(1, "x")] * 300
 
 class LoopOfManyTurns(Program):
     def control(self) -> None:
-        # refused: a loop of 300 turns over objects; at most 256, or a Vector
+        # refused: the loop over objects has 300 turns; at most 256, or a Vector
         for each in OBJECTS:
             self.c += each[0]

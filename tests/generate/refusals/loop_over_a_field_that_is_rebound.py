@@ -17,7 +17,7 @@ class LoopOverAFieldThatIsRebound(Program):
         self.row = ONES * 10.0
 
     def control(self) -> None:
-        # refused: the loop assigns what it iterates over; another name for the new value
+        # refused: the loop assigns the name that it iterates over; another name for the new value
         for each in self.row:
             self.k += float(each)
             self.replace()

@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class LoopOverANumber(Program):
     def control(self) -> None:
-        # refused: what it iterates over is not known when the code is generated; a list of parts, range
+        # refused: the elements of the loop are not known when the code is generated; a list of parts, range
         for each in self.u:
             self.k = each

@@ -12,7 +12,7 @@ ONES = np.ones(3)
 class LoopOverWhatIsRebound(Program):
     def control(self) -> None:
         values = np.zeros(3) + self.u
-        # refused: the loop assigns what it iterates over; another name for the new value
+        # refused: the loop assigns the name that it iterates over; another name for the new value
         for each in values:
             self.k += float(each)
             values = ONES * 10.0

@@ -12,7 +12,7 @@ class ManyTexts(Program):
         self.phase = "off"
 
     def control(self) -> None:
-        # refused: more than 256 texts in one machine; members of an Enum
+        # refused: the machine has more than 256 texts; members of an Enum
         self.phase = "on" if self.u > 1.0 else "off"
-        # refused: more than 256 texts in one machine; members of an Enum
+        # refused: the machine has more than 256 texts; members of an Enum
         self.yes = self.phase in WORDS

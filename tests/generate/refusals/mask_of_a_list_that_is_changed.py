@@ -12,5 +12,5 @@ class MaskOfAListThatIsChanged(Program):
         self.row, self.x3 = [0.5, 1.0, 2.0], np.zeros(3)
 
     def control(self) -> None:
-        # refused: it is not a number
+        # refused: the value is not a number
         self.row[self.x3 >= 0.0] += 1.0  # type: ignore[call-overload]

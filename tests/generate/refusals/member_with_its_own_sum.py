@@ -21,5 +21,5 @@ class MemberWithItsOwnSum(Program):
 
     def control(self) -> None:
         self.level = Level.SOME if self.u > 1.0 else Level.NONE
-        # refused: it is not a number
+        # refused: the value is not a number
         self.c = 3 + self.level

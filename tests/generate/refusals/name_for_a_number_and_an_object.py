@@ -10,5 +10,5 @@ class NameForANumberAndAnObject(Program):
         which = self.u
         # refused: 'which' means different objects; one name per object
         which = self.b
-        # refused: an attribute of something that is not known when the code is generated
+        # refused: the object of this attribute is not known when the code is generated
         which.write(1.0)

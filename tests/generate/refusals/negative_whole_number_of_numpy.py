@@ -17,5 +17,5 @@ class NegativeWholeNumberOfNumpy(Program):
         )
 
     def control(self) -> None:
-        # refused: - of a numpy integer; int(...), or 0 - x
+        # refused: - of a numpy integer cannot be translated; int(...), or 0 - x
         self.c = int(-self.i3[0])

@@ -10,5 +10,5 @@ class NoneInAList(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a value that may be None in a list or an array; `if x is not None`
+        # refused: a value that may be None stands in a list or an array; `if x is not None`
         self.row[0] = self.maybe  # type: ignore[call-overload]

@@ -19,6 +19,6 @@ class NoneInATuple(Program):
 
     def control(self) -> None:
         self.last = None if self.n > 3 else self.u
-        # refused: a value that may be None in a tuple; `if x is not None`
+        # refused: a value that may be None stands in a tuple; `if x is not None`
         self.both = Both(self.u, self.last)
         self.k = self.both.first * 1.0

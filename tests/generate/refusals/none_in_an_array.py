@@ -12,5 +12,5 @@ class NoneInAnArray(Program):
         self.x3 = np.zeros(3)
 
     def control(self) -> None:
-        # refused: a value that may be None next to an array or in one; `if x is not None`
+        # refused: a value that may be None stands next to an array or in one; `if x is not None`
         self.x3[:] = self.maybe  # type: ignore[call-overload]

@@ -12,5 +12,5 @@ class NumberAmongAnArray(Program):
         self.row = np.zeros(2)
 
     def control(self) -> None:
-        # refused: `in` of something that is not known when the code is generated; a tuple
+        # refused: `in` searches something that is not known when the code is generated; a tuple
         self.yes = 1.0 in self.row

@@ -6,11 +6,11 @@ from helpers.written_programs import Program
 
 
 class NumberAndThenAnObjectIsReturned(Program):
-    # refused: it returns an object here and a number elsewhere; only one of the two
+    # refused: the function returns an object here and a number elsewhere; only one of the two
     def found(self):
         if self.u > 1.0:
             return self.u
-        # refused: it returns an object here and a number elsewhere; only one of the two
+        # refused: the function returns an object here and a number elsewhere; only one of the two
         return self.fan
 
     def control(self) -> None:

@@ -17,5 +17,5 @@ class NumberInAnArray(Program):
         )
 
     def control(self) -> None:
-        # refused: `is` and `in` of arrays; ==, <, any(), all()
+        # refused: `is` and `in` of arrays cannot be translated; ==, <, any(), all()
         self.yes = self.x3 is self.y2

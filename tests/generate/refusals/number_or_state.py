@@ -14,5 +14,5 @@ class Mode(Enum):
 
 class NumberOrState(Program):
     def control(self) -> None:
-        # refused: one of two values of different types; bool(...), one type for both
+        # refused: the two values have different types; bool(...), one type for both
         self.k = (self.u or Mode.ON) and 1.0

@@ -16,7 +16,7 @@ class ObjectOrNumber(Program):
     def begin(self) -> None:
         self.helper = Helper()
 
-    # refused: it returns an object here and a number elsewhere; only one of the two
+    # refused: the function returns an object here and a number elsewhere; only one of the two
     def found(self) -> Any:
         if self.u > 1.0:
             return self.helper

@@ -6,7 +6,7 @@ from helpers.written_programs import Program
 
 
 class ObjectOrNumberIsReturned(Program):
-    # refused: it returns an object here and a number elsewhere; only one of the two
+    # refused: the function returns an object here and a number elsewhere; only one of the two
     def found(self):
         if self.yes:
             return 1.0

@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class ObjectsThatConditionsChoose(Program):
     def control(self) -> None:
-        # refused: an unknown number of objects; a loop; min or max by a key
+        # refused: the number of objects is not known; a loop; min or max by a key
         found = [each for each in (self.a, self.b) if each.pending > self.u]
         self.k = 1.0 if found else 0.0

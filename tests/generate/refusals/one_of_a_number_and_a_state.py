@@ -17,5 +17,5 @@ class OneOfANumberAndAState(Program):
         self.last = 1.0
 
     def control(self) -> None:
-        # refused: two values of different types; one type for both
+        # refused: the two values have different types; one type for both
         self.last = self.u if self.yes else Mode.ON

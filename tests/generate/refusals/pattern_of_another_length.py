@@ -8,6 +8,6 @@ from helpers.written_programs import Program
 class PatternOfAnotherLength(Program):
     def control(self) -> None:
         match self.u, self.n:
-            # refused: a pattern with another number of elements; one pattern per element
+            # refused: the pattern has another number of elements; one pattern per element
             case (_,):  # type: ignore[misc]
                 self.k = 1.0

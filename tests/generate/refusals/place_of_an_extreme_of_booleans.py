@@ -12,5 +12,5 @@ class PlaceOfAnExtremeOfBooleans(Program):
         self.row, self.mask = np.array([0.5, 1.5]), np.array([True, False])
 
     def control(self) -> None:
-        # refused: the index of a minimum or maximum of bools; a loop
+        # refused: the index of a minimum or maximum of bools cannot be translated; a loop
         self.c = int(np.argmax(self.mask))

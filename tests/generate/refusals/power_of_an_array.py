@@ -17,5 +17,5 @@ class PowerOfAnArray(Program):
         )
 
     def control(self) -> None:
-        # refused: this power of an array; ** -1, 0, 0.5, 1, 2; of whole numbers 0, 1, 2, 3 ...; x * x * x
+        # refused: this power of an array cannot be translated; ** -1, 0, 0.5, 1, 2; of whole numbers 0, 1, 2, 3 ...; x * x * x
         self.x3 = self.x3**3

@@ -10,5 +10,5 @@ class ProductOfWholeOrReal(Program):
         best = 0
         if self.u > 1.0:
             best = self.u
-        # refused: it may be an int or a float; 0.0 instead of 0, float(...)
+        # refused: the number may be an int or a float; 0.0 instead of 0, float(...)
         self.k = best * self.n

@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class RaiseInAFunctionThatAHandlerCalls(Program):
     def again(self) -> None:
-        # refused: `raise` outside of `except`
+        # refused: `raise` without an error stands outside of `except`
         raise
 
     def control(self) -> None:

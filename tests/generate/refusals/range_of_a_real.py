@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class RangeOfAReal(Program):
     def control(self) -> None:
-        # refused: a range of something other than integers; int(...)
+        # refused: the range is not of integers; int(...)
         for each in range(2.5):
             self.c += each

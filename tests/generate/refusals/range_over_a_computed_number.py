@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class RangeOverAComputedNumber(Program):
     def control(self) -> None:
-        # refused: range of something that is not known when the code is generated
+        # refused: range is applied to something that is not known when the code is generated
         self.c = len(list(range(self.n)))

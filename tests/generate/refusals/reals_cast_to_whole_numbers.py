@@ -17,5 +17,5 @@ class RealsCastToWholeNumbers(Program):
         )
 
     def control(self) -> None:
-        # refused: a conversion of floats to integers; a loop with int()
+        # refused: floats of an array are converted to integers; a loop with int()
         self.i3 = self.x3.astype(np.int64)

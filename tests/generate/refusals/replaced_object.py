@@ -18,5 +18,5 @@ class ReplacedObject(Program):
         self.limits = Limits(1.0)
 
     def control(self) -> None:
-        # refused: `replace` of something that is not a frozen dataclass; a frozen dataclass
+        # refused: `replace` is applied to something that is not a frozen dataclass; a frozen dataclass
         self.k = replace(self.limits, low=self.u).low

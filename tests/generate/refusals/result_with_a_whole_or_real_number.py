@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class ResultWithAWholeOrRealNumber(Program):
     def found(self):
-        # refused: a tuple with a number that may be an int or a float; 0.0, float(...)
+        # refused: the tuple has a number that may be an int or a float; 0.0, float(...)
         return max(0, self.u), 1.0
 
     def control(self) -> None:

@@ -16,7 +16,7 @@ class ResultsOfDifferentTypes(Program):
     def found(self):
         if self.yes:
             return Mode.ON
-        # refused: results of different types; one type
+        # refused: the results have different types; one type
         return 1.0
 
     def control(self) -> None:

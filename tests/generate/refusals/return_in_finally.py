@@ -7,7 +7,7 @@ from helpers.written_programs import Program
 
 class ReturnInFinally(Program):
     def control(self) -> None:
-        # refused: a jump out of `finally`, which discards the error; except
+        # refused: a jump out of `finally` discards the error; except
         try:
             self.k = 1.0 / self.u
         finally:

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class SequenceOfManyElements(Program):
     def control(self) -> None:
-        # refused: a sequence of more than 256 elements; a shorter one, an array
+        # refused: the sequence has more than 256 elements; a shorter one, an array
         self.k = max([self.u] * 300)

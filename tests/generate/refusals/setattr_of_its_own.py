@@ -18,5 +18,5 @@ class SetattrOfItsOwn(Program):
         self.guarded = Guarded()
 
     def control(self) -> None:
-        # refused: Guarded has a __setattr__, or is frozen; an attribute of another object
+        # refused: Guarded has a __setattr__, or is frozen; the attribute belongs to another object
         self.guarded.k = self.u

@@ -10,5 +10,5 @@ class SeveralElementsAreAddedTo(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a slice of something that is not an array; its elements, one by one
+        # refused: the slice is not that of an array; its elements, one by one
         self.row[0:2] += self.u

@@ -12,5 +12,5 @@ class SeveralHundredNumbersInOneExpression(Program):
         self.large = np.zeros(300)
 
     def control(self) -> None:
-        # refused: 300 numbers in one expression; at most 256, or a loop
+        # refused: the expression has 300 numbers; at most 256, or a loop
         self.k = max(self.large)

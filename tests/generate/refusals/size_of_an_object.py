@@ -19,5 +19,5 @@ class SizeOfAnObject(Program):
 
     def control(self) -> None:
         self.sized.size = self.n % 3
-        # refused: len of an object whose class defines its elements; a list, a tuple
+        # refused: len is applied to an object whose class defines its elements; a list, a tuple
         self.c = len(self.sized)

@@ -14,5 +14,5 @@ class SliceOfAListThatGrows(Program):
         self.list = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a slice of a list whose length changes; as many elements
+        # refused: the slice changes the length of its list; as many elements
         self.list[1:] = [self.u, 1.0]

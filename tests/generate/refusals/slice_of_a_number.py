@@ -14,5 +14,5 @@ class SliceOfANumber(Program):
         self.row = np.array([1.0, 2.0, 3.0])
 
     def control(self) -> None:
-        # refused: a slice of something that is not a tuple, a list or an array; a tuple, a list; a loop
+        # refused: the slice is not that of a tuple, a list or an array; a tuple, a list; a loop
         self.k = self.u[1:]  # type: ignore[index]

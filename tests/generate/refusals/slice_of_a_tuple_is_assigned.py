@@ -14,5 +14,5 @@ class SliceOfATupleIsAssigned(Program):
         self.pair = (1.0, 2.0)
 
     def control(self) -> None:
-        # refused: a slice of something that is not a list or an array of numbers
+        # refused: the slice is not that of a list or an array of numbers
         self.pair[1:] = (self.u,)  # type: ignore[index]

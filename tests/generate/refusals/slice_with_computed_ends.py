@@ -10,5 +10,5 @@ class SliceWithComputedEnds(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a slice whose ends are not known; numbers, or a loop
+        # refused: the ends of the slice are not known; numbers, or a loop
         self.k = sum(self.row[self.n :])

@@ -10,5 +10,5 @@ class SliceWithStepZero(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: a slice whose step is 0; another step
+        # refused: the step of the slice is 0; another step
         self.k = sum(self.row[::0])

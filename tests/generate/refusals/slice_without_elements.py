@@ -14,5 +14,5 @@ class SliceWithoutElements(Program):
         self.row = np.array([1.0, 2.0, 3.0])
 
     def control(self) -> None:
-        # refused: a slice without elements; other ends
+        # refused: the slice has no elements; other ends
         self.k = float(self.row[3:].sum())

@@ -12,5 +12,5 @@ class SquareRootOfBooleans(Program):
         self.row, self.mask = np.array([0.5, 1.5]), np.array([True, False])
 
     def control(self) -> None:
-        # refused: numpy computes this of bools in 16 bits or not at all; astype(float)
+        # refused: numpy computes this operation on bools in 16 bits, or not at all; astype(float)
         self.row = np.sqrt(self.mask)

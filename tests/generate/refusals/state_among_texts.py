@@ -12,5 +12,5 @@ class StateAmongTexts(Program):
 
     def control(self) -> None:
         self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
-        # refused: a comparison with another type, for which Python raises TypeError; its states
+        # refused: the value is compared with another type, for which Python raises TypeError; its states
         self.c = int(self.state in ("on", "off"))

@@ -13,5 +13,5 @@ class StateAndStateOfAnotherType(Program):
     def control(self) -> None:
         self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
         self.other = PassFail.PASS if self.u > 2.0 else PassFail.FAIL
-        # refused: a comparison with another type, for which Python raises TypeError; its states
+        # refused: the value is compared with another type, for which Python raises TypeError; its states
         self.c = int(self.state == self.other)

@@ -25,5 +25,5 @@ class StateInAnArray(Program):
         self.mode = Mode.OFF
 
     def control(self) -> None:
-        # refused: it is neither an array nor a number
+        # refused: the operand is neither an array nor a number
         self.x3 = self.x3 + self.mode

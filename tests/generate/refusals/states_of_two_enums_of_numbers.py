@@ -21,5 +21,5 @@ class StatesOfTwoEnumsOfNumbers(Program):
         self.t = 0
 
     def control(self) -> None:
-        # refused: states of different Enums that are numbers or texts; `is`, .value
+        # refused: the states belong to different Enums that are numbers or texts; `is`, .value
         self.yes = self.one == self.two

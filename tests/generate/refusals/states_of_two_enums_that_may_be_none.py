@@ -21,6 +21,6 @@ class StatesOfTwoEnumsThatMayBeNone(Program):
         self.two: Two | None = Two.A
 
     def control(self) -> None:
-        # refused: states of different Enums that may both be None; `is`, .value
+        # refused: the states belong to different Enums, and both may be None; `is`, .value
         self.yes = self.one == self.two
         self.one, self.two = None, None

@@ -12,5 +12,5 @@ class SumOfALargeArray(Program):
         self.large = np.zeros(200)
 
     def control(self) -> None:
-        # refused: a sum of 200 numbers; at most 128, or a loop
+        # refused: the sum has 200 numbers; at most 128, or a loop
         self.k = self.large.sum()

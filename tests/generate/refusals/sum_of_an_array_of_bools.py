@@ -17,5 +17,5 @@ class SumOfAnArrayOfBools(Program):
         )
 
     def control(self) -> None:
-        # refused: sum of an array of bools; np.sum, np.count_nonzero
+        # refused: the sum of an array of bools cannot be translated; np.sum, np.count_nonzero
         self.c = sum(self.b3)

@@ -17,5 +17,5 @@ class SumWithAState(Program):
         self.mode = Mode.OFF
 
     def control(self) -> None:
-        # refused: it is not a number
+        # refused: the value is not a number
         self.k = self.u + self.mode

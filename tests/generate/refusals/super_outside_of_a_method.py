@@ -6,7 +6,7 @@ from helpers.written_programs import Program
 
 
 def outside():
-    # refused: super() outside of a method
+    # refused: super() is called outside of a method
     return super().gain()
 
 

@@ -20,5 +20,5 @@ class TruthIsNone(Program):
 
     def control(self) -> None:
         self.mode = Mode.ON if self.u > 1.0 else None
-        # refused: one of two values of different types; bool(...), one type for both
+        # refused: the two values have different types; bool(...), one type for both
         self.yes = (self.n > 1 and self.mode) is None

@@ -19,7 +19,7 @@ class TruthIsReturned(Program):
         self.mode = None
 
     def found(self) -> object:
-        # refused: one of two values of different types; bool(...), one type for both
+        # refused: the two values have different types; bool(...), one type for both
         return self.n > 1 and self.mode
 
     def control(self) -> None:

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class TruthIsWritten(Program):
     def control(self) -> None:
-        # refused: one of two values of different types; bool(...), one type for both
+        # refused: the two values have different types; bool(...), one type for both
         self.fan.write(self.yes and self.fan.inhibited)  # type: ignore[arg-type]

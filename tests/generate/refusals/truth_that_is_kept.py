@@ -20,6 +20,6 @@ class TruthThatIsKept(Program):
 
     def control(self) -> None:
         self.mode = Mode.ON if self.u > 1.0 else None
-        # refused: one of two values of different types; bool(...), one type for both
+        # refused: the two values have different types; bool(...), one type for both
         found = self.yes and self.mode
         self.c = 1 if found else 2

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class TupleInATuple(Program):
     def control(self) -> None:
-        # refused: `in` of tuples; compare their elements
+        # refused: `in` searches for a tuple; compare their elements
         self.yes = (self.n, self.c) in ((1, 2), (3, 4))

@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class TuplesOfReals(Program):
     def control(self) -> None:
-        # refused: a comparison of tuples of floats; compare their elements
+        # refused: tuples of floats are compared; compare their elements
         self.yes = (self.u, self.k) == (1.0, 2.0)

@@ -10,6 +10,6 @@ class TuplesThatMayBeNone(Program):
         self.one, self.two = (1, 2), (3, 4)
 
     def control(self) -> None:
-        # refused: a comparison of two tuples that may be None; compare their elements
+        # refused: the compared tuples may be None; compare their elements
         self.yes = self.one == self.two
         self.one, self.two = None, None

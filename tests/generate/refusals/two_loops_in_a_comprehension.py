@@ -7,5 +7,5 @@ from helpers.written_programs import Program
 
 class TwoLoopsInAComprehension(Program):
     def control(self) -> None:
-        # refused: two loops in one expression; a loop for each
+        # refused: the expression has two loops; a loop for each
         self.k = [one * other for one in (self.u, 1.0) for other in (self.k, 2.0)][0]

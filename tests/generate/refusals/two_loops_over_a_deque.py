@@ -12,5 +12,5 @@ class TwoLoopsOverADeque(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: two loops in one expression; a loop for each
+        # refused: the expression has two loops; a loop for each
         self.yes = any(one > other for one in self.window for other in self.window)

@@ -10,6 +10,6 @@ class WholeNumberInAListOfReals(Program):
         self.row = [1.0, 2.0]
 
     def control(self) -> None:
-        # refused: an int in a list of floats; 0.0, float(...)
+        # refused: an int is put into a list of floats; 0.0, float(...)
         self.row[0] = self.n
         self.k = -self.row[0]

@@ -17,6 +17,6 @@ class WholeNumberInATuple(Program):
         self.pair = Pair(0.0, 0.0)
 
     def control(self) -> None:
-        # refused: an int where the tuple has a float; 0.0, float(...)
+        # refused: an int takes the place of a float in the tuple; 0.0, float(...)
         self.pair = Pair(self.n, self.u)
         self.k = -self.pair.first

@@ -12,6 +12,6 @@ class ZipOfADeque(Program):
         self.window = deque([1.0, 2.0], maxlen=2)
 
     def control(self) -> None:
-        # refused: `zip` of something with a varying number of elements; a loop over range(len(...))
+        # refused: `zip` is applied to something with a varying number of elements; a loop over range(len(...))
         for one, other in zip(self.window, (1.0, 2.0), strict=False):
             self.k += one * other

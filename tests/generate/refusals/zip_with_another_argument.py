@@ -7,6 +7,6 @@ from helpers.written_programs import Program
 
 class ZipWithAnotherArgument(Program):
     def control(self) -> None:
-        # refused: a keyword argument of `zip`; a positional argument
+        # refused: an argument is given by keyword to `zip`; a positional argument
         for each in zip((1.0,), longest=True):
             self.k = each[0]

@@ -749,7 +749,7 @@ UNSEEN = {
     "before open": "whether the driver connects before open was not seen",
     "vanish": "every call succeeded, but no level can be seen",
     "initialise": "whether the others stay was not seen: no record",
-    "two clients": "one output only: nobody wrote another beside it",
+    "two clients": "there is only one output, so no other one was written",
     "end": "whether closing moves one was not seen: it needs a line and a record",
     "descriptors": "3 openings; no line, so no lost connections and spoiled answers",
     "kind of errors": "no call can be made to fail: there is no line between driver and device",

@@ -12,13 +12,13 @@ from umo.operation.commands.verb import Verb
 from umo.text import printable
 
 MAX_FACE = 20
-"""Characters of a face's name that are told at most: that leaves room for the name of the user."""
+"""Largest number of characters of a face's name that are reported: that leaves room for the name of the user."""
 PATH = "path"
 """The name of the path among the arguments of a verb."""
 REFUSAL_PAUSE = 10.0
-"""Time in s from one event of a refusal of a user to the next: a flood leaves the other events alone."""
+"""Time in s from one event of a refusal of a user to the next: a flood of refusals does not displace other events."""
 MAX_REFUSED = 16
-"""Users whose refusals are told in that time at most."""
+"""Largest number of users whose refusals are reported in that time."""
 
 
 def named(user: User, face: str) -> str:
@@ -47,7 +47,7 @@ class RefusalLimit:
 
 
 def arguments_of(text: Any) -> dict[str, Any]:
-    """The arguments of a command as a text: a JSON object, or nothing; OptionError."""
+    """The arguments of a command as a text: a JSON object, or empty for none. OptionError for another text."""
     try:
         found = json.loads(text) if text else {}
     except (ValueError, TypeError, RecursionError):
@@ -58,7 +58,8 @@ def arguments_of(text: Any) -> dict[str, Any]:
 
 
 def asked_of(verb: Verb, text: Any) -> tuple[str, dict[str, Any]]:
-    """The path and the fields of a command whose path and arguments are a text: one JSON object; OptionError."""
+    """The path and the fields of a command whose path and arguments are one JSON object. OptionError for another
+    text."""
     given = arguments_of(text)
     path = given.pop(PATH, "")
     if not isinstance(path, str):

@@ -41,7 +41,7 @@ class Endpoint:
             )
 
     def listening(self) -> socket.socket:
-        """A socket that listens; UmoError if the address cannot be had."""
+        """A socket that listens; UmoError if the address cannot be used."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         try:
             return socket.create_server((self.host, self.port), family=family, backlog=64)
@@ -61,5 +61,5 @@ class Endpoint:
                 context.load_verify_locations(self.clients)
                 context.verify_mode = ssl.CERT_REQUIRED
         except (OSError, ssl.SSLError) as error:
-            raise UmoError(f"{self.certificate}, {self.clients}: no certificates ({error})") from None
+            raise UmoError(f"{self.certificate}, {self.clients}: these are not certificates ({error})") from None
         return context

@@ -37,7 +37,7 @@ class Changes:
     utc: float
     """Time at which its period began, s since 1970."""
     utc_error: float | None
-    """Largest error of `utc`, s; None: not known, the clock of the computer is not synchronised."""
+    """Largest error of `utc`, s, or None if the clock of the computer is not synchronised."""
     places: npt.NDArray[np.intp]
     values: FloatArray
     """NaN: there is no value."""
@@ -52,11 +52,11 @@ class Changes:
 
 @dataclass(frozen=True)
 class User:
-    """The user of a command, as far as that is proved."""
+    """The user of a command, as far as the protocol proves who it is."""
 
     name: str
     proved: bool
-    """True if the name is proved: by a password, a certificate, the account of a process of this computer."""
+    """True if the name is proved: by a password, a certificate, or the account of a process on this computer."""
     is_owner: bool = False
     """True if it is proved that this is the user who runs the machine (`umo.system.peer_account`), who may give every
     command. Everybody else needs a role."""
@@ -68,12 +68,12 @@ class Commands(Protocol):
     """Gives the commands of a face's users to the machine. Every refusal is an `UmoError` as text."""
 
     async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
-        """Carry out a verb of `umo.operation.commands.verbs`; its result when it has ended. CommandRefused if
-        the face only reads or the user may not, and whatever error the machine answers with."""
+        """Carry out a verb of `umo.operation.commands.verbs`, and return its result when it has ended. CommandRefused
+        if the face only reads or the user lacks the role; otherwise the error that the machine answers with."""
 
     def may(self, user: User, do: str, path: str = "") -> bool:
-        """True if the face passes such a command of a user on, as things are: it does not only read, and the user has
-        the role."""
+        """True if the face would now pass on this command of a user: the face accepts commands, and the user has the
+        role."""
 
 
 class Face(ABC):
@@ -89,7 +89,7 @@ class Face(ABC):
     """The address for clients, once it is open."""
 
     async def open(self) -> None:
-        """Called once, before anything else: open the server, or the connection. UmoError if that cannot be."""
+        """Called once, before anything else: open the server, or the connection. UmoError if that fails."""
         return
 
     async def close(self) -> None:
@@ -105,7 +105,7 @@ class Face(ABC):
         """Called with the changes since the last call; with all values in the first call of a run."""
 
     async def events(self, events: Sequence[NumberedEvent]) -> None:
-        """New events, oldest first. Default: they are not told."""
+        """New events, oldest first. Default: they are ignored."""
         return
 
     @abstractmethod

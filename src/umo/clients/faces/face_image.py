@@ -1,4 +1,4 @@
-"""The last value of everything in a machine, from its frames; for each face what has changed since its last look."""
+"""The last values of all items of a machine, from its frames, and for each face the changes since its last look."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NO_BANDS: Mapping[str, float] = MappingProxyType({})
 
 
 class FaceImage:
-    """The last value, quality and time of every item. One look reads all that is new in one piece."""
+    """The last value, quality and time of every item. One look reads all new frames at once."""
 
     def __init__(self, reader: RunReader, machine: Declaration) -> None:
         count = len(machine.items)
@@ -77,15 +77,15 @@ class FaceImage:
         self.times[: self._objects][read] = self.utc + (found[read] - self.time)
 
     def grow_stale(self) -> None:
-        """The machine is silent: nothing is fresh any more."""
+        """Mark all values as stale, because the machine is silent."""
         np.maximum(self.quality, np.uint8(Quality.STALE), out=self.quality)
 
 
 class ChangeFilter:
     """Finds the changes for one face since its last update.
 
-    A number has changed if it differs from the last sent one by more than its dead band. States, qualities, and the
-    change from or to no value always count.
+    A number has changed if it differs from the last sent one by more than its dead band. Changes of a state or a
+    quality, and changes from or to no value, always count.
     """
 
     def __init__(self, image: FaceImage, machine: Declaration, dead_bands: Mapping[str, float] = NO_BANDS) -> None:
@@ -97,7 +97,7 @@ class ChangeFilter:
         self._bands = _bands(machine, dead_bands)
 
     def take(self) -> Changes | None:
-        """Return the changes since the last call, in the first call all values; None if nothing has changed."""
+        """Return the changes since the last call, or all values in the first call; None if nothing has changed."""
         image = self._image
         with np.errstate(invalid="ignore"):  # infinity less infinity
             changed = np.abs(image.values - self._values) > self._bands
@@ -117,6 +117,6 @@ def _bands(machine: Declaration, given: Mapping[str, float]) -> Any:
     for pattern, band in given.items():
         numbers = [place for place in chosen(names, [pattern], machine.station) if not machine.items[place].states]
         if not numbers:
-            raise OptionError(f"dead band: {pattern!r} is no number{did_you_mean(pattern, names)}")
+            raise OptionError(f"dead band: {pattern!r} is not the path of a number{did_you_mean(pattern, names)}")
         bands[numbers] = band
     return bands

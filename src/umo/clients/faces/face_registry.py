@@ -27,7 +27,8 @@ def find_face(name: str) -> type[Face]:
     place = name if ":" in name else points.get(name)
     if place is None:
         raise OptionError(
-            f"no face {name!r}{did_you_mean(name.lower(), points)}; known: {', '.join(points)}, or module:Class"
+            f"there is no face {name!r}{did_you_mean(name.lower(), points)}; "
+            f"known: {', '.join(points)}, or module:Class"
         )
     module, _, attribute = place.partition(":")
     try:

@@ -27,10 +27,10 @@ from umo.wiring.settings import COMMAND_LINE, a_number, changed, names_of, refus
 
 @dataclass(frozen=True)
 class FacesTable:
-    """The keys of the table that are not faces."""
+    """The keys of the table that are not names of faces."""
 
     rate: Annotated[float, a_number(SLOWEST, FASTEST)] = RATE
-    """Looks a second."""
+    """Looks per second."""
     commands: bool = False
     dead_bands: Mapping[str, Annotated[float, a_number(0.0, inf)]] = field(default_factory=dict)
 
@@ -51,15 +51,15 @@ class FaceSettings(FacesTable):
 def faces_settings(
     table: Mapping[str, Any], file: str = "wiring", changes: Mapping[str, Any] | None = None
 ) -> FaceSettings:
-    """The settings of the table `[faces]` of a wiring, with those of a command line in their place; SettingsError for
-    what it cannot have."""
+    """Return the settings in the table `[faces]` of a wiring, overridden by those of a command line. SettingsError for
+    an invalid key or value."""
     faces = {key: value for key, value in table.items() if key not in KEYS and isinstance(value, Mapping)}
     given = settings_of(FacesTable, {key: value for key, value in table.items() if key not in faces}, file, "faces")
     return FaceSettings(**vars(changed(given, changes, "faces")), options=faces, file=file)
 
 
 def options_from(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Options of faces as in a command line, `prometheus.port=9465`: by face and name; OptionError."""
+    """Options of faces as in a command line, `prometheus.port=9465`: by face and name. Raises OptionError."""
     import tomllib
 
     found: dict[str, dict[str, Any]] = {}
@@ -78,7 +78,8 @@ def options_from(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
 def faces_of(
     settings: FaceSettings, names: Sequence[str], changes: Mapping[str, Mapping[str, Any]]
 ) -> list[tuple[str, Face]]:
-    """The faces of these names (none: those of the settings), made with their options; OptionError."""
+    """The faces with these names, made with their options; without names the faces of the settings. OptionError if one
+    cannot be made."""
     chosen = list(names) or list(settings.options)
     if not chosen:
         raise OptionError(

@@ -38,7 +38,7 @@ MAX_BYTES = 1 << 20
 """Largest number of bytes of the file."""
 USAGE = "python -m umo.clients.faces.face_users NAME"
 MAX_PASSWORD = 1024
-"""Characters of a password at most."""
+"""Largest number of characters of a password."""
 
 
 def place() -> Path:
@@ -48,7 +48,7 @@ def place() -> Path:
 
 @dataclass(frozen=True)
 class FaceUsers:
-    """The tables of the file. A line that is malformed stands for nobody, and shuts nobody else out."""
+    """The tables of the file. A malformed line is ignored, and does not affect other users."""
 
     passwords: Mapping[str, Any] = field(default_factory=dict)
     certificates: Mapping[str, Any] = field(default_factory=dict)
@@ -96,7 +96,7 @@ UNKNOWN_USER = KeptPassword(COST, BLOCK, PARALLEL, b"0" * 16, b"")
 
 def by_password(name: str, password: str, file: Path | None = None) -> bool:
     """True if this is the password of a user. An unknown name, and one whose line is malformed, takes as long as a
-    wrong password: one scrypt with the parameters of a user, always of the same one for a name."""
+    wrong password: one scrypt with the parameters of some user, always the same user for a name."""
     read = {user: KeptPassword.parse(text) for user, text in _table("passwords", file).items()}
     known = {user: kept for user, kept in read.items() if kept is not None}
     others = list(known.values()) or [UNKNOWN_USER]

@@ -22,21 +22,21 @@ from umo.operation.commands.verbs import CANCEL, GIVE_BACK, LET_GO, TAKE_LEASE, 
 from umo.process.frames import Reader
 
 LINGER = 5.0
-"""Time in s from the last command, when nothing runs and nothing is held, until the lease is given back."""
+"""Time in s from the last command until the lease is given back, if no action runs and nothing is held."""
 MAX_COMMANDS, MAX_OF_USER = 64, 16
-"""Commands of a face, and of one of its users, whose end is still to come, at most; of those that end something twice
-as many."""
+"""Largest numbers of unfinished commands of a face, and of one of its users. Twice as many are allowed for commands
+that end something."""
 MAX_PATH = 96
-"""Characters of the path of a refused command that are told at most."""
+"""Largest number of characters of the path of a refused command in the report."""
 SENDER = ThreadPoolExecutor(1, "umo face")
 """A single thread, so that commands are sent in the order of the requests."""
 Looked = Callable[[], Awaitable[float]]
-"""Waits for the next look; returns the time of the last frame of which the face has been told, in s on the cycle's
-clock; infinity when the run is over."""
+"""Waits for the next look. Returns the time of the last frame that the face has received, in s on the cycle's clock;
+infinity when the run is over."""
 
 
 class Gateway:
-    """`is_reader`: the face only reads. `roles`: the roles of users as they are now."""
+    """`is_reader`: True if the face only reads. `roles`: returns the present roles of users."""
 
     def __init__(
         self,
@@ -64,8 +64,8 @@ class Gateway:
     async def ask(
         self, user: User, do: str, path: str = "", *, sent: Callable[[int], object] = lambda number: None, **more: Any
     ) -> Any:
-        """Carry out a command; its result when it has ended (`umo.clients.faces.face.Commands`). `sent` is told the
-        number that its events have."""
+        """Carry out a command, and return its result when it has ended (`umo.clients.faces.face.Commands`). `sent` is
+        called with the number that its events have."""
         who = named(user, self._face)
         if (refusal := self._refusal(user, do, path)) is not None:
             self._tell_refusal(who, do, path, refusal)
@@ -77,7 +77,7 @@ class Gateway:
         try:
             await self._take_lease(who)
             if not lives(user):
-                raise CommandRefused("its client has gone")
+                raise CommandRefused("its client has disconnected")
             asked = self._session.asking(do, path, who=who, is_alive=partial(lives, user), **more)
             return await self._carry_out(asked, user, sent)
         finally:
@@ -86,7 +86,7 @@ class Gateway:
             self._last = time.monotonic()
 
     def may(self, user: User, do: str, path: str = "") -> bool:
-        """True if such a command is passed on (`umo.clients.faces.face.Commands`)."""
+        """True if this command would be passed on (`umo.clients.faces.face.Commands`)."""
         return self._refusal(user, do, path) is None
 
     def _refusal(self, user: User, do: str, path: str) -> str | None:
@@ -107,7 +107,7 @@ class Gateway:
         if _is_level(do):  # no flood of commands keeps anybody from it
             return None
         if user.is_alive is None and self._session.lasts(do, path) is not None:
-            return f"{path} is kept up only while its client lives, and {self._face} does not tell that"
+            return f"{path} is held only while its client gives signs of life, and {self._face} transmits none"
         room = 2 if verb is not None and verb.ends else 1
         if self._pending.total() >= room * MAX_COMMANDS or self._pending[user.name] >= room * MAX_OF_USER:
             return "too many commands at once"

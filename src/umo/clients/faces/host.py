@@ -32,12 +32,13 @@ from umo.process.frames.search import find_running
 
 log = logging.getLogger("umo.faces")
 RATE = 10.0
-"""Looks at the frames a second, by default."""
+"""Default number of looks at the frames per second."""
 SLOWEST, FASTEST = 0.1, 100.0
 SEARCH_PAUSE = 1.0
 """Time in s from one search for the station to the next."""
 FIRST_PAUSE, MAX_PAUSE = 1.0, 30.0
-"""Time in s after which a face that has failed begins again: it doubles."""
+"""Time in s after which a failed face is started again: the first one and the longest one. It doubles after each
+failure."""
 END_TIMEOUT = 5.0
 """Time in s that a face has for its end."""
 Find = Callable[[], Reader]
@@ -51,12 +52,13 @@ class Run:
     machine: Declaration
     image: FaceImage
     over: str = ""
-    """The reason why it is over; "" if it is not."""
+    """The reason why the run is over; "" while it runs."""
     looked: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class FaceHost:
-    """`faces`: each with its name. `station`: name, folder or pid; None: the only one. `read_only`: no commands."""
+    """`faces`: pairs of name and face. `station`: name, folder or pid; None means the only one. `read_only`: no face
+    accepts commands."""
 
     def __init__(
         self,
@@ -71,7 +73,7 @@ class FaceHost:
         opened: Callable[[], object] = lambda: None,
         roles: Callable[[], Roles] = Roles.load,
     ) -> None:
-        """`opened` is called when every face can be reached; `roles` gives those of users as they are now."""
+        """`opened` is called when every face can be reached; `roles` returns the present roles of users."""
         self._find: Find = (lambda: find_running(station)) if find is None else find
         self._faces, self._interval, self._read_only = faces, 1.0 / rate, read_only
         self._dead_bands, self._say, self._opened, self._roles = dead_bands, say, opened, roles
@@ -168,7 +170,7 @@ class FaceHost:
                 pause = FIRST_PAUSE
             except Exception as error:
                 log.debug("%s", name, exc_info=error)
-                self._say(f"{name} has failed, and begins again in {pause:g} s: {text_of(error)}")
+                self._say(f"{name} has failed, and starts again in {pause:g} s: {text_of(error)}")
                 await asyncio.sleep(pause)
                 pause = min(2 * pause, MAX_PAUSE)
 

@@ -22,17 +22,18 @@ from umo.process.frames.machine_items import Declaration, ItemKind
 
 PORT = 9464
 MAX_CLIENTS = 16
-"""Connections at once at most; others are refused with status 503."""
+"""Largest number of connections at once; others are refused with status 503."""
 IDLE_TIMEOUT = 5
-"""Time in s after which a connection on which nothing is asked, or what was asked is not taken, is cut off; at most
-twice as long."""
+"""Time in s after which a connection is closed if its client sends no request, or does not read the response; it may
+take twice as long."""
 NUMBERS = (ItemKind.SENSOR, ItemKind.ACTUATOR, ItemKind.SIGNAL, ItemKind.TUNABLE)
 FRESH = Quality.UNREFERENCED
-"""The worst quality with which a value is told. A value that is STALE or BAD is left out."""
+"""The worst quality with which a value is exported. A value that is STALE or BAD is left out."""
 
 
 class MetricsConnection(H11Protocol):
-    """uvicorn would keep one that never asks for ever: it counts as a client."""
+    """A connection with a limit on idle time; uvicorn would keep one that never sends a request for ever, and it counts
+    as a client."""
 
     _watching: asyncio.TimerHandle | None = None
 
@@ -53,7 +54,7 @@ class MetricsConnection(H11Protocol):
 
 
 class MetricsServer(uvicorn.Server):
-    """Leaves the signals of the process alone."""
+    """A server that does not change the signal handlers of the process."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -112,7 +113,7 @@ class Prometheus(Face):
 
 
 class Metrics(Collector):
-    """Makes the metrics when they are asked for. Without `changes` only that the machine is not there."""
+    """Makes the metrics on request. Without `changes` they only report that the machine is not available."""
 
     def __init__(self) -> None:
         self.machine: Declaration | None = None
@@ -161,7 +162,9 @@ def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
 def _value_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     labels = ["station", "path", "kind"]
     value = GaugeMetricFamily("umo_value", "A number; left out if it is stale or bad.", labels=[*labels, "unit"])
-    state = GaugeMetricFamily("umo_state", "1 for the state that it is in, else 0.", labels=[*labels, "state"])
+    state = GaugeMetricFamily(
+        "umo_state", "1 for the current state, 0 for each other state.", labels=[*labels, "state"]
+    )
     quality = GaugeMetricFamily(
         "umo_quality", f"{', '.join(f'{int(each)} {each}' for each in Quality)}.", labels=["station", "path"]
     )

@@ -4,7 +4,7 @@
     fleet/rules.toml                    who may do what (`umo.clients.fleet.fleet_rules`)
     fleet/cell7/ca.pem, certificate.pem, key.pem     goes to the computer cell7
 
-Keys are EC P-256. A certificate without a host cannot be a server: nobody can pass for a router with it.
+Keys are EC P-256. A certificate without a host cannot be a server: it cannot be used to impersonate a router.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AUTHORITY = "authority"
 AUTHORITY_DAYS, DAYS = 20 * 365, 2 * 365
 """Days for which the authority and a certificate are valid."""
 THIS_COMPUTER = ("localhost", "127.0.0.1")
-"""Hosts of every certificate of a server: those on the same computer reach it, too."""
+"""Hosts of every certificate of a server: programs on the same computer reach it, too."""
 HEAD = (
     "# The rules of a fleet: a line for each certificate. Routers, and gateways that listen, read it at their start.\n"
 )
@@ -43,7 +43,7 @@ class Authority:
 
     @classmethod
     def create(cls, folder: Path, now: datetime | None = None) -> Authority:
-        """OptionError if there is one already."""
+        """Create the authority. OptionError if there is one already."""
         own = folder / AUTHORITY
         if own.exists():
             raise OptionError(f"{own} exists: a new authority would make every certificate of the old one useless")
@@ -58,7 +58,8 @@ class Authority:
     def issue(
         self, kind: str, name: str, hosts: Sequence[str] = (), sites: Sequence[str] = (), days: int = DAYS
     ) -> Path:
-        """The folder of a new certificate. Its rule is there before it, so that none is without."""
+        """Issue a certificate, and return its folder. Its rule is written first, so that no certificate is without a
+        rule."""
         target = self.folder / checked_name(name)
         for site in sites:
             checked_name(site)
@@ -143,7 +144,7 @@ def _host(host: str) -> Any:
 def _signed(
     name: str, authority: tuple[Any, Any] | None, now: datetime, days: int, hosts: Sequence[Any] = ()
 ) -> tuple[bytes, bytes]:
-    """A certificate and its key, as PEM. `authority`: its certificate and key; None: it is one."""
+    """A certificate and its key, as PEM. `authority`: its certificate and key, or None if this is one."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec

@@ -33,21 +33,22 @@ from umo.errors import CommandRefused, UmoError, text_of
 from umo.operation.commands.verbs import GIVE_BACK, STOP, TAKE_LEASE
 
 LONGEST_VALID = 30.0
-"""Time in s that a command may be valid at most."""
+"""Longest time in s that a command may be valid."""
 REMEMBERED = 3 * LONGEST_VALID
 """Time in s for which the number of a command is remembered."""
 CLOCK_ERROR = 1.0
-"""Difference of two clocks in s that is accepted."""
+"""Largest accepted difference of two clocks in s."""
 SIGN_TIMEOUT = 1.0
-"""Time in s without a sign of life after which what a client holds is released."""
+"""Time in s without a sign of life after which the holds of a client are released."""
 MAX_BYTES = 4096
-"""Length of a command."""
+"""Largest length of a command in bytes."""
 MAX_REMEMBERED, MAX_REMEMBERED_OF_USER = 20_000, 4_000
-"""Commands that are remembered, of all and of one user. Beyond that they are refused; a stop is not."""
+"""Largest numbers of remembered commands, of all users and of one. Further commands are refused, except a stop."""
 MAX_WAITING, MAX_WAITING_STOPS = 64, 256
-"""Commands of a user that have come and have no answer. Beyond that they are refused before they cost anything."""
+"""Largest numbers of unanswered commands, and of unanswered stops, of a user. Further ones are refused before they are
+parsed."""
 FORGET_PAUSE = 1.0
-"""Time in s from one look for what need not be remembered any more to the next."""
+"""Time in s between two searches for numbers that need no longer be remembered."""
 STOP_QUOTED = json.dumps(STOP.name).encode()
 """The verb as it stands in a command that has not been parsed yet."""
 FIELDS = ("value", "arguments")
@@ -62,7 +63,7 @@ class FleetUsers:
     is_proved: bool = False
 
     def user(self, name: str, is_alive: Callable[[], bool], *, is_unverified: bool = False) -> User:
-        """`is_unverified`: this user passes on what somebody else asks for, whom nothing proves."""
+        """`is_unverified`: this user passes on the commands of somebody else, whose name is not proved."""
         return User(name, self.is_proved and not is_unverified, is_alive=is_alive)
 
 
@@ -75,7 +76,7 @@ class CommandOutcome:
     number: int | None = None
     answer: dict[str, Any] = field(
         default_factory=lambda: {
-            "error": "the gateway has ended; whether it was done is not known",
+            "error": "the gateway has ended; whether the command was carried out is not known",
             "kind": "TaskFailed",
         }
     )
@@ -170,11 +171,13 @@ class FleetCommands:
     def _check_times(self, sent: float, until: float) -> None:
         now = self._utc()
         if not now <= until + CLOCK_ERROR:
-            raise CommandRefused(f"it came {now - until:.1f} s too late: compare the clocks of the computers")
+            raise CommandRefused(f"the command came {now - until:.1f} s too late: compare the clocks of the computers")
         if not (sent <= now + CLOCK_ERROR and until - sent <= LONGEST_VALID):
-            raise CommandRefused("it was sent in the future, or is valid for too long: compare the clocks")
+            raise CommandRefused("the command was sent in the future, or is valid for too long: compare the clocks")
         if sent < self._began - CLOCK_ERROR:
-            raise CommandRefused("it was sent before the gateway began: it may have been carried out")
+            raise CommandRefused(
+                "the command was sent before the gateway started: it may already have been carried out"
+            )
 
     async def _once(self, name: str, command: dict[str, Any], reply: Callable[[dict[str, Any]], object]) -> None:
         """Carry it out, or tell what has become of it."""

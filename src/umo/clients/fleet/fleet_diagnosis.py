@@ -1,4 +1,4 @@
-"""The reason, as text, why an address of a fleet cannot be reached: Zenoh only reports a timeout."""
+"""Find the reason, as text, why an address of a fleet cannot be reached: Zenoh only reports a timeout."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 from umo.clients.fleet.fleet_identity import CA_FILE, CERTIFICATE_FILE, KEY_FILE
 
 TIME = 1.0
-"""Time in s in which an answer is waited for."""
+"""Time in s to wait for an answer."""
 ALERT_TIME = 0.3
 """Time in s within which a server refuses a certificate."""
 
 
 NOBODY_ANSWERS, SILENT = "nobody answers there", "the computer does not answer"
-"""Reasons that may pass by themselves."""
+"""Reasons that may be temporary."""
 
 
 def why_not(address: str, certificates: Path | None) -> str:
-    """`address`: such as `tls/plant.local:7447`."""
+    """Return why an address cannot be reached. `address`: such as `tls/plant.local:7447`."""
     protocol, _, rest = address.partition("/")
     host, _, port = rest.rpartition(":")
     host = host.strip("[]")

@@ -1,7 +1,7 @@
 """The gateway of a computer: publishes every station that runs on it, and passes commands on.
 
 One task looks at all rings, one after the other: waking up costs more than reading. A station is found within
-`SEARCH_PAUSE`; whatever is wrong with one disturbs no other.
+`SEARCH_PAUSE`; an error in one does not affect the others.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("umo.fleet")
 RATE = 10.0
-"""Deltas a second of each station at most, by default."""
+"""Default largest number of deltas per second of each station."""
 SLOWEST, FASTEST = 0.1, 50.0
 SEARCH_PAUSE = 0.5
 """Time in s from one search for stations to the next."""
@@ -43,11 +43,11 @@ may still be there."""
 
 
 AFTER_END = 60.0
-"""Time in s in which what was published of a run can still be asked for after its end."""
+"""Time in s after the end of a run during which its published data can still be requested."""
 MOST_ENDED = 3
-"""Runs of one station that have ended of which that is so, at most."""
+"""Largest number of ended runs of one station whose data can still be requested."""
 REPORT_ATTEMPT = 2
-"""Number of the try at which it is told that a station cannot be published."""
+"""Number of the attempt after which a notice is printed that a station cannot be published."""
 
 
 class UnpublishedStation(NamedTuple):
@@ -96,7 +96,7 @@ class PublishedStation:
 
 
 class FleetGateway:
-    """`site`: the first word of the keys of this computer's stations. `say` is told of what a user has to know;
+    """`site`: the first word of the keys of this computer's stations. `say` is called with notices for the user;
     `history` publishes to a JetStream also."""
 
     def __init__(
@@ -198,7 +198,9 @@ class FleetGateway:
         key = self._key_of(reader)
         if await asyncio.to_thread(is_present, self._session, key):
             reader.close()
-            raise FramesError(f"{key} is in the fleet already, of another computer: give this one another --site")
+            raise FramesError(
+                f"{key} is already in the fleet, published by another computer: give this computer another --site"
+            )
         publisher = StationPublisher(self._session, key, reader, self._interval)
         self._refused.pop(path, None)
         if self._history is not None:

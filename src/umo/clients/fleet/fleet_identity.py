@@ -15,12 +15,12 @@ from umo.text import printable
 CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 MAX_BYTES = 1 << 16
 EXPIRY_NOTICE = 30 * 86_400
-"""Time in s before its end from which on it is told."""
+"""Time in s before the expiry of a certificate from which on a notice is printed."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """`expires`: UTC, s."""
+    """The owner of a certificate. `expires`: UTC, s."""
 
     kind: str
     name: str
@@ -40,7 +40,8 @@ class Identity:
 
 
 def identity_of(folder: Path, now: float | None = None) -> Identity:
-    """OptionError if a file is missing, or the certificate is none of a fleet or not valid now (UTC in s)."""
+    """Return the owner of a certificate. OptionError if a file is missing, or if the certificate is not one of a fleet
+    or not valid at `now` (UTC in s)."""
     for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE):
         if not (folder / name).is_file():
             raise OptionError(f"{folder} has no {name}; `umo connect certificate` makes it")
@@ -49,7 +50,9 @@ def identity_of(folder: Path, now: float | None = None) -> Identity:
     identity = _identity(certificate)
     now = time.time() if now is None else now
     if identity is None:
-        raise OptionError(f"{file} is not of a fleet: its common name is not {' or '.join(f'{k}:NAME' for k in KINDS)}")
+        raise OptionError(
+            f"{file} is not a certificate of a fleet: its common name is not {' or '.join(f'{k}:NAME' for k in KINDS)}"
+        )
     if identity.expires <= now:
         raise OptionError(f"{file} of {identity} expired on {identity.until}; issue another (umo connect certificate)")
     if (begins := certificate.not_valid_before_utc.timestamp()) > now:
@@ -58,7 +61,7 @@ def identity_of(folder: Path, now: float | None = None) -> Identity:
 
 
 def read_certificate(file: Path) -> Any:
-    """A certificate in PEM; OptionError for another file."""
+    """Read a certificate in PEM. OptionError if the file has none."""
     from cryptography import x509
 
     try:

@@ -22,7 +22,7 @@ DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN, PAST = (
 )
 ANY = "*"
 MAX_SEGMENT = 64
-"""Characters of one word of a key at most."""
+"""Largest number of characters of one word of a key."""
 _SEGMENT = re.compile(rf"[\w.-]{{1,{MAX_SEGMENT}}}", re.ASCII)
 
 
@@ -43,7 +43,7 @@ EVERY = StationKey(ANY, ANY)
 
 
 def station_key(text: str) -> StationKey:
-    """The station that `SITE/STATION` names; OptionError if that is not one."""
+    """The station that `SITE/STATION` names; OptionError if the text does not name one."""
     site, slash, station = text.partition("/")
     if not (slash and _SEGMENT.fullmatch(site) and _SEGMENT.fullmatch(station)):
         raise OptionError(
@@ -60,7 +60,7 @@ def is_station_key(text: str) -> bool:
 
 def segment(text: str) -> str:
     """A name as one word of a key (`umo.objects.presentation.identity`): other characters than ASCII letters, digits,
-    `_`, `.`, `-` are escaped; one that is longer than a key may have ends with a digest."""
+    `_`, `.`, `-` are escaped; a name that is too long for a key ends with a digest."""
     dots = {text} if text and not text.strip(".") else ()
     return shortened(escaped(text, lambda each: is_word(each) or each in ".-", dots), MAX_SEGMENT)
 

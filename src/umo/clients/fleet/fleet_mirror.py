@@ -50,11 +50,11 @@ log = logging.getLogger("umo.fleet")
 ANSWER_TIME = 3.0
 """Time in s within which a station declares itself."""
 STALE_AFTER = 1.5
-"""Age in s of a delta from which on no value is fresh, 10 periods if that is longer."""
+"""Age in s of a delta from which on all values are stale, or 10 periods if that is longer."""
 NONE = -2
-"""Number of an image that no delta follows."""
+"""Number of an image before the first delta."""
 CHECK_PAUSE = 0.5
-"""Time in s from one question of which run there is to the next."""
+"""Time in s between two queries for the present run."""
 LOOK_INTERVAL = 0.02
 """Time in s from one look at the cells to the next."""
 
@@ -72,7 +72,7 @@ class FleetReader(Reader):
 
 
 class FleetMirror:
-    """FramesError if the station does not declare itself. The mirror closes the session in the end."""
+    """FramesError if the station does not declare itself. The mirror closes the session at its end."""
 
     def __init__(self, session: zenoh.Session, key: StationKey, user: str) -> None:
         self.key = key
@@ -103,7 +103,7 @@ class FleetMirror:
         self._qualities = slice(fields["quality"][1], fields["quality"][1] + width)
         self._feed = RunFeed(self._run, self._number + 1, max(0, int(facts["event"]) - 1), time.monotonic())
         self.lost = 0
-        """Deltas that did not come."""
+        """Number of deltas that did not arrive."""
         self._ended = threading.Event()
         self._heard = time.monotonic()
         """The earliest time in s at which what is shown may have been made."""
@@ -288,7 +288,7 @@ class FleetMirror:
 
 
 def _age_in(facts: dict[str, Any]) -> float:
-    """Age in s of the image of a declaration when it was sent; 0: an older gateway does not send it."""
+    """Age in s of the image of a declaration when it was sent, or 0 if an older gateway does not send it."""
     return float(facts.get("age", 0.0))
 
 
@@ -306,8 +306,8 @@ def answer_of(session: zenoh.Session, key: StationKey, kind: str) -> bytes:
 
 
 def find(name: str, settings: FleetSettings | None = None) -> Reader:
-    """The frames of a station of the fleet, `SITE/STATION`. FramesError lists those that are there. `settings`:
-    default: those of this user."""
+    """The frames of a station of the fleet, `SITE/STATION`. The FramesError for an unknown station lists the known
+    ones. `settings`: default: those of this user."""
     key = keys.station_key(name)
     settings = fleet_settings.load() if settings is None else settings
     settings.require(USER)
@@ -327,5 +327,5 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
 
 
 def find_named(name: str) -> Reader | None:
-    """`find` for names that can be of a fleet and are no folder; None for others."""
+    """`find` for a name that can be of a fleet and is not a folder; None for other names."""
     return find(name) if keys.is_station_key(name) and not os.path.isdir(name) else None

@@ -15,13 +15,14 @@ from umo.clients.fleet import fleet_keys as keys
 from umo.clients.fleet.fleet_keys import StationKey
 
 DEBOUNCE = 0.5
-"""Time in s from the loss of a station's token until it counts as away: a router that is begun again takes all with
-it for a moment."""
+"""Time in s from the loss of a station's token until it counts as away: when a router restarts, all tokens are lost for
+a moment."""
 MAX_STATIONS = 10_000
 ASKED_ONE_BY_ONE = 20
-"""Stations that are asked for their status one by one, if no more have come at once; else one question is to all."""
+"""Largest number of new stations that are asked for their status one by one; if more appear at once, one query is sent
+to all."""
 ANSWER_TIME = 1.0
-"""Time in s within which stations tell their status."""
+"""Time in s within which stations report their status."""
 
 
 @dataclass
@@ -30,7 +31,7 @@ class FleetStation:
 
     key: StationKey
     status: Mapping[str, Any] = field(default_factory=dict)
-    """Its last status (`umo.clients.fleet.station_publisher.status_of`); empty: none yet."""
+    """Its last status (`umo.clients.fleet.station_publisher.status_of`), or empty if there is none yet."""
     told: float = 0.0
     """Time of its last status, s of the monotonic clock."""
     lost: float | None = None
@@ -114,7 +115,7 @@ def status_in(data: bytes) -> dict[str, Any] | None:
 
 
 def statuses(session: zenoh.Session, timeout: float = ANSWER_TIME) -> dict[StationKey, dict[str, Any]]:
-    """The present status of each station."""
+    """Return the present status of each station."""
     found: dict[StationKey, dict[str, Any]] = {}
     for reply in session.get(keys.EVERY.key(keys.STATUS), timeout=timeout):
         if reply.ok is not None and (status := status_in(bytes(reply.ok.payload))) is not None:

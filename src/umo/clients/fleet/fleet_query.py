@@ -26,8 +26,8 @@ READS = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
 
 @contextmanager
 def asked(folder: Path, sql: str, last: float | None = None, now: datetime | None = None) -> Iterator[Any]:
-    """The answer, a cursor of DuckDB, while nothing in the folder is merged. `last`: only files of the last so many
-    seconds are read. OptionError for a mistake in the question, and for a folder without history."""
+    """A context with the answer, a cursor of DuckDB; while it is open no files of the folder are merged. `last`: read
+    only files of this last time in s. OptionError for a mistake in the query, and for a folder without history."""
     if not any((folder / kind).is_dir() for kind in SCHEMAS):
         raise OptionError(f"{folder} has no history of a fleet; `umo recording history {folder}` writes it")
     oldest = "" if last is None else _hour_of((now or datetime.now(UTC)) - timedelta(seconds=last))
@@ -79,7 +79,8 @@ def _unmerged(folder: Path) -> Iterator[None]:
 
 
 def in_a_line(error: Exception) -> str:
-    """`SQL: Referenced column "x" not found in FROM clause! Candidate bindings: "run"`."""
+    """Return an error of DuckDB in one line: `SQL: Referenced column "x" not found in FROM clause! Candidate bindings:
+    "run"`."""
     lines = []
     for line in str(error).splitlines():
         if line.startswith("LINE "):

@@ -1,8 +1,8 @@
 """The recorder of a fleet: writes what stations publish to Parquet files.
 
-What it has written last it reads from its own files when it begins, so that nothing is there twice and what is missing
-is announced with its count. Gateways keep their last 60 s at 10 Hz: what a recorder that is away for less has missed
-comes later. One that cannot write keeps a bounded amount.
+At its start it reads from its own files what it has written last, so that nothing is recorded twice and missing data
+are announced with their count. Gateways keep their last 60 s at 10 Hz, so a recorder that was away for a shorter time
+receives the missed data later. A recorder that cannot write keeps a bounded amount of data.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from umo.recording.tables.value_tables import events_table
 
 log = logging.getLogger("umo.fleet")
 FLUSH = 3.0
-"""Time in s after which what has come is in a file, with up to `FLUSHES * FLUSH` stations; longer with more."""
+"""Time in s after which received data are in a file, with up to `FLUSHES * FLUSH` stations; longer with more."""
 FLUSHES = 50
-"""Files of values a second at most."""
+"""Largest number of files of values written per second."""
 PART_BYTES = 8 << 20
-"""Bytes of a run that are written before it is time."""
+"""Size in bytes of the data of a run at which they are written before `FLUSH` has passed."""
 MAX_INCOMING = 256 << 20
-"""Bytes of messages that wait to be looked at, at most. What comes beyond is a gap."""
+"""Largest number of bytes of messages that wait to be looked at. Further messages are dropped and become a gap."""
 MAX_AHEAD = 32 << 20
-"""Bytes of messages that wait at which a source that can wait does so."""
+"""Size in bytes of the waiting messages at which a source that can pause does so."""
 MAX_PENDING = 512 << 20
-"""Bytes of all that waits to be written, at most: while the disk is full older values are dropped."""
+"""Largest number of bytes of all data that wait to be written: while the disk is full older values are dropped."""
 TAKE_WAIT = 0.1
-"""Time in s that a message is waited for."""
+"""Time in s to wait for a message."""
 MAX_MESSAGES = 2000
-"""Messages between two looks at what is to be written."""
+"""Number of messages between two checks for data to be written."""
 DECLARATIONS = 50
-"""Declarations that are asked for at a time."""
+"""Number of declarations that are requested at a time."""
 TIDY_PAUSE = 600.0
-"""Time in s from one look at all folders to the next, also at the end of an hour."""
+"""Time in s between two checks of all folders; they are also checked at the end of an hour."""
 
 
 class QueuedMessage(NamedTuple):
@@ -107,7 +107,7 @@ def told(key: StationKey) -> Iterator[None]:
 
 @dataclass
 class Followed:
-    """A run with the times of what was done with it."""
+    """A run that is recorded, with the times of its last operations."""
 
     key: StationKey
     run: FollowedRun
@@ -120,7 +120,7 @@ class Followed:
     positions: StreamPositions = field(default_factory=StreamPositions)
 
     def go_on(self) -> None:
-        """Record what is next."""
+        """Continue the recording."""
         for event in self.feed.events():
             with told(self.key):
                 self.run.take_events([event])
@@ -130,7 +130,7 @@ class Followed:
 
 
 class FleetRecorder:
-    """`keep`: s, None: for ever. `say` is told of what a user has to know."""
+    """`keep`: time in s, or None to keep everything. `say` is called with notices for the user."""
 
     def __init__(
         self,
@@ -150,7 +150,7 @@ class FleetRecorder:
         self._tidied, self._hour = float("-inf"), ""
         self._untidy: deque[Path] = deque()
         self._pending = 0
-        """Bytes of what is to be written, at the last look."""
+        """Size in bytes of the data to be written, at the last look."""
         self._place = 0
         """The last one in the stream that was taken, and that of which the source knows that it is written."""
         source.begin(self._incoming.put, self._has_room)

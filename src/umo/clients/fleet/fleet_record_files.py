@@ -1,11 +1,11 @@
-"""The files of a fleet's history: Parquet by kind, site, station and hour, in folders that other programs know.
+"""The files of a fleet's history: Parquet by kind, site, station and hour, in a folder layout that other programs read.
 
     FOLDER/values/site=cell7/station=press/2026-11-25T14.parquet            an hour that is over
     FOLDER/values/site=cell7/station=press/2026-11-25T15.00000012.parquet   a part of this hour
 
-Every file under its final name is whole: it is written beside it, brought to the disk, and renamed. Parts become
-larger parts, and the file of their hour when that is over. A file says which parts it is made of, so that parts that
-were left over by the end of a recorder are dropped and never counted twice. Hours are UTC of the recorder, when it
+Every file under its final name is whole: it is written under another name, synced to the disk, and renamed. Parts
+become larger parts, and the file of their hour when that is over. A file says which parts it is made of, so that parts
+that were left over by the end of a recorder are dropped and never counted twice. Hours are UTC of the recorder, when it
 wrote them.
 """
 
@@ -31,13 +31,13 @@ from umo.recording.tables.value_tables import SCHEMAS
 
 KINDS = ("values", "events", "gaps")
 ABOUT = b"umo"
-"""Key of what a file says of itself: its parts, and the first and last number of each run in it."""
+"""Key of a file's own metadata: its parts, and the first and last number of each run in it."""
 MERGED_PARTS, MERGED_BYTES = 60, 8 << 20
-"""Parts, or bytes in parts, that become one larger part."""
+"""Number of parts, or of bytes in parts, that are merged into one larger part."""
 GROUP_ROWS = 100_000
-"""Rows of a row group: smaller ones are put together."""
+"""Number of rows of a row group; smaller groups are merged."""
 LOOKED_AT = 24
-"""Newest files of a station that a recorder reads when it begins, by default."""
+"""Default number of the newest files of a station that a recorder reads at its start."""
 LOCK, MERGING = ".recorder", ".merging"
 _NAME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d)(?:\.(\d{8}))?\.parquet")
 
@@ -54,13 +54,14 @@ class HourFile:
 
 
 class RecordFolder:
-    """The folder of one recorder. OptionError for a second one. `say` is called with files that cannot be read."""
+    """The folder of one recorder. OptionError if another recorder uses it. `say` is called with notices about files
+    that cannot be read."""
 
     def __init__(self, root: Path, say: Callable[[str], object]) -> None:
         root.mkdir(parents=True, exist_ok=True)
         self.root, self._say = root, say
         self.looked_at = LOOKED_AT
-        """Newest files of a station that tell what is recorded already; it is asked for each run once."""
+        """Number of the newest files of a station that are read to find what is already recorded, once for each run."""
         self._lock = open(root / LOCK, "w")  # noqa: SIM115 - held as long as the recorder records
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -82,7 +83,7 @@ class RecordFolder:
     # Writing -------------------------------------------------------------------------------------------
 
     def write(self, kind: str, key: StationKey, rows: pa.Table, runs: Runs, hour: str) -> None:
-        """Add a part to an hour; OSError if that cannot be."""
+        """Add a part to an hour; OSError if that fails."""
         place = self.place(kind, key)
         number = self._number(place, hour)
         path = place / f"{hour}.{number:08}.parquet"
@@ -119,8 +120,8 @@ class RecordFolder:
     # Merging -------------------------------------------------------------------------------------------
 
     def tidy(self, place: Path, hour: str, oldest: str) -> None:
-        """Drop what is left over and what is older than the hour `oldest`; merge the parts: of past hours into their
-        files. While a query reads nothing is merged: the next time will do."""
+        """Delete leftover files and files older than the hour `oldest`; merge the parts of past hours into their files.
+        Nothing is merged while a query reads; that is done the next time."""
         for each in place.glob(".*.tmp"):
             each.unlink(missing_ok=True)
         hours: dict[str, list[HourFile]] = {}
@@ -245,7 +246,7 @@ def hour_files(place: Path) -> list[HourFile]:
 
 
 def write_whole(path: Path, schema: pa.Schema, tables: Iterable[pa.Table], about: Mapping[str, Any]) -> None:
-    """Write a file so that there is never a part of it under its name."""
+    """Write a file so that an incomplete file never has its name."""
     beside = path.with_name(f".{path.name}.tmp")
     told = schema.with_metadata({ABOUT: json.dumps(about)})
     try:

@@ -1,4 +1,4 @@
-"""The rows of a fleet's history: what came as deltas, in the tables of `umo.recording.tables.value_tables`."""
+"""The rows of a fleet's history: received deltas as rows of the tables of `umo.recording.tables.value_tables`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from umo.recording.tables.value_tables import GAPS, RunValues, table, utc_of
 
 
 class TakenDelta(NamedTuple):
-    """A delta that is to be written."""
+    """A received delta that is to be written."""
 
     number: int
     image: bytes
@@ -48,7 +48,7 @@ class RunRows(RunValues):
         return beside
 
     def moment(self, image: bytes) -> tuple[int, float]:
-        """UTC of a frame in us since 1970, and its time on the machine's clock in s."""
+        """Return UTC of a frame in us since 1970, and its time on the machine's clock in s."""
         frame = np.frombuffer(image, self._dtype)
         return int(utc_of(frame)[0]), float(frame["time"][0])
 

@@ -21,8 +21,8 @@ VALUES, EVENTS = "values", "events"
 MAX_WAITING = 8 << 20
 """Largest number of bytes of deltas that wait for the declaration of their run."""
 MAX_EVENTS = 10_000
-"""Events that wait to be written at most."""
-BEFORE, AWAY, LOST = "before it was recorded", "the recorder was away", "they did not come"
+"""Largest number of events that wait to be written."""
+BEFORE, AWAY, LOST = "before it was recorded", "the recorder was away", "they did not arrive"
 FULL_DISK, UNDECLARED = "no room on disk", "the station did not declare itself"
 """Reasons for missing data."""
 UNKNOWN = RunMetadata(0, -1, 0, 0, b"", b"")
@@ -39,15 +39,16 @@ class Recorded:
 
 
 class FollowedRun:
-    """`recorded`: what the files had of it when the recorder began. Deltas and events are given in their order."""
+    """`recorded`: the data of the run in the files when the recorder started. Deltas and events must be given in their
+    order."""
 
     def __init__(self, run: bytes, recorded: Recorded) -> None:
         self.run = run
         self.name = run.hex()
         self.rows: RunRows | None = None
-        """The rows; None before it was declared."""
+        """The rows, or None before the run is declared."""
         self.last = {of: recorded.last.get((of, self.name), -1) for of in (VALUES, EVENTS)}
-        """The last number that is recorded or is to be written."""
+        """The last number that is recorded, or that is to be written."""
         self._known_gaps = recorded.gaps
         self._why = {of: BEFORE if last < 0 else AWAY for of, last in self.last.items()}
         self._words: WordFrame | None = None
@@ -67,7 +68,7 @@ class FollowedRun:
 
     @property
     def wanted(self) -> tuple[int, int]:
-        """Numbers of the first delta and the first event to follow it from: a delta with all words is among them."""
+        """Numbers of the first delta and the first event to request, so that a delta with all words is among them."""
         first = self.last[VALUES] + 1
         return first - first % FULL_EVERY, self.last[EVENTS] + 1
 
@@ -78,7 +79,7 @@ class FollowedRun:
     # Deltas --------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes) -> None:
-        """A message of this run. FramesError if it does not fit."""
+        """Take a delta of this run. FramesError if it does not fit."""
         if not self._waiting and self._follow(data):
             return
         self._waiting.append(data)
@@ -135,7 +136,7 @@ class FollowedRun:
     # The declaration -----------------------------------------------------------------------------------
 
     def take_declaration(self, data: bytes) -> None:
-        """FramesError if it is of another run, or not whole."""
+        """Take the declaration. FramesError if it is of another run, or incomplete."""
         about, described, words, rest = unpacked(data)
         facts = json.loads(about)
         if facts["run"] != self.name:
@@ -181,7 +182,7 @@ class FollowedRun:
         self._waiting_bytes -= len(self._waiting.popleft())
 
     def give_up(self) -> bool:
-        """Announce what still waits for a declaration; whether something did."""
+        """Report the deltas that still wait for a declaration as missing. Return whether there were any."""
         if self._waiting:
             number = peek(self._waiting[-1]).number
             self._waiting.clear()
@@ -204,7 +205,8 @@ class FollowedRun:
             self._drop(EVENTS, [number for number, _ in excess], None)
 
     def events(self) -> list[tuple[int, int | None, Event]]:
-        """Return the events to write, with their UTC in us: the machine's clock against that of its last frame."""
+        """Return the events to write, with their UTC in us, computed from the machine's clock and the UTC of its last
+        frame."""
         if self._image is None or self.rows is None:
             return [(number, None, each) for number, each in self._events]
         utc, now = self.rows.moment(self._image.tobytes())
@@ -214,7 +216,7 @@ class FollowedRun:
 
     @property
     def is_written(self) -> bool:
-        """True if nothing that came is left to be written."""
+        """True if all received data are written."""
         return not (self.taken or self.gaps or self._events or self._waiting)
 
     def has_written(self, values: int = 0, events: int = 0, gaps: int = 0) -> None:
@@ -223,7 +225,7 @@ class FollowedRun:
         del self.taken[:values], self._events[:events], self.gaps[:gaps]
 
     def drop_older_half(self) -> None:
-        """Make room: forget the older half of what could not be written, and announce it."""
+        """Make room: drop the older half of the unwritten data, and report it as missing."""
         dropped = self.taken[: (len(self.taken) + 1) // 2]
         if dropped and self.rows is not None:
             self.has_written(values=len(dropped))

@@ -23,7 +23,7 @@ _PATTERN = re.compile(r"[\w.*-]{1,64}/[\w.*-]{1,64}", re.ASCII)
 
 class StreamPlace(NamedTuple):
     """The place of a message in a stream. `time`: s, UTC of the server. `first`: the number of the first delta that can
-    follow in the same run."""
+    still follow in the same run."""
 
     sequence: int
     time: float
@@ -31,7 +31,7 @@ class StreamPlace(NamedTuple):
 
 
 Put = Callable[[str, StationKey, bytes, StreamPlace | None], None]
-"""Takes kind, station, message and place of a message, by any thread."""
+"""Function that takes kind, station, content and place of a message; any thread may call it."""
 
 
 class RecordSource(Protocol):
@@ -40,13 +40,13 @@ class RecordSource(Protocol):
     idle: float
 
     def begin(self, put: Put, has_room: Callable[[], bool]) -> None:
-        """Give messages from now on; a source that can wait does so while there is no room."""
+        """Deliver messages from now on; a source that can pause does so while there is no room."""
 
     def end(self) -> None:
-        """Give no more."""
+        """Deliver no more messages."""
 
     def now(self) -> float:
-        """s, of the clock by which a run is idle."""
+        """Return the time in s of the clock by which idle runs are found."""
 
     def ask_past(self, key: StationKey, feed: RunFeed, now: float) -> bool:
         """Request the missing data of a run. Return False if too many requests are in progress."""
@@ -67,7 +67,7 @@ class FleetSource:
         self._session, self._patterns = session, patterns
 
     def begin(self, put: Put, has_room: Callable[[], bool]) -> None:
-        """Subscribe. Zenoh does not wait: what there is no room for is dropped."""
+        """Subscribe. Zenoh cannot pause: messages without room are dropped."""
         self._put = put
         self._queries = PastQueries(self._session, self._answered_past)
         self._subscribers = [
@@ -113,7 +113,7 @@ class FleetSource:
 
 
 def key_pattern(text: str) -> str:
-    """`cell7/*`, `*/press*` as a key of Zenoh; OptionError if it is none."""
+    """Return a pattern such as `cell7/*` or `*/press*` as a key of Zenoh. OptionError if it is not one."""
     if not _PATTERN.fullmatch(text):
         raise OptionError(f"{text!r} names no stations; write SITE/STATION, where * stands for anything, as 'cell7/*'")
     return "/".join(part if part == "*" else re.sub(r"\*+", "$*", part) for part in text.split("/"))

@@ -50,7 +50,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 
 
 def checked_name(name: str) -> str:
-    """A name that a certificate may have; OptionError for another."""
+    """Return the name if a certificate may have it; OptionError otherwise."""
     if len(name) > MAX_NAME:
         raise OptionError(f"{printable(name[:20])}... has {len(name)} characters; the most are {MAX_NAME}")
     if not _NAME.fullmatch(name):
@@ -62,7 +62,7 @@ def checked_name(name: str) -> str:
 
 def _is_there(value: Any) -> bool:
     if not isinstance(value, bool):
-        raise OptionError(f"it is true, or false if it is withdrawn, not {cut_repr(value)}")
+        raise OptionError(f"the value must be true, or false if the certificate is withdrawn, not {cut_repr(value)}")
     return value
 
 
@@ -71,8 +71,8 @@ def _open_to(value: Any) -> bool | Sequence[str]:
     if isinstance(value, bool):
         return value
     if not isinstance(value, list) or not value:
-        sites = 'true, or false if it is withdrawn, or the sites, as ["cell7"]'
-        raise OptionError(f"it is {sites}, not {cut_repr(value)}")
+        sites = 'true, or false if the certificate is withdrawn, or a list of sites such as ["cell7"]'
+        raise OptionError(f"the value must be {sites}, not {cut_repr(value)}")
     return [checked_name(str(site)) for site in value]
 
 
@@ -124,7 +124,7 @@ class FleetRules:
         return name in {ROUTER: self.routers, SITE: self.sites, USER: self.users}[kind]
 
     def settings(self) -> dict[str, Any]:
-        """The access control of Zenoh. Who is not named may do nothing."""
+        """The access control of Zenoh. A certificate that is not named has no rights."""
         rules, subjects, policies = [_rule("seen by all", EVERYTHING, ["**"], "egress")], [], []
 
         def allow(kind: str, name: str, *allowed: tuple[Sequence[str], Sequence[str]]) -> None:
@@ -152,7 +152,7 @@ def seen_at(sites: Sequence[str]) -> list[str]:
 
 
 def reading_only() -> dict[str, Any]:
-    """The access control of a network without proof of identity: everybody may publish and see, and nobody may
+    """The access control of a network without proof of identity: every computer may publish and see, and none may
     command."""
     seen = seen_at([keys.ANY])
     rules = [_rule("in", EVERYTHING, seen), _rule("out", EVERYTHING, seen, "egress")]
@@ -160,12 +160,12 @@ def reading_only() -> dict[str, Any]:
 
 
 def key_of(kind: str, name: str) -> str:
-    """The beginning of the line of a certificate."""
+    """The beginning of the line for a certificate."""
     return f"{kind}.{name}" if re.fullmatch(r"[\w-]+", name, re.ASCII) else f'{kind}."{name}"'
 
 
 def line_of(kind: str, name: str, sites: Sequence[str] = (), *, withdrawn: bool = False) -> str:
-    """The line that a certificate gets."""
+    """The line for a certificate."""
     value = json.dumps(list(sites)) if sites else json.dumps(not withdrawn)
     return f"{key_of(kind, name)} = {value}\n"
 

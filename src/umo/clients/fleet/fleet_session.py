@@ -1,8 +1,9 @@
 """The connection of this process to a fleet: a Zenoh session.
 
-Without anything given it is a peer of this computer only: it listens on 127.0.0.1, and looks for nobody else. With
-certificates it speaks TLS, both ends prove who they are, and whoever is connected to enforces the rules
-(`umo.clients.fleet.fleet_rules`). Without certificates other computers see, and nobody on a network of them commands.
+Without anything given it is a peer of this computer only: it listens on 127.0.0.1 and connects to no other computer.
+With certificates it speaks TLS, both ends prove who they are, and the side that listens enforces the rules
+(`umo.clients.fleet.fleet_rules`). Without certificates other computers may see the stations, but no computer may
+command.
 """
 
 from __future__ import annotations
@@ -28,28 +29,28 @@ log = logging.getLogger("umo.fleet")
 PORT = 7447
 LOCAL = f"tcp/127.0.0.1:{PORT}"
 NEARBY = "tcp/127.0.0.1:0"
-"""Any free port of this computer: others learn of it."""
+"""Any free port of this computer: others discover it."""
 LINK_LEASE = 2000
-"""Time in ms after which a computer that does not answer is gone."""
+"""Time in ms after which a computer that does not answer counts as disconnected."""
 KEEP_ALIVES = 4
-"""Signs of life in that time."""
+"""Number of signs of life in that time."""
 CONNECT_TIME = 3000
-"""Time in ms in which a router must answer at the start. Later it may be away for any time."""
+"""Time in ms in which a router must answer at the start. Later it may be unreachable for any time."""
 RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
 """Pauses in ms from one try to reach a router that is away to the next."""
 TOKEN_TIME = 1.0
-"""Time in s within which others tell that they are there."""
+"""Time in s within which others announce that they are present."""
 QUEUE_TIME = 100_000
-"""Time in us that a message waits for room at most; then it is dropped."""
+"""Longest time in us that a message waits for room; then it is dropped."""
 
 
 class FleetAway(UmoError):
-    """Nobody answers at any of the addresses; that may pass by itself."""
+    """None of the addresses answers; this may be temporary."""
 
 
 @dataclass(frozen=True)
 class FleetNetwork:
-    """How a process reaches the others. `connect`, `listen`: addresses such as `tls/plant.local:7447`; `certificates`:
+    """The network settings of a process. `connect`, `listen`: addresses such as `tls/plant.local:7447`; `certificates`:
     folder of its certificate, key and the authority's certificate."""
 
     connect: Sequence[str] = ()
@@ -71,12 +72,12 @@ class FleetNetwork:
 
     @property
     def identity(self) -> Identity | None:
-        """Whom the certificates prove this to be; None: they are not used."""
+        """The identity that the certificates prove, or None if no certificates are used."""
         return identity_of(self.certificates) if self.certificates is not None and self.is_proved else None
 
     @property
     def is_local(self) -> bool:
-        """True if nobody on another computer is reached."""
+        """True if no other computer is reached."""
         return all(_is_loopback(address) for address in (*self.connect, *self.listen))
 
     @property
@@ -95,8 +96,8 @@ def _is_loopback(address: str) -> bool:
 
 
 def rules_of(network: FleetNetwork, mode: str) -> dict[str, Any] | None:
-    """The access control of whoever listens. OptionError if a network with certificates has no rules: then no name
-    is proved. A client that is connected relies on those of the router, whose certificate has proved its host."""
+    """The access control of a process that listens. OptionError if a network with certificates has no rules, because
+    then no name is proved. A connected client relies on the rules of the router, whose certificate proves its host."""
     if mode == "client":
         return None
     if network.is_proved and network.certificates is not None:
@@ -143,7 +144,8 @@ def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
 
 
 def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.Session:
-    """A session. FleetAway if the router is not there; UmoError if the address is taken, or a certificate is wrong."""
+    """Open a session. FleetAway if the router does not answer; UmoError if the address is taken, or a certificate is
+    wrong."""
     settings = settings_of(network, mode)
     config = zenoh.Config()
     try:
@@ -156,7 +158,8 @@ def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.S
 
 
 def opened_client(network: FleetNetwork) -> zenoh.Session:
-    """A session of who only looks and commands: it listens to nobody on another computer."""
+    """Open a session for a process that only reads and commands: it does not accept connections from other
+    computers."""
     return opened(replace(network, listen=()), "client" if network.connect else "peer")
 
 
@@ -180,5 +183,5 @@ def anybody(session: zenoh.Session) -> list[keys.StationKey]:
 
 
 def is_present(session: zenoh.Session, key: keys.StationKey) -> bool:
-    """True if somebody publishes a station of this name."""
+    """True if a station of this name is published."""
     return any(each.ok is not None for each in session.liveliness().get(key.key(keys.ALIVE), timeout=TOKEN_TIME))

@@ -39,7 +39,7 @@ Addresses = Annotated[Sequence[str], TakenBy(_addresses)]
 
 
 KEEP, BYTES = 7 * 86400.0, 10_000_000_000
-"""Age in s and bytes of what the stream of a JetStream holds at most, by default."""
+"""Default limits of the stream of a JetStream: age in s, and size in bytes."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ class FleetSettings:
 
     @property
     def why_none(self) -> str:
-        """Return what to do if no station is seen: Zenoh does not report what its rules forbid."""
+        """Return advice for the case that no station is visible; Zenoh does not report what its rules forbid."""
         publish, identity = "`umo connect fleet` publishes those of a computer", self.network.identity
         if identity is None:
             return publish
         return f"{publish}; the router must have started with rules for {identity}"
 
     def require(self, kind: str) -> None:
-        """OptionError if the certificate is of another kind."""
+        """Check the kind of the certificate. OptionError if it is of another kind."""
         identity = self.network.identity
         if identity is not None and identity.kind != kind:
             raise OptionError(

@@ -15,7 +15,7 @@ from umo.clients.fleet.station_publisher import StationPublisher
 from umo.errors import UmoError
 
 MOST_EVENTS = 100
-"""Events of one message at most."""
+"""Largest number of events of one message."""
 
 
 class OutgoingMessage(NamedTuple):
@@ -38,7 +38,7 @@ class JetStreamCursor:
         self._declare_at = -inf
         self._delta: int | None = None
         self._event: int | None = None
-        """Numbers of the next ones that the server has not confirmed; None: none was sent yet."""
+        """Numbers of the next ones that the server has not confirmed, or None if none was sent yet."""
         self._lost = {keys.DELTA: 0, keys.EVENT: 0}
         self._lock = threading.Lock()
         self.has_ended = False
@@ -46,15 +46,15 @@ class JetStreamCursor:
         self.is_done = False
 
     def end(self) -> None:
-        """The reader is closed soon: take the events that are left."""
+        """Take the remaining events, as the reader is about to be closed."""
         with self._lock:
             if not self.has_ended:
                 self._last_events = self._new_events()
                 self.has_ended = True
 
     def messages(self, now: float) -> Iterator[OutgoingMessage]:
-        """The messages to send now, in their order; only a part of them if there are many. Those before are confirmed
-        or given up."""
+        """The messages to send now, in their order; only a part of them if there are many. All earlier messages are
+        confirmed or given up."""
         with self._lock:
             has_ended = self.has_ended
         declarations = [self._declare(now)] if now >= self._declare_at else []
@@ -107,7 +107,7 @@ class JetStreamCursor:
         ]
 
     def confirm(self, message: OutgoingMessage) -> None:
-        """The server has it."""
+        """Note that the server has confirmed a message."""
         if message.kind == keys.DELTA:
             self._delta = int(message.next)
         elif message.kind == keys.EVENT:
@@ -124,7 +124,7 @@ class JetStreamCursor:
         self.confirm(message)
 
     def take_lost(self) -> tuple[int, int]:
-        """Deltas and events that are lost since the last time."""
+        """Return the numbers of deltas and events lost since the last call."""
         found = self._lost[keys.DELTA], self._lost[keys.EVENT]
         self._lost = dict.fromkeys(self._lost, 0)
         return found

@@ -20,21 +20,21 @@ from umo.clients.fleet.jetstream_server import JetStreamServer
 from umo.clients.fleet.station_publisher import StationPublisher
 
 PAUSE = 0.1
-"""Time in s from one look at what is new to the next."""
+"""Time in s between two looks for new data."""
 ACK_TIME = 5.0
-"""Time in s in which the server must confirm what it was sent."""
+"""Time in s within which the server must confirm a message."""
 AT_A_TIME = 1000
-"""Messages that wait for that, at most, and those of one station more."""
+"""Number of unconfirmed messages at which no further station is served."""
 CLOSE_TIME = 3.0
-"""Time in s in which the rest is sent when the gateway ends."""
+"""Time in s for sending the remaining data when the gateway ends."""
 MOST_ENDED = 20
-"""Runs that have ended of which something is left to send, at most."""
+"""Largest number of ended runs with data that are still to be sent."""
 HEADERS = 200
-"""Bytes of a message beside what it carries, at most."""
+"""Largest number of bytes of a message in addition to its payload."""
 
 
 class JetStreamPublisher:
-    """`say` is told of what a user has to know."""
+    """`say` is called with notices for the user."""
 
     def __init__(self, server: JetStreamServer, say: Callable[[str], object]) -> None:
         self._server, self._say = server, say
@@ -61,7 +61,7 @@ class JetStreamPublisher:
                     each.end()
 
     def close(self) -> None:
-        """The gateway ends: send what can be sent in `CLOSE_TIME`."""
+        """Called when the gateway ends: send as much as possible within `CLOSE_TIME`."""
         self._stop.set()
         self._thread.join(2 * CLOSE_TIME)
 
@@ -145,8 +145,8 @@ class JetStreamPublisher:
             lost = [(each.key, *each.take_lost()) for each in self._cursors]
         for key, deltas, events in lost:
             if deltas or events:
-                self._say(f"{key}: {deltas} deltas and {events} events did not go into the JetStream, "
-                          "and are not kept any more")  # fmt: skip
+                self._say(f"{key}: {deltas} deltas and {events} events were not stored in the JetStream, "
+                          "and are no longer kept")  # fmt: skip
 
     def _forget(self) -> None:
         """Runs that are over and of which all was sent."""

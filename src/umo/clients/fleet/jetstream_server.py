@@ -44,17 +44,17 @@ from umo.errors import OptionError, UmoError, text_of
 STREAM, DECLARATIONS = "umo", "umo-declarations"
 DECLARATION_BYTES = 256 << 20
 REFRESH = 3600.0
-"""Time in s after which a declaration is published again, so that it is not older than the deltas of its run."""
+"""Time in s after which a declaration is published again, so that it is not dropped before the deltas of its run."""
 DUPLICATES = 120.0
-"""Time in s in which a message that comes again is dropped."""
+"""Time in s within which a repeated message is dropped."""
 FIRST = "Umo-First"
-"""Header of a delta: those before this number that are not in the stream by now do not come."""
+"""Header of a delta with a number: deltas before this number that are not yet in the stream will not arrive."""
 RETRY_DELAY = 2.0
 """Time in s after which a server that is away is tried again."""
 CONNECT_TIME = 3
 """Time in s in which a server must answer."""
 AWAY = (NatsError, OSError, ssl.SSLError, TimeoutError, EOFError)
-"""Errors that end an attempt or a connection."""
+"""Errors that end an attempt to connect, or a connection."""
 
 
 Use = Callable[[Client, JetStreamContext], Awaitable[None]]
@@ -90,7 +90,7 @@ class JetStreamServer:
             raise OptionError(f"{_hidden(self.url)!r} is not a JetStream; write nats://HOST:4222, or tls://HOST:4222")
         if "@" in parts.netloc:
             raise OptionError(
-                "no password on a command line, where every user sees it: user and password_file stand in [jetstream] "
+                "a password on a command line can be seen by every user: write user and password_file in [jetstream] "
                 "of fleet.toml, or UMO_JETSTREAM_USER and UMO_JETSTREAM_PASSWORD"
             )
         if parts.scheme == "tls" and self.certificates is None:
@@ -100,7 +100,8 @@ class JetStreamServer:
         self.context()
 
     def context(self) -> ssl.SSLContext | None:
-        """TLS, where both ends prove who they are; OptionError if the certificates cannot be used."""
+        """The context for TLS, in which both ends prove who they are. OptionError if the certificates cannot be
+        used."""
         if not self.url.startswith("tls:") or self.certificates is None:
             return None
         ca, certificate, key = (self.certificates / name for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE))
@@ -113,7 +114,7 @@ class JetStreamServer:
 
     @asynccontextmanager
     async def connected(self) -> AsyncIterator[tuple[Client, JetStreamContext]]:
-        """A connection with its streams, which are made if they are missing. One of `AWAY`, or UmoError."""
+        """A connection with its streams, which are made if they are missing. Raises one of `AWAY`, or UmoError."""
         client = Client() if self.context() is None else ProvedClient()
         try:
             await asyncio.wait_for(client.connect(
@@ -131,10 +132,10 @@ class JetStreamServer:
     async def keep_using(
         self, use: Use, stop: threading.Event, say: Callable[[str], object], prepare: Prepare | None = None
     ) -> None:
-        """`use` a connection until that is done. While it is away, or `prepare` fails, it is tried again, until `stop`;
-        `say` is told when it is away, and when it is reached again."""
+        """Call `use` with a connection until that is done. If the server is unreachable or `prepare` fails, try again
+        until `stop`; `say` is called when the server becomes unreachable, and when it is reached again."""
         told: str | None = None
-        """Why it is away; empty: it is there; None: not known yet."""
+        """Why the server is unreachable, or empty if it is reached, or None if not known yet."""
         while True:
             try:
                 async with self.connected() as (client, js):
@@ -184,7 +185,7 @@ async def _unheard(_: Exception) -> None:
 
 
 def why(error: BaseException) -> str:
-    """An error of a connection in a few words."""
+    """Describe an error of a connection in a few words."""
     if isinstance(error, TimeoutError | EOFError | nats.errors.NoServersError) and not str(error).strip():
         return "no answer"
     text = getattr(error, "description", None) or getattr(error, "strerror", None) or str(error)
@@ -194,7 +195,7 @@ def why(error: BaseException) -> str:
 def load(
     url: str, certificates: Path | None, table: JetStreamTable, environ: Mapping[str, str] = os.environ
 ) -> JetStreamServer:
-    """The server with what the table [jetstream] and the environment say; OptionError for a mistake in either."""
+    """The server as the table [jetstream] and the environment describe it. OptionError for a mistake in either."""
     return JetStreamServer(url, certificates, Credentials.load(table, environ), table.keep, table.bytes)
 
 
@@ -208,7 +209,7 @@ def _hidden(url: str) -> str:
 
 
 def subject(site: str, station: str, *words: str) -> str:
-    """`umo.SITE.STATION.KIND`; a dot in a name is `~`, which no name has."""
+    """The subject `umo.SITE.STATION.KIND`. A dot in a name becomes `~`, which no name contains."""
     return ".".join((keys.ROOT, *(each.replace(".", "~") for each in (site, station)), *words))
 
 

@@ -1,8 +1,8 @@
 """The source of a recorder that reads from a JetStream: a durable consumer, which gets confirmations of the data in
 files.
 
-After a restart or a new connection the recorder makes its consumer again, after the written data: data that were on
-their way come again, in their order. The server would send it again by itself, but later than what follows.
+After a restart or a new connection the recorder makes its consumer again, after the written data: data that were being
+sent arrive again, in their order. The server would send them again by itself, but after later data.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ from umo.clients.fleet.jetstream_server import (
 from umo.clients.fleet.run_feed import RunFeed
 
 BATCH = 500
-"""Messages that are asked for at a time."""
+"""Number of messages requested at a time."""
 WAIT = 0.5
-"""Time in s that they are waited for."""
+"""Time in s to wait for them."""
 ROOM_WAIT = 0.1
-"""Time in s after which it is looked again whether there is room."""
+"""Time in s between two checks whether there is room."""
 CONSUMER_FILE = ".jetstream"
 """The file in the folder of the history with the name of its consumer."""
 UNUSED = 90 * 86400.0
 """Time in s after which the server forgets a consumer that nobody uses."""
 SILENT = 20
-"""Times without a message after which it is asked whether the consumer is still there."""
+"""Number of requests without a message after which the recorder checks that its consumer still exists."""
 HOUR = 3600.0
 
 
 class JetStreamSource:
-    """`patterns`: SITE/STATION with `*`. `say` is told of what a user has to know."""
+    """`patterns`: SITE/STATION with `*`. `say` is called with notices for the user."""
 
     idle = 600.0
 
@@ -82,7 +82,7 @@ class JetStreamSource:
         self._thread.start()
 
     def end(self) -> None:
-        """Read no more; `close` follows."""
+        """Stop reading; `close` follows."""
         self._stop.set()
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class JetStreamSource:
         self._thread.join()
 
     def now(self) -> float:
-        """The time of the last message: while the server is away no time passes."""
+        """The time of the last message, so that no time passes while the server is unreachable."""
         return self._time
 
     def ask_past(self, key: StationKey, feed: RunFeed, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""The deltas that a gateway has published and still keeps, for those who have missed some."""
+"""The deltas that a gateway has published and still keeps, for recorders and mirrors that have missed some."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import NamedTuple
 from umo.clients.fleet.run_words import Delta
 
 MAX_DELTAS = 60
-"""Deltas of one answer at most."""
+"""Largest number of deltas of one answer."""
 MAX_DELTA_BYTES = 256 << 10
-"""Size of an answer at which it has no further delta."""
+"""Size in bytes of an answer from which on no further delta is added."""
 
 
 class KeptDelta(NamedTuple):
@@ -42,8 +42,8 @@ class KeptDeltas:
                     kept.popleft()
 
     def since(self, number: int) -> tuple[int, list[bytes]]:
-        """Number of the last one of all, -1 without any; and those from a number on, as many as one answer holds.
-        If the first of them is a later one, nobody has what is between."""
+        """Return the number of the last delta, or -1 if there is none, and the deltas from a number on, as many as fit
+        one answer. If the first one has a later number, those between are no longer kept."""
         with self._lock:
             last = self._kept[-1].number if self._kept else -1
             kept = list(takewhile(lambda each: each.number >= number, reversed(self._kept)))

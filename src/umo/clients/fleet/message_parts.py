@@ -14,7 +14,7 @@ def packed(*parts: bytes) -> bytes:
 
 
 def unpacked(data: bytes) -> list[bytes]:
-    """FramesError for a message that is not whole."""
+    """Return the parts of a message. FramesError if it is incomplete."""
     try:
         (count,) = struct.unpack_from("<I", data)
         if count > MAX_PARTS:

@@ -27,15 +27,15 @@ from umo.system.processes import user_name
 VALID = 5.0
 """Time in s for which a command is valid."""
 LONGEST_WAIT = 86_400.0
-"""Time in s that the end of an action is waited for."""
+"""Time in s to wait for the end of an action."""
 EVENT_WAIT = 0.2
-"""Time in s within which the machine's own event follows its answer, at most."""
+"""Longest time in s from the machine's answer to its own event."""
 SIGN_PAUSE = 0.1
 """Time in s from one sign of life to the next."""
 
 
 class MirrorCommands:
-    """`tell` adds an event to the ring."""
+    """Passes on commands. `tell` adds an event to the ring."""
 
     def __init__(
         self, session: zenoh.Session, key: StationKey, user: str, ring: RingCopy, tell: Callable[[Event], None]
@@ -60,12 +60,13 @@ class MirrorCommands:
         self._is_stopped = False
 
     def local(self, number: int) -> int:
-        """The number that a command of the station has here; 0: it is not from here."""
+        """The number on this computer of a command of the station, or 0 if the command is not from this computer."""
         with self._lock:
             return self._numbers.get(number, 0) if number else 0
 
     def taken(self, count: int) -> int:
-        """The greatest number here up to which all commands are among the first `count` of the station."""
+        """Return the greatest number on this computer up to which all commands are among the first `count` commands of
+        the station."""
         with self._lock:
             taken = [here for there, here in self._coming if there <= count]
             self._coming = [each for each in self._coming if each[0] > count]
@@ -131,7 +132,7 @@ class MirrorCommands:
 
         def done() -> None:
             if not wait[1]:
-                lost = {"error": "no answer: whether it was done is not known", "kind": "TaskFailed"}
+                lost = {"error": "no answer: whether the command was carried out is not known", "kind": "TaskFailed"}
                 with self._lock:
                     self._answers.append((0.0, command, lost))
 

@@ -1,4 +1,4 @@
-"""Questions to gateways for what was published before and did not come (`umo.clients.fleet.run_feed`)."""
+"""Queries to gateways for published data that did not arrive (`umo.clients.fleet.run_feed`)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from umo.clients.fleet.fleet_keys import StationKey
 from umo.clients.fleet.run_feed import Missing
 
 MAX_CONCURRENT_QUERIES = 8
-"""Questions of one process that wait for their answers, at most: answers to more would be dropped on the way."""
+"""Largest number of queries of one process that wait for their answers; answers to more queries would be dropped by the
+network."""
 WAIT = 2.0
-"""Time in s that an answer is waited for."""
+"""Time in s to wait for an answer."""
 
 
 class PastQueries:
-    """`put` is given each answer with the station and its run, by a thread of Zenoh."""
+    """A thread of Zenoh calls `put` with each answer, its station and its run."""
 
     def __init__(self, session: zenoh.Session, put: Callable[[StationKey, bytes, bytes], None]) -> None:
         self._session, self._put = session, put

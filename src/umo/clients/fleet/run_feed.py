@@ -1,8 +1,8 @@
-"""Deltas and events of one run in the order of their numbers, each once; what is missing is asked for.
-
-Zenoh drops what it cannot send, and what was on its way when a router or a gateway was killed. The gateway keeps what
-it has published (`umo.clients.fleet.kept_deltas`), and answers who asks for it from a number on. Nothing here waits or
-sends: the caller sends what `request` wants (`umo.clients.fleet.past_queries`), and gives the answers to `take_past`.
+"""Deltas and events of one run in the order of their numbers, each once; missing ones are requested. Zenoh drops
+messages that it cannot send, and messages in transit when a router or a gateway is killed. The gateway keeps what it
+has published (`umo.clients.fleet.kept_deltas`), and sends it again from a requested number on. Nothing here waits or
+sends: the caller sends what `request` returns (`umo.clients.fleet.past_queries`), and passes the answers to
+`take_past`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from umo.clients.fleet.message_parts import unpacked
 from umo.clients.fleet.run_words import peek
 
 RETRY_DELAY = 1.0
-"""Time in s after which a question without an answer is asked again."""
+"""Time in s after which a query without an answer is sent again."""
 TRIES = 20
-"""Questions without an answer after which what is missing counts as lost."""
+"""Number of unanswered queries after which the missing data count as lost."""
 SILENCE, LONGEST_SILENCE = 2.0, 8.0
-"""Times in s after which it is asked whether a run of which nothing comes has continued: first, and at most."""
+"""Shortest and longest time in s without data of a run after which its gateway is asked whether the run has
+continued."""
 AHEAD = 1000
-"""The origin of a delta is unknown if its number is further ahead than this of what its gateway has."""
+"""The origin of a delta is unknown if its number exceeds the last number of its gateway by more than this."""
 MAX_HELD = 8 << 20
-"""Bytes of deltas that wait for those before them, at most; what comes beyond is asked for later."""
+"""Largest number of bytes of deltas that wait for earlier ones; later deltas are requested again."""
 
 
 class Missing(NamedTuple):
@@ -36,7 +37,7 @@ class Missing(NamedTuple):
 
 
 class RunFeed:
-    """`delta`, `event`: numbers of the first ones that are wanted. `now`: always s of the monotonic clock."""
+    """`delta`, `event`: numbers of the first ones to deliver. `now` is always in s of the monotonic clock."""
 
     def __init__(self, run: bytes, delta: int, event: int, now: float) -> None:
         self.run, self.delta, self.event = run, delta, event
@@ -51,12 +52,12 @@ class RunFeed:
         """Questions that nobody has answered."""
         self._heard, self._silence = now, SILENCE
         self.is_over = False
-        """The last delta of the run has come."""
+        """True if the last delta of the run has arrived."""
 
     # What comes ----------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes, now: float) -> bool:
-        """A delta as it was published. False: it came before. FramesError if it is none."""
+        """Take a delta as it was published. Return False if it arrived before. FramesError if it is malformed."""
         head = peek(data)
         if head.number < self.delta:
             return False
@@ -68,24 +69,25 @@ class RunFeed:
         return True
 
     def leave_out(self, delta: int) -> None:
-        """Deltas before this number that have not come do not come any more."""
+        """Note that missing deltas before this number will not arrive any more."""
         if delta > self.delta:
             self._skip_to(delta)
             self._go_on()
 
     def leave_out_events(self, event: int) -> None:
-        """Events before this number that have not come do not come any more."""
+        """Note that missing events before this number will not arrive any more."""
         self.event = max(self.event, event)
 
     def take_events(self, told: Mapping[str, Any]) -> None:
-        """A message with events as it was published. Those behind a gap are asked for."""
+        """Take a message with events as it was published. Events before it that are missing are requested."""
         events = told["events"]
         self._last_event = max(self._last_event, int(events[-1][0]))
         if int(events[0][0]) <= self.event:
             self._add_events(events)
 
     def take_past(self, data: bytes) -> None:
-        """The answer to a request: what the gateway has from there on. FramesError if it is none."""
+        """Take the answer to a request: the data that the gateway has from the requested number on. FramesError if it
+        is malformed."""
         about, *deltas = unpacked(data)
         facts = json.loads(about)
         before = self.delta, self.event
@@ -134,7 +136,7 @@ class RunFeed:
         self.delta = number
 
     def restart(self, number: int) -> None:
-        """Go on with this number, whatever came."""
+        """Continue with this number, regardless of the data so far."""
         self._held.clear()
         self._held_bytes = 0
         self._deltas.clear()
@@ -143,12 +145,12 @@ class RunFeed:
     # What is taken from it -------------------------------------------------------------------------------------
 
     def events(self) -> list[list[Any]]:
-        """Return the events that are next: number, then the fields of `umo.cycle.events.Event`."""
+        """Return the next events: number, then the fields of `umo.cycle.events.Event`."""
         events, self._events = self._events, []
         return events
 
     def deltas(self) -> list[bytes]:
-        """Return the deltas that are next. A missing number was lost. The last delta of a run waits for its events."""
+        """Return the next deltas. A missing number was lost. The last delta of a run waits for its events."""
         deltas, self._deltas = self._deltas, []
         if deltas and (last := peek(deltas[-1])).is_last:
             self._last_event = max(self._last_event, last.events - 1)  # an answer knows less: it is older, or was full

@@ -1,9 +1,9 @@
-"""A run as a vector of words of 8 bytes, and what has changed of it: the messages of a fleet.
+"""The messages of a fleet: a run as a vector of words of 8 bytes, and the changes of these words.
 
 The vector holds a frame as it stands in the ring (`umo.process.frames.layout`, without `sequence`, checksums and
 journal), then the rest: state, mode, missed periods, lease with its holder, the tunable numbers. A delta names the
-words of the frame that differ from those of the delta before; the rest is whole in it, or is missing because it has not
-changed.
+words of the frame that differ from those of the delta before; the rest is complete in it, or is missing because it has
+not changed.
 
 Frames are thinned by their numbers in the ring: with a stride of k the deltas 0, 1, 2 ... are of the frames k - 1,
 2k - 1, 3k - 1 ... Delta n belongs to the same frame, whichever process publishes the run and however often it restarts,
@@ -33,15 +33,15 @@ FULL, LAST = 1, 2
 METADATA = struct.Struct(f"<qqqq{NAME}s")
 """State, mode, missed, number of the lease, its holder; the tunable numbers (`<f8`) follow."""
 LEFT_OUT = ("sequence", "checksum", "entries_checksum", "journal", "entries", "entries_lost", "sampled", "updated")
-"""Fields of a frame that are of the ring, or of the journal, which a fleet does not carry."""
+"""Fields of a frame that belong to the ring, or to the journal, which a fleet does not transmit."""
 FULL_EVERY = 100
-"""One delta of this number has all words, so that a reader of the last ones can begin there."""
+"""One delta in this number of deltas has all words, so that a new reader can begin there."""
 RUN_BYTES = 8
 
 
 @dataclass(frozen=True)
 class RunMetadata:
-    """The data of a run that belong to no frame."""
+    """The data of a run that do not belong to a frame."""
 
     state: int
     mode: int
@@ -80,7 +80,7 @@ class Delta:
     places: npt.NDArray[Any]
     words: Words
     rest: bytes
-    """Packed; empty: as before."""
+    """Packed; empty means as before."""
     events: int = 0
     """Number of the next event of the run."""
 
@@ -99,7 +99,7 @@ class Delta:
 
 
 class WordFrame:
-    """Frames of one run as words, and back. `layout`: of its ring."""
+    """Frames of one run as words, and back. `layout`: that of its ring."""
 
     def __init__(self, layout: Layout) -> None:
         dtype = layout.dtype
@@ -120,14 +120,14 @@ class WordFrame:
         return words
 
     def changed(self, words: Words, before: Words | None) -> tuple[npt.NDArray[Any], Words]:
-        """Places and words that differ; all without `before`."""
+        """Places and values of the words that differ from `before`; all words without it."""
         if before is None:
             return np.zeros(0, self._index), words
         (places,) = (words != before).nonzero()
         return places.astype(self._index), words[places]
 
     def parse(self, data: bytes) -> Delta:
-        """FramesError for a message that does not fit this run."""
+        """Parse a message. FramesError if it does not fit this run."""
         try:
             run, number, events, count, rest, flags = HEADER.unpack_from(data)
             full, at = bool(flags & FULL), HEADER.size
@@ -145,7 +145,7 @@ class WordFrame:
         return Delta(run, number, flags, places, words, data[at + words.nbytes :], events)
 
     def apply(self, delta: Delta, words: Words) -> None:
-        """Change words as a delta says."""
+        """Apply a delta to these words."""
         if delta.is_full:
             words[:] = delta.words
         else:
@@ -174,7 +174,7 @@ class Head(NamedTuple):
 
 
 def peek(data: bytes) -> Head:
-    """FramesError for a message that is not a delta."""
+    """Return the beginning of a message. FramesError if it is not a delta."""
     if len(data) < HEADER.size:
         raise FramesError(f"{len(data)} bytes are not a delta")
     run, number, events, _, _, flags = HEADER.unpack_from(data)

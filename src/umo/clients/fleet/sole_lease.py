@@ -1,4 +1,5 @@
-"""The way of a fleet's commands to one run: as that of a face, but one client at a time has the lease."""
+"""Passes the commands of a fleet to one run, like the gateway of a face, except that one client at a time has the
+lease."""
 
 from __future__ import annotations
 
@@ -12,13 +13,13 @@ from umo.operation.commands.verbs import STOP, TUNE
 
 
 class SoleLease(Gateway):
-    """Clients of a fleet take the lease and give it back, as those on the computer of the machine do."""
+    """Clients of a fleet take the lease and give it back, like clients on the computer of the machine."""
 
     _owner: User | None = None
 
     async def take_lease(self, user: User, *, over: bool = False) -> int:
-        """Take the lease for one user, who alone commands as long as `user.is_alive` says so; its number. LeaseHeld if
-        another has it, unless it is deliberately taken over."""
+        """Take the lease for one user, who alone commands as long as `user.is_alive` returns True. Return the number of
+        the lease. LeaseHeld if another has it, unless it is deliberately taken over."""
         if (refusal := super()._refusal(user, TUNE.name, "")) is not None:  # the least that one needs it for
             raise CommandRefused(refusal)
         owner = self.owner
@@ -33,7 +34,7 @@ class SoleLease(Gateway):
         return self._session.lease
 
     def give_back(self, user: User) -> None:
-        """The user no longer needs it."""
+        """Return the lease, as the user no longer needs it."""
         if self._owner is not None and not _others(self._owner, user):
             self._owner, self._last = None, -inf
 

@@ -27,19 +27,19 @@ from umo.process.frames.reader import FRAME_HEAD
 from umo.process.frames.run_reader import NumberedEvent
 
 KEPT = 60.0
-"""Time in s of which the deltas are kept, for those who have missed some."""
+"""Time in s for which deltas are kept, for recorders and mirrors that have missed some."""
 MAX_DELTAS = 100
-"""Deltas of one look at most: the rest of what a ring holds follows at the next ones."""
+"""Largest number of deltas sent at one look; further frames of the ring follow at the next looks."""
 REST_EVERY = 10
-"""The rest is in every so many deltas, also if it has not changed."""
+"""One delta in this number of deltas contains the rest, even if it has not changed."""
 STATUS_FIELDS = ("done", "total", "progress", "signals", "equipment", "alarms")
-"""Fields of a frame of which the status tells."""
+"""Fields of a frame that the status contains."""
 STATUS_PAUSE = 1.0
 """Time in s from one status to the next."""
 
 
 class StationPublisher:
-    """`interval`: s from one delta to the next, at least."""
+    """`interval`: shortest time in s from one delta to the next."""
 
     def __init__(self, session: zenoh.Session, key: StationKey, reader: Reader, interval: float) -> None:
         self.key, self.reader = key, reader
@@ -219,7 +219,7 @@ class StationPublisher:
         return rest, self._event, *(data[part] for part in self._status_parts)
 
     def end(self) -> None:
-        """The run is over: only what was published of it can still be asked for."""
+        """Note the end of the run: its published data can still be requested."""
         undeclared: list[Any] = [
             self._alive,
             self._declared,
@@ -233,13 +233,13 @@ class StationPublisher:
             each.undeclare()
 
     def close(self) -> None:
-        """After `end`."""
+        """Close the publisher; called after `end`."""
         self._past.undeclare()
         self.reader.close()
 
 
 def run_of(about: dict[str, Any], stride: int) -> bytes:
-    """8 bytes that tell a run from every other one, and from itself with deltas of other frames."""
+    """8 bytes that identify a run, and the frames for which its deltas are made."""
     text = json.dumps([stride, *(about[key] for key in ("station", "place", "pid", "started", "started_monotonic"))])
     return hashlib.blake2b(text.encode(), digest_size=8).digest()
 

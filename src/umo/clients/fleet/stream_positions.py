@@ -18,7 +18,7 @@ class StreamPositions:
         self._unwritten: int | None = None
 
     def take(self, sequence: int, head: Head | None) -> None:
-        """A message came. `head`: if it is a delta."""
+        """Note a message. `head`: its beginning, if it is a delta."""
         if self._begin is None:
             self._begin = sequence
         if self._unwritten is None:
@@ -27,14 +27,14 @@ class StreamPositions:
             self._full.append((head.number, sequence))
 
     def wrote(self, last: int, *, everything: bool) -> None:
-        """The deltas up to this number are in files; `everything`: all that came is."""
+        """Note that the deltas up to this number are in files, or, with `everything`, all received data."""
         while len(self._full) > 1 and self._full[1][0] <= last + 1:
             self._full.popleft()
         if everything:
             self._unwritten = None
 
     def needed(self, last: int, *, has_ended: bool) -> int | None:
-        """The first place that is needed; None: none of what came."""
+        """The first position that is still needed, or None if none of the received ones is needed."""
         if has_ended and self._unwritten is None:
             return None
         base = self._full[0][1] if self._full and self._full[0][0] <= last + 1 else self._begin

@@ -1,7 +1,7 @@
 """Access to the page: the token, the Host and Origin headers, and the headers that bind the browser.
 
-The token comes with the address (`/?token=...`) or from the form, then a cookie takes its place. There are two: that of
-this user, and one that was given for others (`umo.clients.page.visitor`). Host must be this computer's, in its
+The token comes with the address (`/?token=...`) or from the form, then a cookie replaces it. There are two tokens: that
+of this user, and one given for other visitors (`umo.clients.page.visitor`). Host must be this computer's, in its
 certificate, or that of the proxy (a name that another site lets point here is refused). Origin must be the page's own,
 and another site may open the page, but nothing in the background: it cannot try tokens.
 """
@@ -28,19 +28,20 @@ from umo.clients.page.visitor import PageToken, connection_of, visitor_of
 from umo.system.folders import written
 
 REFUSAL_TIME = 0.5
-"""s that the answer to a wrong token takes."""
+"""Time in s after which a wrong token is answered."""
 MAX_JUDGED = 8
-"""Tokens that are judged at once; the others wait in line, the right one too: guessing stays slow. As the connections
-without the token are few (`umo.clients.page.unauthenticated`), the line is short, and nobody is turned away from it."""
+"""Number of tokens that are checked at once. The others wait in line, even the right one, so that guessing stays slow.
+As the connections without the token are few (`umo.clients.page.unauthenticated`), the line is short, and no request in
+it is refused."""
 MAX_FORM_BYTES = 4096
-"""Bytes of a form that are read."""
+"""Largest number of bytes of a form."""
 FORM_TIMEOUT = 5.0
-"""s within which a form must have come."""
+"""Time in s within which a form must arrive."""
 POLICY = (
     "default-src 'self'; script-src 'self' {scripts}; img-src 'self' data: blob:; object-src 'none'; "
     "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
-"""Content-Security-Policy: everything from this server."""
+"""Content-Security-Policy: the page loads everything from this server."""
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 NO_CHECK_TIME = 0x200000
 """OpenSSL's flag X509_V_FLAG_NO_CHECK_TIME, which Python does not name."""
@@ -48,8 +49,8 @@ NAME_KINDS = ("DNS", "IP Address", "commonName")
 
 
 def new_token(file: Path) -> str:
-    """The token of this user's pages, kept in a file that only the user can read, until the computer restarts. So a
-    page that is open finds the server again."""
+    """The token of this user's pages, kept in a file that only the user can read, until the computer restarts. So an
+    open page can reconnect after a restart of the server."""
     with suppress(OSError, ValueError):
         kept = file.read_text().strip()
         if len(kept) >= 32 and file.stat().st_mode & 0o077 == 0:
@@ -73,8 +74,8 @@ class AccessControl:
         certified: frozenset[str] | None = None,
         proxy: str = "",
     ) -> None:
-        """`certified`: the names in the certificate; None: there is none, and no TLS. `proxy`: the address (origin) at
-        which a proxy serves the page, through which every request comes; "": none does."""
+        """`certified`: the names in the certificate, or None if there is none, and no TLS. `proxy`: the address
+        (origin) at which a proxy serves the page, through which every request comes, or "" if none does."""
         self._app = app
         self._tokens, self._proxy = tokens, proxy.lower()
         self._cookie = f"umo-{port}"  # cookies do not know ports
@@ -110,7 +111,7 @@ class AccessControl:
         if headers.get("origin", own).lower() != own.lower():
             return PlainTextResponse("the Origin header names another site\n", 403)
         if _is_behind_another_site(headers):
-            return PlainTextResponse("another site asks for this\n", 403)
+            return PlainTextResponse("the request comes from another site\n", 403)
         cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
         shown = next((each for each in self._tokens if each.is_cookie(cookie)), None)
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")

@@ -1,4 +1,4 @@
-"""What a run leaves for the page: its newest black box as text, and how it ended."""
+"""The data that a run leaves for the page: its newest black box as text, and how it ended."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from umo.process.frames import Reader, blackbox
 from umo.process.frames.causes import explain_all, sentences
 from umo.system.device_record import Ended, standing
 
-UNKNOWN_END = "it ended without a word: all of its processes were killed"
+UNKNOWN_END = "it ended without a report: all of its processes were killed"
 MAX_OCCASIONS = 3
-"""The last missed periods of a black box that are told."""
+"""Number of the last missed periods of a black box that are shown."""
 RUN_FACTS = ("pid", "started", "started_monotonic")
 """Facts that a run and its black boxes have in common, and no other run has."""
 
 
 class BoxInWords(NamedTuple):
     name: str = ""
-    """Name of the file; empty: there is none."""
+    """Name of the file, or empty if there is none."""
     text: str = ""
     reason: str = ""
     """The reason why it was written."""
 
 
 def newest_box(about: Mapping[str, Any], known: BoxInWords) -> BoxInWords:
-    """The newest black box of a run; `known` if none is newer. It opens files and takes some 10 ms: for a thread."""
+    """Return the newest black box of a run, or `known` if none is newer. It opens files and takes some 10 ms, so call
+    it in a thread."""
     try:
         found = blackbox.boxes(blackbox.folder())
     except (FramesError, OSError):
@@ -78,8 +79,8 @@ class Ending(NamedTuple):
 
 
 def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> Ending | None:
-    """End of the run that `about` describes; None: nothing tells it. `last` is its event of the end. It reads
-    records: call it in a thread; again after a while, as the guardian may still be resetting."""
+    """End of the run that `about` describes, or None if it is not known. `last` is its event of the end. It reads
+    records, so call it in a thread. Call it again after a while, as the guardian may still be resetting the machine."""
     stands = _record(about)
     if stands is not None and stands.state == "stopped":
         left = f"not reached: {', '.join(stands.unreached)}" if stands.unreached else "every actuator was reset"

@@ -1,4 +1,4 @@
-"""The least and the greatest values of a run's objects and signals, since somebody began to follow them."""
+"""The least and the greatest values of a run's objects and signals, since a page began to follow them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from umo.objects import Quality
 from umo.process.frames.run_reader import Frames
 
 MEASURED = Quality.OUT_OF_RANGE
-"""The worst quality of values that count: what was held, never referenced or never read is not a measurement."""
+"""The worst quality of values that count. A value that is held, unreferenced or was never read is not a measurement."""
 
 
 class Extremes:
@@ -23,7 +23,7 @@ class Extremes:
         """Time of the first frame, s on the cycle's clock, or None if there was none."""
 
     def add(self, frames: Frames) -> None:
-        """Frames with at least one in them."""
+        """Add frames, at least one."""
         if self.since is None:
             self.since = float(frames["time"][0])
         values = np.concatenate([frames["values"], frames["signals"]], axis=1)
@@ -33,7 +33,7 @@ class Extremes:
         self.greatest = np.fmax(self.greatest, np.fmax.reduce(values, axis=0))
 
     def behind(self, first: Extremes) -> Extremes:
-        """These behind others, as of one machine."""
+        """Return these extremes appended to others, as for one machine."""
         both = Extremes(0, 0)
         both.least = np.concatenate([first.least, self.least])
         both.greatest = np.concatenate([first.greatest, self.greatest])
@@ -42,7 +42,7 @@ class Extremes:
 
 
 class ExtremesNews:
-    """The changes of these extremes that one page does not have yet. `id`: the page's number for it."""
+    """The changes of these extremes that one page does not have yet. `id`: the page's number of the subscription."""
 
     def __init__(self, id: int, extremes: Extremes) -> None:
         self.id = id

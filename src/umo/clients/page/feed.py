@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from umo.clients.page.fleet_feed import FleetFeed
 
 RATE = 30.0
-"""Looks at the rings a second while a page is open."""
+"""Number of looks at the rings per second while a page is open."""
 IDLE_RATE = 5.0
-"""Looks at the rings a second while no page is open."""
+"""Number of looks at the rings per second while no page is open."""
 LOOKS_PER_STATE = 3
-"""Looks from one state to the next."""
+"""Number of looks from one state to the next."""
 SEARCH_PAUSE = 1.0
 """s from one search for new rings to the next."""
 DISK_PAUSE = 1.0
@@ -30,7 +30,7 @@ DISK_PAUSE = 1.0
 RETRY_PAUSE = 10.0
 """s after which a ring that could not be read is tried again."""
 MAX_ENDED = 4
-"""Ended runs that are kept in memory, so that the end can be looked at."""
+"""Ended runs that are kept in memory, so that their end can be inspected."""
 
 
 class Feed:
@@ -81,12 +81,12 @@ class Feed:
         looked.set()
 
     async def looked(self) -> float:
-        """Waits for the next look; when it was, in s of this computer's steady clock."""
+        """Wait for the next look. Return its time in s of this computer's monotonic clock."""
         await self._looked.wait()
         return time.monotonic()
 
     async def search(self) -> None:
-        """Attach to new rings, in a thread: a guardian may be stopped. The last runs that ended are kept."""
+        """Attach to new rings, in a thread, as a stopped guardian may not answer. The last ended runs are kept."""
         if self._recorded is not None:
             return
         known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
@@ -129,7 +129,7 @@ class Feed:
         self.watched[watched.name] = watched
 
     def drop(self, watched: Watched, error: Exception) -> None:
-        """A run whose ring cannot be read any more."""
+        """Drop a run whose ring can no longer be read."""
         self._refuse(watched.path, error)
         self.watched.pop(watched.name, None)
         watched.close()

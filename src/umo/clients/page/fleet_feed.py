@@ -19,7 +19,7 @@ UNSEEN_TIME = 10.0
 
 
 class FleetFeed:
-    """UmoError if the fleet cannot be reached, or its settings are wrong."""
+    """Joins the fleet. UmoError if it cannot be reached, or its settings are wrong."""
 
     def __init__(self) -> None:
         self._settings = fleet_settings.load()
@@ -39,8 +39,8 @@ class FleetFeed:
         return Watched(reader)
 
     def twin(self, name: str) -> dict[str, Any] | None:
-        """The description of a station's twin, or what is wrong with it as `error`; None: it declares none. FramesError
-        if it does not answer."""
+        """The description of a station's twin, or its mistake as `error`, or None if it declares none. FramesError if
+        it does not answer."""
         found = json.loads(answer_of(self._session, station_key(name), TWIN))
         return found if isinstance(found, dict) else None
 

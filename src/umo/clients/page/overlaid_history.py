@@ -17,7 +17,7 @@ class OverlaidHistory(ValueHistory):
     """Two histories on the time of the first one: the second one begins where the first does."""
 
     def __init__(self, first: RecordedHistory, second: RecordedHistory, columns: int) -> None:
-        """`columns`: how many the first one has; those of the second one follow."""
+        """`columns`: number of columns of the first history; those of the second one follow."""
         super().__init__(columns + second._columns)
         self._first, self._second, self._split = first, second, columns
         self.shift = first.start - second.start

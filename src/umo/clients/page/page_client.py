@@ -1,7 +1,7 @@
 """The client of an open page: its commands, its lease, and what it holds while it is there.
 
-A page shows that it is there by touching: it answers each state that it gets with what it holds. Without a touch, what
-it holds is released, and later its lease ends. When the page is closed, both happen at once.
+A page gives signs of life (touches): it answers each state that it receives with the list of its holds. Without a touch
+the holds are released, and later its lease ends. When the page is closed, both happen at once.
 """
 
 from __future__ import annotations
@@ -29,20 +29,22 @@ from umo.process.frames import Reader
 from umo.system.processes import user_name
 
 TOUCH_TIME = 0.4
-"""s after the last touch for which a page still holds what it held."""
+"""Time in s after the last touch until the holds of a page are released."""
 MAX_STATES_BEHIND = 4
-"""States behind the newest one that a touch may answer; there are ten a second."""
+"""Number of states by which the state that a touch answers may be older than the newest one; there are ten states per
+second."""
 MAX_COMMANDS = 32
-"""Commands of a page whose end is still to come, at most."""
+"""Largest number of commands of a page whose end is still to come."""
 COMMAND_KEYS = ("path", "value", "arguments", "over")
-"""Keys of a page's command that are passed on, besides `do`; the rest is this module's."""
+"""Keys of a page's command that are passed on, besides `do`; this module uses the others."""
 SENDERS = ThreadPoolExecutor(8, "umo client")
-"""Threads that do nothing else, so that a client never waits for a slow answer to another page."""
+"""Threads that only send commands, so that no client waits for a slow answer to another page."""
 Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
 class PageClient:
-    """The client of one page of a visitor, for one run. `tell` sends it a message. FramesError if the run has ended."""
+    """The client of one page of a visitor, for one run. `tell` sends a message to the page. FramesError if the run has
+    ended."""
 
     def __init__(self, watched: Watched, feed: Feed, visitor: Visitor, tell: Tell) -> None:
         self.watched = watched
@@ -73,7 +75,8 @@ class PageClient:
     # Commands ------------------------------------------------------------------------------------------
 
     async def carry_out(self, message: dict[str, Any]) -> None:
-        """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
+        """Send a command of the page. Its answers are sent to the page when they arrive: `begun` for a long action,
+        then its end."""
         try:
             await self._carry_out(message, str(message.get("do")))
         except (CommandRefused, FramesError) as error:
@@ -92,7 +95,7 @@ class PageClient:
             await self._answer(message, CommandState.DONE, "")
             return
         if len(self._following) >= MAX_COMMANDS:
-            raise CommandRefused(f"up to {MAX_COMMANDS} commands at once")
+            raise CommandRefused(f"a page may have at most {MAX_COMMANDS} commands in progress")
         if not isinstance(path := more.get("path", ""), str):
             raise CommandRefused(f"{do}: the path must be a text")
         asked = self._session.asking(do, who=self._who, is_alive=partial(self._is_held, path), **more)
@@ -128,8 +131,8 @@ class PageClient:
     # The lease -----------------------------------------------------------------------------------------
 
     def touch(self, held: list[str], number: int) -> None:
-        """Note a sign of life of the page, with its state and holds. An old state is ignored: the connection is
-        slow."""
+        """Note a sign of life of the page, with its state and holds. A touch with an old state is ignored, as the
+        connection is slow."""
         if self.watched.number - number > MAX_STATES_BEHIND:
             return
         self._touched = time.monotonic()

@@ -1,4 +1,4 @@
-"""The server of the page: routes, and how it listens."""
+"""The server of the page: its routes, and the socket on which it listens."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
-"""Bytes of a message of a page, at most."""
+"""Largest number of bytes of a message of a page."""
 MAX_CONNECTIONS = 500
-"""Connections that have shown the token, at most; with more, a request is answered by 503."""
+"""Largest number of connections that have shown the token; with more, a request is answered by 503."""
 FOREIGN_ERRORS = ("Invalid UTF-8", "Cancel ")
-"""Beginnings of what uvicorn reports that is not an error of this server."""
+"""First words of uvicorn's messages that do not report an error of this server."""
 GRACE_TIME = 1
-"""s that open pages are given at the end."""
+"""Time in s that open pages have to close at the end."""
 
 ATTACHMENT = {"content-disposition": "attachment"}
-"""Header of an answer that the browser saves."""
+"""Header of an answer that the browser saves as a file."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the server. `token`: of this user. `first` is shown first; `operate`: pages may command, as far as the
-    roles of their visitors allow."""
+    """Options of the server. `token`: that of this user. `first`: the station that is shown first. `operate`: True if
+    pages may command, as far as the roles of their visitors allow."""
 
     host: str
     port: int
@@ -71,11 +71,11 @@ class Options:
     fleet: FleetFeed | None = None
     """The stations of other computers."""
     recorded: WatchedRecording | None = None
-    """The only thing that is shown."""
+    """A recording that is shown instead of stations."""
     shared: str | None = None
-    """A token that was given for others too."""
+    """A token for other visitors."""
     proxy: str = ""
-    """The address (origin) at which a proxy serves the page; "": none does."""
+    """The address (origin) at which a proxy serves the page, or "" if none does."""
 
 
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
@@ -127,7 +127,7 @@ async def _twin(request: Request) -> Response:
 async def _csv(request: Request) -> Response:
     watched, query = request.app.state.feed.watched.get(request.path_params["name"]), request.query_params
     if watched is None:
-        return PlainTextResponse("no such run\n", 404)
+        return PlainTextResponse("there is no such run\n", 404)
     try:
         limits = {name: float(query.get(name, "")) for name in ("start", "stop")}
         stretch = HistoryPart.of(watched, {"paths": query.getlist("path")} | limits)
@@ -148,7 +148,7 @@ def _hashes(html: str) -> str:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens; OSError if the port is taken or the address is none of this computer's."""
+    """Return a listening socket. OSError if the port is in use, or the address does not belong to this computer."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     return socket.create_server((host, port), family=family)
 
@@ -192,7 +192,7 @@ def _tls(options: Options) -> ssl.SSLContext | None:
 
 
 class Server(uvicorn.Server):
-    """Says when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process."""
+    """Reports when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process."""
 
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
@@ -206,7 +206,7 @@ class Server(uvicorn.Server):
             self._ready()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """The second signal ends the serving without a word to the pages; a further one, code that does not end."""
+        """The second signal ends the server without informing the pages; a further one ends code that does not end."""
         if self.force_exit:
             place = "" if frame is None else f"{shown_path(frame.f_code.co_filename)}:{frame.f_lineno}"
             raise Interrupted(f"the page does not end{in_brackets(place)}", sig)

@@ -1,4 +1,4 @@
-"""One open page: its websocket, what it has subscribed to, and what it asks for.
+"""One open page: its websocket, its subscriptions, and its requests.
 
 From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: any), `live` (id, paths, span, width,
 trigger), `extremes` (id; anew: from now on), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id,
@@ -32,13 +32,13 @@ from umo.errors import FramesError, UmoError
 
 T = TypeVar("T")
 MAX_SUBSCRIPTIONS = 16
-"""Subscriptions of one page, at most."""
+"""Largest number of subscriptions of one page."""
 MAX_REQUESTS = 64
-"""Parts of the history that a page has asked for and not got yet, at most."""
+"""Largest number of parts of the history that a page has asked for and not received yet."""
 MAX_HELD = 256
-"""Paths that a page holds at once, at most."""
+"""Largest number of paths that a page holds at once."""
 CLOSE_TIMEOUT = 1.0
-"""s that a page is given to take the end of its socket."""
+"""Time in s that a page has to close its socket."""
 FLEET_PAUSE = 0.5
 """s from one table of the fleet to the next."""
 READ_ONLY = "this page is read-only"
@@ -54,7 +54,8 @@ class PlayedBack(Protocol):
 
 @dataclass(frozen=True)
 class InitialStation:
-    """The station that is shown before the page chooses one: the run of this pid; else the one of this folder."""
+    """The station that is shown before the page chooses one: the run with this pid; otherwise the run of this
+    folder."""
 
     station: str
     place: str
@@ -66,7 +67,8 @@ class InitialStation:
 
 
 class Session:
-    """`server`: what every page is told of this server. `first`: None: the only run."""
+    """`server`: the facts about this server that every page receives. `first`: the station to show first; None means
+    the only run."""
 
     def __init__(
         self,
@@ -82,9 +84,9 @@ class Session:
         self._first = first
         self._visitor = visitor
         self._name: str | None = None
-        """Name of the run to show; empty: none; None: not chosen yet."""
+        """Name of the run to show, or empty if there is none; None if none is chosen yet."""
         self._place: str | None = None
-        """Folder of its station; None: any."""
+        """Folder of its station; None means any."""
         self._watched: Watched | None = None
         self._live: dict[Any, Subscription] = {}
         self._extremes: ExtremesNews | None = None
@@ -250,7 +252,7 @@ class Session:
             head = {"type": "measured", "id": message.get("id")}
             self._ask(partial(HistoryPart.of(watched, message).measured, head))
         else:
-            raise BadRequest(f"no message {kind!r}")
+            raise BadRequest(f"there is no message named {kind!r}")
 
     @staticmethod
     def _play(watched: Watched, message: dict[str, Any]) -> None:
@@ -264,7 +266,7 @@ class Session:
         try:
             self._asked.put_nowait(work)
         except asyncio.QueueFull:
-            raise BadRequest(f"up to {MAX_REQUESTS} answers at once") from None
+            raise BadRequest(f"a page may wait for at most {MAX_REQUESTS} answers") from None
 
     async def _client_on(self, watched: Watched | None) -> PageClient:
         """The client of this page on the run that it shows; made for its first command."""
@@ -317,7 +319,7 @@ class Session:
     def _subscribe(self, live: Subscription, key: int) -> None:
         self._live.pop(key, None)
         if len(self._live) >= MAX_SUBSCRIPTIONS:
-            raise BadRequest(f"up to {MAX_SUBSCRIPTIONS} subscriptions")
+            raise BadRequest(f"a page may have at most {MAX_SUBSCRIPTIONS} subscriptions")
         self._live[key] = live
 
 
@@ -331,5 +333,5 @@ def _key(message: dict[str, Any]) -> int:
 def _held(message: dict[str, Any]) -> list[str]:
     held = message.get("held")
     if not isinstance(held, list) or len(held) > MAX_HELD or not all(isinstance(path, str) for path in held):
-        raise BadRequest(f"held must be up to {MAX_HELD} paths")
+        raise BadRequest(f"held must be a list of at most {MAX_HELD} paths")
     return held

@@ -1,4 +1,4 @@
-"""Traces against time for a page: what it has subscribed to, parts of the history, and every sample as CSV."""
+"""Traces against time for a page: its subscriptions, parts of the history, and every sample as CSV."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ from umo.recording.scope.reduction import Points, crossing, measured, measured_s
 
 MAX_TRACES = 64
 MAX_WIDTH = 8192
-"""Pixels of a drawing, at most."""
+"""Largest number of pixels of a drawing."""
 WORKER = ThreadPoolExecutor(1, "history")
-"""Thread for what takes long, for all pages: the loop stays free for touches and commands."""
+"""Thread for long computations of all pages, so that the loop stays free for touches and commands."""
 Arguments = ParamSpec("Arguments")
 T = TypeVar("T")
 PIECE_ROWS = 256
-"""Rows of a piece. Longer ones would keep the loop of the server waiting."""
+"""Number of rows of a piece; longer pieces would delay the loop of the server."""
 
 
 async def in_worker(work: Callable[Arguments, T], *given: Arguments.args, **named: Arguments.kwargs) -> T:
-    """Result of a function that is called in the worker."""
+    """Call a function in the worker thread, and return its result."""
     return await asyncio.get_running_loop().run_in_executor(WORKER, partial(work, *given, **named))
 
 
 class BadRequest(ValueError):
-    """A message of a page that has no meaning."""
+    """A message of a page that is invalid."""
 
 
 def columns_of(watched: Watched, paths: Any) -> list[int]:
-    """The columns of the history; BadRequest for a path that is none."""
+    """The columns of the history; BadRequest for an unknown path."""
     if not isinstance(paths, list) or len(paths) > MAX_TRACES:
         raise BadRequest(f"give a list of up to {MAX_TRACES} paths")
     for path in paths:
         if not isinstance(path, str) or path not in watched.columns:
-            raise BadRequest(f"no object or signal {path!r}")
+            raise BadRequest(f"there is no object or signal {path!r}")
     return [watched.columns[path] for path in paths]
 
 
 def number(message: dict[str, Any], name: str, default: float = 0.0) -> float:
-    """A finite number of a message; BadRequest otherwise."""
+    """Return a finite number of a message. BadRequest for anything else."""
     value = message.get(name, default)
     with suppress(OverflowError):  # a whole number beyond all floats
         if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
@@ -74,7 +74,7 @@ def packed(head: dict[str, Any], points: Points) -> bytes:
 
 @dataclass(frozen=True)
 class HistoryPart:
-    """A part of the history that a page asks for. Its answers may be made in any thread."""
+    """A part of the history that a page requests. Its answers may be made in any thread."""
 
     watched: Watched
     columns: list[int]
@@ -90,12 +90,13 @@ class HistoryPart:
         return cls(watched, columns_of(watched, message.get("paths")), start, stop)
 
     def window(self, head: dict[str, Any], width: int) -> bytes:
-        """A message of the samples, reduced to `width` pixels."""
+        """Return a message with the samples, reduced to `width` pixels."""
         step, history = (self.stop - self.start) / width, self.watched.history
         return packed(head, history.points(self.start, self.stop, self.columns, step, self.watched.period))
 
     def measured(self, head: dict[str, Any]) -> str:
-        """A message of what is measured over all samples; of a part of a recording that is too long, nothing."""
+        """Return a message with the measurements over all samples; for a part of a recording that is too long, without
+        any."""
         if not self.watched.history.is_short(self.start, self.stop):
             return json.dumps(head | {"values": [None] * len(self.columns)})
         times, values = self.watched.history.between(self.start, self.stop, self.columns)
@@ -131,7 +132,8 @@ class Subscription:
         return self._trigger is not None or self._sent < 0.0
 
     def next(self) -> bytes | None:
-        """Points since the last one, which is sent again as it may have been half full, or None if nothing is new."""
+        """Return the points since the last one, which is sent again, as it may have been incomplete, or None if nothing
+        is new."""
         stop = self._watched.now
         if self._jumps != self._watched.jumps:
             self._jumps, self._sent, self._newest = self._watched.jumps, float("-inf"), float("-inf")
@@ -190,15 +192,15 @@ class Trigger:
         return self._moment
 
     def done(self, until: float) -> None:
-        """Search on after this time; never again if it is for a single shot."""
+        """Continue to search after this time, or stop if the trigger is for a single shot."""
         self._moment = None
         self._searched = until
         self._armed = not self.single
 
 
 def csv_of(stretch: HistoryPart) -> Iterator[str]:
-    """A line of names with units, then a line for each sample: time in s, UTC of a run in real time, numbers in their
-    units, names of states; nothing where there is no value."""
+    """Return CSV: a line of names with units, then a line for each sample: time in s, UTC of a run in real time,
+    numbers in their units, names of states; nothing where there is no value."""
     watched, columns = stretch.watched, stretch.columns
     entries = [watched.entries[column] for column in columns]
     utc = watched.utc

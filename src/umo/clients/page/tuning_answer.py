@@ -1,4 +1,4 @@
-"""Answers a page on the tuning of a law: the gains, and the data to draw. Needs the extra `tune`."""
+"""Answers a page on the tuning of a law: with the gains, and the data to draw. Needs the extra `tune`."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from umo.errors import UmoError, text_of
 from umo.system.packages import how_to_install
 
 MOST_POINTS = 300
-"""Points of a curve, at most."""
+"""Largest number of points of a curve."""
 LONGEST = 3600.0
-"""s of a response, at most."""
+"""Longest time in s of a response."""
 
 
 class TuningQuestion:
-    """A page asks for the gains of a law from the history. `message`: `facts` as the law's action `law` tells them,
-    `start`, `stop` (s), `relay`. BadRequest for a wrong one."""
+    """A page asks for the gains of a law from the history. `message`: `facts` as the law's action `law` returns them,
+    `start`, `stop` (s), `relay`. BadRequest for an invalid message."""
 
     def __init__(self, watched: Watched, message: dict[str, Any]) -> None:
         try:
@@ -41,7 +41,7 @@ class TuningQuestion:
         self._relay = message.get("relay") is True
 
     def answer(self, head: dict[str, Any]) -> str:
-        """The answer, or an error as text. It may be made in any thread."""
+        """Return the answer, or an error as text. Any thread may call it."""
         try:
             return json.dumps(head | self._found())
         except ImportError:

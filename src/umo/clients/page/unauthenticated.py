@@ -1,7 +1,6 @@
-"""Connections that have not shown the token yet: they are few, and do not stay long.
-
-Half requests, half TLS handshakes and refused pages take room here only. A connection that has shown the token leaves:
-an open page can always come back and stop its machine.
+"""Connections that have not shown the token yet: their number and their time are limited. Incomplete requests,
+incomplete TLS handshakes and refused pages occupy places only here. A connection that has shown the token is no longer
+counted, so that an open page can always reconnect and stop its machine.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 TOKEN_TIMEOUT = 10.0
 """s after which a connection that has not shown the token is cut off."""
 MAX_STRANGERS = 100
-"""Connections that have not shown the token, at most. When another one comes, the oldest connection of the address that
-has the most of them is cut off."""
+"""Largest number of connections that have not shown the token. When another one comes, the oldest connection of the
+address that has the most of them is cut off."""
 
 
 class UnauthenticatedConnections:
@@ -29,7 +28,7 @@ class UnauthenticatedConnections:
         """The oldest first."""
 
     def enter(self, transport: asyncio.Transport) -> None:
-        """A new connection: it has some seconds to show the token."""
+        """Enter a new connection, which has some seconds to show the token."""
         self._addresses = {known: address for known, address in self._addresses.items() if not known.is_closing()}
         if len(self._addresses) >= MAX_STRANGERS:
             ((most, _),) = Counter(self._addresses.values()).most_common(1)
@@ -47,7 +46,7 @@ class UnauthenticatedConnections:
 
 
 class HttpConnection(H11Protocol):
-    """One connection. Its requests find it as `visit` in their state. With `context` it uses TLS."""
+    """One connection. Its requests have it as `visit` in their state. With `context` it uses TLS."""
 
     def __init__(
         self, strangers: UnauthenticatedConnections, context: ssl.SSLContext | None, *, app_state: Any, **given: Any
@@ -96,7 +95,7 @@ class HttpConnection(H11Protocol):
             super().connection_lost(exc)
 
     def welcome(self) -> None:
-        """The token was shown: the connection stays as long as it likes."""
+        """Note that the token was shown, so the connection may stay open."""
         if self._socket is not None:
             self._strangers.leave(self._socket)
 
@@ -107,5 +106,5 @@ class HttpConnection(H11Protocol):
 
     @property
     def over(self) -> bool:
-        """True if the other side has gone."""
+        """True if the other side has disconnected."""
         return self._socket is None or self._socket.is_closing()

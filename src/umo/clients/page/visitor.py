@@ -19,14 +19,14 @@ from umo.system.peer_account import is_own
 from umo.text import printable
 
 FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
-"""Headers by which a proxy tells that it passes a request on."""
+"""Headers by which a proxy shows that it forwards a request."""
 MAX_ADDRESS = 39
-"""Characters of an address that a proxy tells, at most: those of the longest of IPv6."""
+"""Largest number of characters of an address that a proxy reports: the length of the longest IPv6 address."""
 
 
 @dataclass(frozen=True)
 class Visitor:
-    """`address`: of the computer, as far as it is known."""
+    """`address`: that of the visitor's computer, if known."""
 
     address: str
     is_owner: bool = False
@@ -41,7 +41,7 @@ class PageToken:
         self._text = text.encode()
         key = hashlib.scrypt(self._text, salt=b"umo page", n=2**14, r=8, p=1)
         self.session = hmac.new(key, b"session", "sha256").hexdigest()
-        """The cookie's value: valid as long as the token is, also after a restart of the server."""
+        """The value of the cookie, which is valid as long as the token, also after a restart of the server."""
 
     def is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(errors="replace"), self._text)
@@ -51,7 +51,7 @@ class PageToken:
 
 
 def connection_of(scope: Scope) -> HttpConnection | None:
-    """The connection of a request; None where the server is another one than ours."""
+    """The connection of a request; None if another server handles it."""
     visit = scope.get("state", {}).get("visit")
     return visit if isinstance(visit, HttpConnection) else None
 

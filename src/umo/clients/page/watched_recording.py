@@ -1,4 +1,4 @@
-"""A recording as the page sees it: a run of which the time is chosen, with another one laid over it on demand."""
+"""A recording as the page shows it: a run whose time the page selects, with a second recording over it on demand."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from umo.recording.tables.recording_summary import facts_of, lines_of
 from umo.signature import signature_of
 
 MAX_TOLD = 1000
-"""Events and missed periods that a page is told of, the last ones."""
+"""Number of the last events and missed periods that a page receives."""
 MAX_SPEED = 1000.0
 RECORDING_FACTS = ("started", "length", "periods", "lost", "black boxes", "end", "replay", "file")
 """The facts of a recording that are shown with its values."""
@@ -35,7 +35,7 @@ SECOND = "second"
 
 
 class WatchedRecording(Watched):
-    """The constructor reads the file once, and takes over the recordings; `tell` is called with the share that is
+    """The constructor reads the file once; it closes the recordings at its end. `tell` is called with the share that is
     read."""
 
     def __init__(
@@ -45,7 +45,7 @@ class WatchedRecording(Watched):
         second: Recording | None = None,
         station: Station | None = None,
     ) -> None:
-        """`station`: whose twin is drawn; None: the one that ships or is installed under the recorded name."""
+        """`station`: whose twin is drawn; None means the one that ships or is installed under the recorded name."""
         self._station, self._given = station, station is not None
         self._recordings = [recording, *([] if second is None else [second])]
         self._run = RecordingReader(recording)
@@ -181,7 +181,7 @@ class WatchedRecording(Watched):
         return self.extremes
 
     def look_around(self) -> None:
-        """A recording leaves nothing on the disk."""
+        """Does nothing, as a recording leaves no files."""
 
     def close(self) -> None:
         super().close()

@@ -31,29 +31,29 @@ from umo.recording.scope.history import History, ValueHistory, last_good
 from umo.text import printable
 
 PAGE_FACTS = ("station", "wiring", "place", "pid", "period")
-"""Facts of the run that a page is told."""
+"""Facts of the run that a page receives."""
 MAX_EVENTS = 100
-"""Events that a page is told of, the last ones, and as many missed periods."""
+"""Number of the last events that a page receives, and of the last missed periods."""
 ENDING_TIME = 5.0
-"""s after the end in which the guardian of a run that did not tell its end may still do so."""
+"""Time in s after the end of a run during which its guardian may still report how it ended."""
 
 
 class Watched:
-    """A run, the last minutes of it, and its state ten times a second."""
+    """A run, its last minutes, and its state ten times per second."""
 
     def __init__(self, reader: RunReader) -> None:
         self.reader, self.path = reader, reader.path
         self.about: dict[str, Any] = {name: reader.about[name] for name in PAGE_FACTS}
         self.station = str(self.about["station"])
         self.place = str(self.about["place"])
-        """Folder of the station; empty: it has none."""
+        """Folder of the station, or empty if it has none."""
         self.name = self.station
         """Name of this run on the page; two runs of one station have different names."""
         self.is_elsewhere = "site" in reader.about
-        """Whether it runs on another computer: this is its mirror."""
+        """True if it runs on another computer, and this is its mirror."""
         self.run = f"{self.about['pid']}-{reader.about['started']}" if self.is_elsewhere else self.path.name
         self.jumps = 0
-        """How often the time went back, or skipped, in a recording."""
+        """How often the time of a recording jumped back or forward."""
         self.viewers = 0
         """Number of pages that show it."""
         self.entries = reader.layout.described.traced
@@ -62,16 +62,16 @@ class Watched:
         self._memory = History(len(self.entries), self.period)
         self.history: ValueHistory = self._memory
         self.extremes = self._new_extremes()
-        """Since this server follows the run."""
+        """The extremes since this server has followed the run."""
         self._more_extremes: list[Extremes] = []
         """The extremes that pages have started again."""
         self.twin_place = self._twin_place()
-        """The folder of the station whose twin is drawn; None: there is none on this computer."""
+        """The folder of the station whose twin is drawn, or None if there is none on this computer."""
         own = self.twin_place is not None and declares_twin(self.twin_place)
         self.twin = own or (self.is_elsewhere and bool(reader.about.get("twin")))
         self.stage = reader.state
         self.number = 0
-        """Number of the state: the next one is made when a page asks for it."""
+        """Number of the state; the next one is made when a page requests it."""
         self._taken = 0
         """The number of the state that was made last."""
         self.box = BoxInWords()
@@ -79,7 +79,7 @@ class Watched:
         self.changed = ""
         """The files that have changed on disk since the run has read them, as text; empty if none."""
         self.ending: Ending | None = None
-        """End of the run; None: it has not ended, or its end is still being found out."""
+        """End of the run, or None if it has not ended, or its end is still being found out."""
         self.over = False
         """The run has ended, and all its frames are read."""
         self._ended = 0.0
@@ -129,7 +129,8 @@ class Watched:
         return Extremes(len(self.reader.layout.objects), len(self.reader.layout.signals))
 
     def extremes_for(self, anew: bool) -> Extremes:
-        """Since this server follows the run; `anew`: from now on, until `end_extremes`."""
+        """Return the extremes since this server has followed the run; with `anew`, extremes from now on, until
+        `end_extremes`."""
         if not anew:
             return self.extremes
         self._more_extremes.append(self._new_extremes())
@@ -140,7 +141,7 @@ class Watched:
             self._more_extremes.remove(extremes)
 
     def look_around(self) -> None:
-        """See what lies on the disk of this run: its newest black box, and how it ended. For a thread."""
+        """Read the files of this run: its newest black box, and how it ended. To be called in a thread."""
         self.box = newest_box(self.reader.about, self.box)
         self.changed = "" if self.over else changed_text(changed_files(self.reader.about))
         if self.over:
@@ -205,7 +206,7 @@ class Watched:
         return told | {"facts": self._facts()} | self._clients()
 
     def _facts(self) -> dict[str, str]:
-        """Facts of the run as text; empty: there is nothing to say."""
+        """Facts of the run as text, or empty if there is nothing to say."""
         reader, frame = self.reader, self._frame
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
         facts |= {"control" if name == "lease" else name: text for name, text in reader.facts(frame).items()}
@@ -280,7 +281,7 @@ class Watched:
 
     @property
     def now(self) -> float:
-        """The newest time that pages are shown, s on the cycle's clock."""
+        """The newest time that pages show, s on the cycle's clock."""
         return self.history.stop
 
     @property
@@ -292,8 +293,8 @@ class Watched:
 
 
 def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None] | None) -> dict[str, Any] | None:
-    """The twin of a station, or what is wrong with its declaration as `error`; None: the station declares none. `ask`:
-    asks one on another computer, by its name."""
+    """The twin of a station, or the mistake in its declaration as `error`, or None if the station declares none. `ask`:
+    function that requests it from a station on another computer, by name."""
     try:
         elsewhere = ask if watched.is_elsewhere else None
         found = watched.own_twin() if elsewhere is None else elsewhere(watched.station)

@@ -45,15 +45,15 @@ def attach(station: str | int | None = None) -> RemoteStation:
             station.z.move_to(100_000)
             station.z.servo.gain = 0.004
 
-    FramesError if none or several run; it names those that do. Reading disturbs nothing. Commands need the lease, and
-    pass the same guards as the program's.
+    FramesError, with the running stations, if none or several run. Reading disturbs nothing. Commands need the lease,
+    and pass the same guards as the program's.
     """
     return RemoteStation(find_running(None if station is None else str(station)))
 
 
 class RemoteStation(Commander, RemotePart):
-    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration;
-    one with the name of a member of this class is reached by its path: `station["stop"]`."""
+    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration; if
+    one has the name of a member of this class, use its path: `station["stop"]`."""
 
     def __init__(self, reader: Reader) -> None:
         vars(self).update(vars(Commander(reader)))  # past `__setattr__`, which tunes a number
@@ -70,7 +70,7 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def progress(self) -> Progress:
-        """The progress of its work that the machine told last."""
+        """The progress of its work that the machine reported last."""
         return progress_of(self.reader.latest())
 
     @property
@@ -85,7 +85,7 @@ class RemoteStation(Commander, RemotePart):
         return self.reader.tuned()
 
     def frames(self, seconds: float) -> dict[str, npt.NDArray[np.float64]]:
-        """The last frames that are kept, as arrays: "time" in s, objects and signals by path, NaN where BAD."""
+        """The last frames in memory, as arrays: "time" in s, objects and signals by path, NaN where BAD."""
         reader = self.reader
         period = reader.about["period"] or 0.01
         rows = reader.last(max(1, round(seconds / period)))
@@ -98,8 +98,8 @@ class RemoteStation(Commander, RemotePart):
         """Show a table of the values here in the notebook, and keep it up to date. `paths`: of objects, compounds,
         signals, or patterns such as "zones.*.heater"; default: all.
 
-        It ends with the station, with its `stop()`, or with this program. PathError for a path that names nothing;
-        FramesError outside of a notebook, or if the station has ended.
+        It ends with the station, with its `stop()`, or with this program. PathError for an unknown path; FramesError
+        outside of a notebook, or if the station has ended.
         """
         return LiveView(self.reader, lambda own: partial(own.html, paths))
 
@@ -107,26 +107,26 @@ class RemoteStation(Commander, RemotePart):
         """Show objects and signals against time here in the notebook, as they change. `seconds` is the span, up to 300.
 
         Numbers of one unit share a lane; binary objects are bars. No peak is lost: least and greatest value are drawn
-        for each pixel. Ends and errors as of `live`; RangeError for another span; up to 16 traces.
+        for each pixel. It ends, and fails, like `live`; RangeError for another span. At most 16 traces.
         """
         return LiveView(self.reader, lambda own: Scope(own, paths, seconds).draw)
 
     def acknowledge(self, path: str = "") -> bool:
-        """Acknowledge latched interlocks, of an object or compound, or ("") of the machine: what they inhibit is free
-        again. False if none was latched. CommandRefused while the condition of one still holds. Under the lease, in
-        any mode."""
+        """Acknowledge latched interlocks of an object or compound, or, with "", of the machine, so that the actuators
+        they inhibit can be written again. Returns False if none was latched. CommandRefused while the condition of one
+        still holds. Needs the lease; possible in any mode."""
         return self.carry_out(ACKNOWLEDGE, path) is None
 
     @property
     def faults(self) -> dict[str, str]:
-        """The equipment in fault, by path: the reason."""
+        """The reason for each equipment in fault, by path."""
         return self.reader.faults(self.reader.latest())
 
     def clear(self, path: str = "") -> str:
-        """End the fault of the equipment that contains an object or compound, or ("") of all equipment. Returns what it
-        did: "cleared: reactors.1", or "nothing was in fault"; then the interlocks that still inhibit its actuators.
-        EquipmentFault while one of its sensors cannot be read, TaskFailed if an object cannot be initialised: it stays
-        in fault. Under the lease, in any mode."""
+        """End the fault of the equipment that contains an object or compound, or, with "", of all equipment. Returns a
+        text such as "cleared: reactors.1", or "nothing was in fault"; followed by the interlocks that still inhibit its
+        actuators. EquipmentFault while one of its sensors cannot be read, TaskFailed if an object cannot be
+        initialised: then it stays in fault. Needs the lease; possible in any mode."""
         return str(self.carry_out(CLEAR, path))
 
     @property
@@ -136,13 +136,14 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def raised_alarms(self) -> list[AlarmRow]:
-        """The same, then those that are normal and were raised in this run: how often, when first and when last."""
+        """Return the same, followed by the alarms that are normal and were raised in this run, with their number and
+        their first and last time."""
         return self.reader.alarms(self.reader.latest(), raised=True)
 
     def acknowledge_alarm(self, path: str = "") -> str:
-        """Acknowledge an alarm, those of an object or compound, of a pattern, or ("") all. Returns what it did:
-        "acknowledged: tank.overfill". CommandRefused for one alarm that is not to be acknowledged, PathError if there
-        is none. Under the lease, in any mode, as the following."""
+        """Acknowledge an alarm, or the alarms of an object or compound, of a pattern, or, with "", all. Returns a text
+        such as "acknowledged: tank.overfill". CommandRefused if a single alarm needs no acknowledgement, PathError if
+        there is none. This and the following methods need the lease, and are possible in any mode."""
         return str(self.carry_out(ACKNOWLEDGE_ALARM, path))
 
     def reset_alarm(self, path: str = "") -> str:
@@ -150,19 +151,19 @@ class RemoteStation(Commander, RemotePart):
         return str(self.carry_out(RESET_ALARM, path))
 
     def shelve(self, path: str, time: str | float) -> str:
-        """Put alarms away for a time, in s or such as "10 min", at most 7 days. RangeError for another."""
+        """Shelve alarms for a time in s, or such as "10 min"; at most 7 days. RangeError for another time."""
         return str(self.carry_out(SHELVE, path, {"time": time}))
 
     def unshelve(self, path: str) -> str:
-        """End a shelf before its time."""
+        """End the shelving of alarms before its time."""
         return str(self.carry_out(UNSHELVE, path))
 
     def remove_from_service(self, path: str) -> str:
-        """Put alarms away for maintenance, until they are returned to service."""
+        """Remove alarms from service for maintenance, until they are returned to service."""
         return str(self.carry_out(REMOVE_FROM_SERVICE, path))
 
     def return_to_service(self, path: str) -> str:
-        """Return alarms to service that were removed."""
+        """Return removed alarms to service."""
         return str(self.carry_out(RETURN_TO_SERVICE, path))
 
     @property
@@ -171,7 +172,7 @@ class RemoteStation(Commander, RemotePart):
         return VerbTable(VERBS)
 
     def __getattr__(self, name: str) -> Any:
-        """A member of the machine; else a verb that has no method here, as a function of its path and arguments."""
+        """Return a member of the machine, or a verb without a method here, as a function of its path and arguments."""
         try:
             return super().__getattr__(name)
         except NoMember:

@@ -1,8 +1,8 @@
 """One client of a running machine: its requests, its lease, and what it holds under the lease.
 
 Nothing here waits for the machine or starts a thread. The owner of a session reads the answers (`PendingCommand`), and
-calls `keep` as long as it lives: a thread (`umo.clients.remote.commander`), the loop of a page, of a face or of a
-fleet's gateway."""
+calls `keep` as long as the client is alive: a thread (`umo.clients.remote.commander`), the loop of a page, of a face or
+of a fleet's gateway."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from umo.process.frames.client_memory import LEASE, ClientMemory
 from umo.process.frames.command_queue import Sender
 
 LEASE_TIME = 2.0
-"""s for which a lease lasts without a sign of life."""
+"""Time in s for which a lease lasts without a sign of life."""
 ANSWER_TIMEOUT = 5.0
-"""s within which the machine takes a command; five periods if they are longer."""
+"""Time in s within which the machine must take a command, or five periods if they are longer."""
 SIGNS_OF_LIFE = 5
-"""Number of signs of life that a client gives in the dead-man time of what it holds."""
+"""Number of signs of life that a client gives within the dead-man time of a hold."""
 CHANGE_NOTHING = RangeError, StateError
-"""Refusals because of what was asked: what was held before is held still."""
+"""Errors of a refused command, after which the earlier hold continues."""
 
 
 @dataclass
@@ -43,26 +43,27 @@ class Hold:
 
     who: str
     lasts: float
-    """s without a sign of life after which the machine ends it."""
+    """Time in s without a sign of life after which the machine ends it."""
     next: int
-    """Number of the next event that may tell its end."""
+    """Number of the next event that may report its end."""
     is_alive: Callable[[], bool]
     command: int = 0
-    """Number of the command that began it; 0: it is not sent yet."""
+    """Number of the command that began it, or 0 if it is not sent yet."""
     why: str = ""
     """The reason why it has ended, as the machine reports it; "" while it lasts."""
 
 
 class ClientSession:
-    """A client of the run that `reader` reads, which it closes in the end. `wake` is called when something is held, as
-    `pause` may be shorter then; `clock` is CLOCK_MONOTONIC, ns. One thread asks; another one may call `keep`."""
+    """A client of the run that `reader` reads, which it closes at its end. `wake` is called when something is held, as
+    `pause` may be shorter then; `clock` is CLOCK_MONOTONIC, ns. One thread gives commands; another one may call
+    `keep`."""
 
     def __init__(
         self, reader: Reader, wake: Callable[[], object] = lambda: None, clock: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self.reader = reader
         self.lease = 0
-        """The number of the lease that it has taken; 0: none."""
+        """The number of the lease that it has taken, or 0 if there is none."""
         self.held: dict[str, Hold] = {}
         """The holds, by path."""
         self._seconds, self._wake, self.clock = LEASE_TIME, wake, clock
@@ -79,7 +80,8 @@ class ClientSession:
 
     @property
     def has_lease(self) -> bool:
-        """True if its lease lasts: it has not ended, by itself or with the run, and no other client has taken it."""
+        """True while its lease lasts: neither the lease nor the run has ended, and no other client has taken it
+        over."""
         if not self.running:
             return False
         now = self.reader.now()
@@ -108,7 +110,7 @@ class ClientSession:
         return PendingCommand(self, command, hold, before)
 
     def stop(self, who: str) -> None:
-        """Ask the run to end safely, by a level that no queue delays; without the lease."""
+        """Ask the run to end safely, by a level in shared memory that no queue delays. It needs no lease."""
         self._open_cells().ask_to_stop(signal.SIGTERM, who)
 
     def lasts(self, do: str, path: str) -> float | None:
@@ -147,11 +149,11 @@ class ClientSession:
 
     @property
     def pause(self) -> float:
-        """Time in s from one call of `keep` to the next, at most."""
+        """Longest time in s from one call of `keep` to the next."""
         return min([DEAD_MAN_TIME, self._seconds, *(hold.lasts for hold in list(self.held.values()))]) / SIGNS_OF_LIFE
 
     def sign(self, *paths: str) -> None:
-        """Give a sign of life for the holds at these paths ("": the lease). A run that has just ended needs none."""
+        """Give a sign of life for the holds at these paths ("" for the lease). A run that has just ended needs none."""
         with suppress(FramesError):
             cells, now = self._open_cells(), self.clock()
             for path in paths:
@@ -201,9 +203,9 @@ class PendingCommand:
 
     def __init__(self, session: ClientSession, command: dict[str, Any], hold: Hold | None, before: Hold | None) -> None:
         self.number = 0
-        """The number that its events have; 0: it is not sent yet."""
+        """The number that its events have, or 0 if it is not sent yet."""
         self.begun = False
-        """An action has begun; its end is still to come."""
+        """True if an action has begun and not yet ended."""
         self.end: Event | None = None
         self.do, self.path, self.who = command["do"], command["path"], command["who"]
         self._session, self._command, self._hold, self._before = session, command, hold, before
@@ -213,8 +215,8 @@ class PendingCommand:
         """Time at which it was sent, ns."""
 
     def send(self) -> None:
-        """CommandRefused if the queue stays full for a second, or it is not a command; FramesError if the run has
-        ended."""
+        """Send the command. CommandRefused if the queue stays full for a second, or if the command is malformed;
+        FramesError if the run has ended."""
         try:
             self.number = self._session._send(self._command)
         except BaseException:
@@ -225,7 +227,7 @@ class PendingCommand:
             self._hold.command = self.number
 
     def look(self) -> list[Event]:
-        """New answers. CommandRefused if none has come in time, FramesError if none can come any more."""
+        """Return new answers. CommandRefused if none has arrived in time, FramesError if none can arrive any more."""
         reader = self._session.reader
         ended = reader.state is Stage.ENDED  # before the events: the last of them may be the answer
         events = reader.events(self._next)
@@ -246,8 +248,8 @@ class PendingCommand:
     async def follow(
         self, looked: Callable[[], Awaitable[float]], is_over: Callable[[list[Event], float], Awaitable[bool]]
     ) -> None:
-        """Hand its new answers to `is_over` at each look at the frames, until that says so. `looked` waits for the next
-        one; what it returned goes with the answers, minus infinity with the first."""
+        """Pass new answers to `is_over` at each look at the frames, until that returns True. `looked` waits for the
+        next look; its result is passed with the answers, minus infinity with the first ones."""
         seen = -inf
         while not await is_over(self.look(), seen):
             seen = await looked()
@@ -281,9 +283,9 @@ class PendingCommand:
 
 
 def has_ended(event: Event, path: str, reader: RunReader, command: int = 0) -> bool:
-    """True if an event tells that what was held at this path by a command has ended: with its command, by itself, or as
-    one of several actuators for one reason. Of those the text names the first: what is still taken by a client has not
-    ended. Of an action each end is told by itself."""
+    """True if an event reports that the hold of a command at this path has ended: with its command, by itself, or as
+    one of several actuators for one reason. The text of an event for several actuators names the first one; an actuator
+    that a client still holds has not ended. The end of an action always has its own event."""
     if event.state is not CommandState.CANCELLED:
         return False
     if event.command:
@@ -294,12 +296,12 @@ def has_ended(event: Event, path: str, reader: RunReader, command: int = 0) -> b
 
 
 def is_beside(path: str, around: str) -> bool:
-    """True if a path is below another; "": every one is."""
+    """True if a path is below another; every path is below ""."""
     return not around or path.startswith(f"{around}.")
 
 
 def error_of(event: Event) -> Exception:
-    """The machine's error, of its own type where that is umo's."""
+    """Return the machine's error, of its own type if that is a type of umo."""
     if event.state is CommandState.CANCELLED:
         return TaskFailed(f"{event.path or event.asked} was cancelled: {event.text}")
     name, _, text = event.text.partition(": ")

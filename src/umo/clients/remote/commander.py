@@ -20,9 +20,9 @@ from umo.system.processes import user_name
 from umo.text import did_you_mean
 
 ANSWER_PAUSE = 0.002
-"""s between two looks for an answer."""
+"""Time in s between two looks for an answer."""
 EVENT_DELAY = 0.05
-"""s within which the machine's words follow the end of a lease."""
+"""Time in s within which the machine's event follows the end of a lease."""
 
 
 class Commander:
@@ -41,23 +41,23 @@ class Commander:
         return self.session.running
 
     def lease(self, who: str = "", *, seconds: float = LEASE_TIME, over: bool = False) -> HeldLease:
-        """The right to command, for a `with` block. `who` is shown to everybody; default: user and program.
+        """The right to command, for a `with` block. `who` is shown to all clients; default: user and program.
 
-        CommandRefused while another client has it, unless it is deliberately taken over (`over`). It is renewed
-        meanwhile, and ends `seconds` (0.2 to 60) after this process has died or hangs.
+        CommandRefused while another client has it, unless it is deliberately taken over (`over`). The lease is renewed
+        during the block, and ends `seconds` (0.2 to 60) after this process has died or hangs.
         """
         return HeldLease(self, who or _myself(), seconds, over)
 
     def stop(self, who: str = "") -> None:
         """Ask the run to end safely: every actuator goes to its default. Returns at once; it needs no lease, and no
-        queue of commands delays it. `who` is told at the end; default: user and program."""
+        queue of commands delays it. `who` is named in the report of the end; default: user and program."""
         self.session.stop(who or _myself())
 
     def do(self, verb: str, path: str = "", /, **arguments: Any) -> Any:
-        """Give any verb of docs/verbs.md by its name, such as `station.do("shelve", "tank.overfill", time="10 min")`;
-        its result. A hold lasts until `do("let go", path)`, or until the lease ends. CommandRefused for a name that is
-        not a verb, RangeError for wrong arguments, whatever error the machine answers with. Under the lease, which the
-        verb's row says."""
+        """Give any verb of docs/verbs.md by its name, such as `station.do("shelve", "tank.overfill", time="10 min")`,
+        and return its result. A hold lasts until `do("let go", path)`, or until the lease ends. CommandRefused for a
+        name that is not a verb, RangeError for wrong arguments, otherwise the error that the machine answers with. The
+        row of the verb tells whether it needs the lease."""
         found = verb_of(verb)
         if found is None:
             raise CommandRefused(f"there is no command {verb!r}{did_you_mean(verb, VERBS)}")
@@ -70,7 +70,7 @@ class Commander:
         arguments: Mapping[str, Any] | None = None,
         while_running: Callable[[], object] = lambda: None,
     ) -> Any:
-        """Give a verb; its result when it has ended (`do`)."""
+        """Give a verb, and return its result when it has ended (`do`)."""
         if verb.is_level:
             return self.stop()
         if verb.is_of_lease:
@@ -78,8 +78,8 @@ class Commander:
         return self.ask(verb, path, while_running, **verb.fields(arguments or {}))
 
     def ask(self, verb: Verb, path: str = "", while_running: Callable[[], object] = lambda: None, **fields: Any) -> Any:
-        """Send a command with these fields; its result. The machine's errors are raised here. Ctrl-C cancels an
-        action."""
+        """Send a command with these fields, and return its result. The machine's errors are raised here. Ctrl-C cancels
+        an action."""
         fields = {"who": self.held_lease.who if self.held_lease else _myself()} | fields
         asked = self.session.asking(verb.name, path, **fields)
         try:
@@ -107,9 +107,9 @@ class Commander:
 class HeldLease:
     """`with station.lease("commissioning"):`. Only its holder commands the station.
 
-    A thread keeps it and what was written or is jogged (`ClientSession.keep`), until the block ends. If this process
-    dies, the lease ends after `seconds`, and what it held goes to its default. RangeError for other `seconds` than
-    a lease may last.
+    A thread renews it and the holds (`ClientSession.keep`), until the block ends. If this process dies, the lease ends
+    after `seconds`, and the actuators that it held go to their defaults. RangeError for other `seconds` than a lease
+    may last.
     """
 
     def __init__(self, station: Commander, who: str, seconds: float, over: bool) -> None:
@@ -123,7 +123,7 @@ class HeldLease:
 
     @property
     def lost(self) -> bool:
-        """True if it has ended, with the station or by itself, or another client has taken it over."""
+        """True if the lease has ended, by itself or with the station, or if another client has taken it over."""
         return not self._station.session.has_lease
 
     @property
@@ -132,7 +132,7 @@ class HeldLease:
         return self._station.session.held
 
     def __enter__(self) -> HeldLease:
-        """LeaseHeld, if another client has it, names the argument that takes it over."""
+        """Take the lease. LeaseHeld if another client has it; its text names the argument that takes it over."""
         station = self._station
         try:
             if station.session.has_lease and station.held_lease is not None:
@@ -150,7 +150,7 @@ class HeldLease:
         self.give_back()
 
     def give_back(self) -> None:
-        """End the lease. What it held goes to its default."""
+        """End the lease. The actuators that it held go to their defaults."""
         if self._station.held_lease is not self:  # it was given back before
             return
         try:

@@ -1,4 +1,4 @@
-"""Live tables and scopes of a running station in a notebook. IPython is imported when one is asked for."""
+"""Live tables and scopes of a running station in a notebook. IPython is imported when one is requested."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from umo.process.frames import Reader, Stage
 from umo.system.packages import how_to_install
 
 MAX_RATE = 4.0
-"""Pictures a second, at most."""
+"""Largest number of pictures per second."""
 PAUSE_RATIO = 9
-"""Pause after a picture, in times of what it took: the computer is the station's."""
+"""Pause after a picture, as a multiple of the time to draw it, because the computer must have time for the station."""
 Draw = Callable[[dict[str, str]], str]
-"""The HTML of a picture; given are more facts for its heading."""
+"""Function that returns the HTML of a picture, with more facts for its heading."""
 
 
 class LiveView:
@@ -27,7 +27,7 @@ class LiveView:
     `stop()`, or until this program ends."""
 
     def __init__(self, reader: Reader, make: Callable[[Reader], Draw]) -> None:
-        """`make` gets a reader of its own: it is used and closed by the thread."""
+        """`make` is called with a reader of its own, which the thread uses and closes."""
         display = _display()
         self.station = str(reader.about["station"])
         if reader.closed or reader.state is Stage.ENDED:
@@ -47,11 +47,11 @@ class LiveView:
 
     @property
     def live(self) -> bool:
-        """True if it is still kept up to date."""
+        """True while the picture is updated."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
-        """The picture stays as it is."""
+        """Stop updating the picture."""
         self._stopped.set()
         self._thread.join()
 

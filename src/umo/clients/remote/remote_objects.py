@@ -22,7 +22,7 @@ from umo.text import did_you_mean
 
 
 class Tree:
-    """The things that a station's description names, by path."""
+    """The items that a station's description names, by path."""
 
     def __init__(self, reader: RunReader) -> None:
         layout = reader.layout
@@ -36,7 +36,7 @@ class Tree:
             self.parts |= {".".join(names[:count]) for count in range(1, len(names))}
 
     def below(self, path: str) -> list[str]:
-        """The names of what is directly below a part."""
+        """The names of the members directly below a part."""
         start = f"{path}." if path else ""
         tables = (self.objects, self.actions, self.tunables, self.signals, self.parts)
         found = (each for table in tables for each in table if each.startswith(start))
@@ -51,7 +51,7 @@ class Tree:
 
 
 class RemotePart:
-    """A compound of a running station, or something that it has, such as a law."""
+    """A compound of a running station, or another part, such as a law."""
 
     def __init__(self, station: Commander, tree: Tree, path: str) -> None:
         self.__dict__.update(_station=station, _tree=tree, _path=path)
@@ -110,7 +110,7 @@ class RemotePart:
 
 
 class NoMember(PathError, AttributeError):
-    """A station, or a part of it, has no member of this name."""
+    """Raised if a station, or a part of it, has no member with this name."""
 
 
 class RemoteObject:
@@ -129,7 +129,8 @@ class RemoteObject:
         return frame
 
     def read(self, unit: str | None = None) -> float | str:
-        """A number in `unit` (default: its own), or a state's name. Not read yet: NaN, of a state BadInput."""
+        """Return a number in `unit` (default: its own), or the name of a state. If it was not read yet, NaN for a
+        number and BadInput for a state."""
         value = float(self._frame()["values"][self._number])
         if self._about.is_number:
             return value if unit is None else convert(value, self.units, unit)
@@ -157,12 +158,13 @@ class RemoteObject:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The names of its states; of a number none."""
+        """The names of its states; empty for a number."""
         return tuple(self._about.states.values())
 
     @property
     def inhibited(self) -> str | None:
-        """Reason why only the default is sent to this actuator, or the client that has taken it; None: it is free."""
+        """Reason why only the default is sent to this actuator, or the client that has taken it, or None if it is
+        free."""
         return self._station.reader.inhibited(self._frame(), self._number)
 
     @property
@@ -171,13 +173,13 @@ class RemoteObject:
         return self._station.reader.claim(self._frame(), self._number)
 
     def write(self, value: Any) -> None:
-        """Take the actuator and write it: a number in its unit, or a state's name. Under the lease, in manual
-        mode. It lasts until `release`, or until the lease ends."""
+        """Take the actuator and write it: a number in its unit, or the name of a state. Needs the lease and manual
+        mode. The hold lasts until `release`, or until the lease ends."""
         text = getattr(value, "name", value)  # a state of the declaration
         self._station.carry_out(WRITE, self.path, {"value": text})
 
     def release(self) -> None:
-        """Let go of the actuator: its default is sent, and the program may write it again."""
+        """Release the actuator: its default is sent, and the program may write it again."""
         self._station.carry_out(LET_GO, self.path)
 
     @never_raises

@@ -1,12 +1,12 @@
-"""Driver of another station's values: what it publishes in its frames, read only.
+"""Driver of another station's values: the values that it publishes in its frames, read-only.
 
     [wire]
     force = { driver = "station:press", channel = "ram.force:0.1" }
 
 A part that computes for longer than a fast period allows is a station of its own; this way its values come back. It is
 off the cycle: a worker process looks at the frames, and no period waits. Every value has the age of its period there,
-so one that the other station no longer renews grows old, whatever has happened to it. (What that station itself reads
-off the cycle may be older by the `max_age` that it allows.)
+so a value that the other station no longer renews becomes old, for whatever reason. (A value that the station itself
+reads off the cycle may be older by the `max_age` that it allows.)
 """
 
 from __future__ import annotations
@@ -27,25 +27,26 @@ from umo.process.frames.search import find_running
 from umo.text import did_you_mean
 
 NUMBER_BITS = 48
-"""Bits of the raw integer of a number, with its sign: times its scale and divided by it, each comes back."""
+"""Bits of the raw integer of a number, with its sign: after multiplying by its scale and dividing by it, each integer
+is unchanged."""
 SEARCH_INTERVAL = 0.2
 """Time in s from one search for the station to the next."""
 DEFAULT_PERIOD, DEFAULT_MAX_AGE = "5 ms", "500 ms"
-"""Time from one look at the frames to the next, and the age that a value may have, of the short form."""
+"""Time from one look at the frames to the next, and largest age of a value, for the short form of the wiring."""
 READABLE = (Quality.GOOD, Quality.OUT_OF_RANGE)
-"""Qualities of a value that is taken. Any other is older than its frame, or has no meaning yet."""
+"""Qualities with which a value is read. A value of any other quality is older than its frame, or has no meaning yet."""
 
 
 @dataclass(frozen=True)
 class Published(Channel):
-    """A path of the other station. `scale`: the value of one bit; None: it has two states."""
+    """A path of the other station. `scale`: the value of one bit, or None if it has two states."""
 
     path: str = ""
     scale: float | None = None
 
 
 class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortForm):
-    """`station`: the other station as `umo show values` takes it: its name, its folder or the pid of its run."""
+    """`station`: the other station, named as for `umo show values`: by its name, its folder or the pid of its run."""
 
     forms = ("PATH (of an object with two states)", "PATH:SCALE (of a number; SCALE: the value of one bit)")
     only_off_cycle = True
@@ -61,7 +62,7 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
 
     @classmethod
     def table(cls, text: str) -> Mapping[str, Any]:
-        """`driver = "station:press"`."""
+        """Return the driver's table for the short form `driver = "station:press"`."""
         return {"station": text, "off_cycle": True, "period": DEFAULT_PERIOD, "max_age": DEFAULT_MAX_AGE}
 
     def channel(self, text: str) -> Published:
@@ -88,7 +89,7 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
         return None if found is None else PhysicalScale(channel.scale, 0.0, found.unit)
 
     def open(self) -> None:
-        """The station may come later."""
+        """Open the driver; the station may start later."""
 
     def close(self) -> None:
         self._let_go()
@@ -204,7 +205,7 @@ def _places(reader: RunReader) -> dict[str, _Place]:
         paths = around(each.path)
         rate = next((rates[path] for path in paths if path in rates), (1, 0, period))
         in_fault = [equipment[path] for path in paths if path in equipment] if column == "signals" else ()
-        late = "" if each.is_synchronous else "is asynchronous: nobody knows when it was read"
+        late = "" if each.is_synchronous else "is asynchronous: the time of its reading is not known"
         return _Place(column, number, each.is_binary, in_fault, rate, late)
 
     columns = {"signals": layout.described.signals, "values": layout.described.objects}

@@ -1,5 +1,5 @@
-"""The nearest known name in a refusal of the machine, which does not search for it: a search takes as long as many
-periods of its loop (docs/decisions/0061)."""
+"""Adds the nearest known name to a refusal of the machine. The machine does not search for it, because a search takes
+as long as many periods of its loop (docs/decisions/0061)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QUOTED = re.compile(r"'([^']+)'")
 
 
 def with_nearest(event: Event, layout: Layout) -> Event:
-    """An answer; a refusal because of a name that is not known with the nearest one that is."""
+    """Return an answer; to a refusal because of an unknown name, add the nearest known one."""
     if event.state is not CommandState.REFUSED or not UNKNOWN.match(event.text) or "did you mean" in event.text:
         return event
     quoted = QUOTED.search(event.text)

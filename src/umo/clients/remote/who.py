@@ -10,12 +10,12 @@ UNVERIFIED = ", unverified"
 
 
 def is_unverified(who: str) -> bool:
-    """True if a text of `who_text` tells that the name is not proved."""
+    """True if a text of `who_text` marks the name as not proved."""
     return f"{UNVERIFIED} (" in who
 
 
 def who_text(name: str, ending: str) -> str:
-    """A user as events and leases tell them, in `NAME` bytes at most. The name is cut, never the ending, which tells by
-    which way the command came and whether the name is proved."""
+    """A user as shown in events and leases, in at most `NAME` bytes. The name is cut, but never the ending, which shows
+    by which way the command came and whether the name is proved."""
     given = printable(" ".join(name.split())) or "nobody"
     return given.encode()[: max(0, NAME - len(ending.encode()))].decode(errors="ignore") + ending

@@ -22,7 +22,7 @@ COMPILE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class LawTimes:
-    """Medians in s of one period's laws."""
+    """Medians in s of the time that the laws take in one period."""
 
     python: float
     compiled: float
@@ -38,7 +38,7 @@ class LawTimes:
 
 
 def law_times() -> LawTimes | None:
-    """Measured in this process; None without a compiler."""
+    """Measure the times in this process. None without a compiler."""
     try:
         return LawTimes(_median(compiled=False), _median(compiled=True))
     except DeclarationError:

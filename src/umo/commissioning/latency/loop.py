@@ -1,4 +1,4 @@
-"""umo's own loop, in a process prepared as a control process is, a slice of it at a time."""
+"""umo's own loop, in a process that is prepared like a control process, one slice at a time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from umo.states import OnOff
 from umo.system import calls, realtime
 
 START_TIMEOUT = 60.0
-"""Timeout in s for the process to begin: it imports umo."""
+"""Timeout in s for the start of the process, which imports umo."""
 END_TIMEOUT = 5.0
 """Timeout in s for its end."""
 
@@ -80,7 +80,7 @@ class Loop:
             )
         self.refusals: list[realtime.Refusal]
         self.priority: int
-        """Granted: 0 for none."""
+        """The granted priority; 0 for none."""
         self.cpu: int | None
         try:
             self._await(START_TIMEOUT)
@@ -93,11 +93,11 @@ class Loop:
 
     @property
     def granted(self) -> bool:
-        """SCHED_FIFO and a core of its own."""
+        """True if SCHED_FIFO and a core of its own were granted."""
         return self.priority > 0 and self.cpu is not None
 
     def run(self, periods: int, busy_wait: float = 0.0) -> Slice:
-        """Measure one slice, as `native.run`."""
+        """Measure one slice, like `native.run`."""
         self._here.send((periods, busy_wait))
         self._await(native.time_limit(self._period, periods))
         return Slice.of(self._here.recv_bytes())
@@ -118,7 +118,7 @@ class Loop:
 
 
 def serve(file: str, period: str, priority: str) -> None:
-    """The process: slices as they are asked for, until the other end is closed."""
+    """The function of the process: measure slices on request, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     calls.die_with_parent(os.getppid(), signal.SIGKILL)
     there = Connection(int(file))

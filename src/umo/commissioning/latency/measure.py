@@ -32,9 +32,9 @@ class Samples:
     work: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     missed: int = 0
     processor: float = 0.0
-    """ns of processor time"""
+    """Processor time in ns."""
     elapsed: float = 0.0
-    """ns"""
+    """Elapsed time in ns."""
 
     @property
     def busy(self) -> float:
@@ -43,7 +43,7 @@ class Samples:
 
     @property
     def total(self) -> npt.NDArray[np.float64]:
-        """Waking up and working, of each period that began in time."""
+        """Time of waking up plus working, for each period that began in time."""
         return self.wake + self.work
 
     def add(self, found: native.Slice) -> None:
@@ -57,14 +57,14 @@ class Samples:
 
 @dataclass
 class Measured:
-    """The results: of umo's loop and of the C loop, each as it sleeps until the tick and as it waits busily."""
+    """The results: for umo's loop and the C loop, each sleeping until the tick and waiting busily."""
 
     period: float
     busy_wait: float
-    """s before the tick."""
+    """Time in s before the tick from which a loop waits busily."""
     refusals: list[Refusal]
     granted: bool = False
-    """SCHED_FIFO and a core."""
+    """True if SCHED_FIFO and a core were granted."""
     umo: Samples = field(default_factory=Samples)
     umo_busy: Samples = field(default_factory=Samples)
     c: Samples | None = None
@@ -79,7 +79,7 @@ class Measured:
 
     @property
     def by_itself(self) -> Samples:
-        """The one of umo's two loops that `umo run` has on this computer unless the wiring says otherwise."""
+        """The one of umo's two loops that `umo run` uses on this computer by default."""
         return self.umo_busy if self.granted else self.umo
 
 

@@ -1,4 +1,4 @@
-"""The loop in C, compiled on the spot."""
+"""The loop in C, compiled when it is measured."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ SLICE_MARGIN = 30.0
 
 @contextmanager
 def compiled() -> Iterator[Path | None]:
-    """The program for as long as the block lasts; None without a compiler, or where it fails."""
+    """A context with the compiled program, which is deleted at its end; None without a compiler, or if compiling
+    fails."""
     found = compiler()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "loop"
@@ -39,14 +40,14 @@ class Slice(NamedTuple):
     """The times of some periods of a loop, in ns."""
 
     times: npt.NDArray[np.int64]
-    """Shape (periods, 2): late in waking up, working; -1 for ticks that passed meanwhile."""
+    """Shape (periods, 2): how late the loop woke up, and how long it worked; -1 for ticks that passed meanwhile."""
     processor: int
     """Processor time."""
     elapsed: int
 
     @classmethod
     def of(cls, data: bytes) -> Slice:
-        """A slice as the loops send it: processor time and time are the last row."""
+        """Make a slice from the rows that the loops send; the last row has the processor time and the elapsed time."""
         rows = np.frombuffer(data, np.int64).reshape(-1, 2)
         return cls(rows[:-1], int(rows[-1, 0]), int(rows[-1, 1]))
 
@@ -60,5 +61,6 @@ def run(program: Path, period: float, periods: int, priority: int, cpu: int | No
 
 
 def time_limit(period: float, periods: int) -> float:
-    """Timeout in s for a slice of this number of periods: other processes may take the processor, or stop the loop."""
+    """Timeout in s for a slice of this number of periods: it has a margin, because other processes may take the
+    processor or stop the loop."""
     return SLICE_MARGIN + 10 * period * periods

@@ -30,14 +30,14 @@ class Verdict:
 
 
 def judge(found: Measured) -> Verdict:
-    """The verdict on the loop as `umo run` has it on this computer. yes: no period missed and the longest wake-up plus
-    work below half of the period. with care: at most one of a thousand periods missed, and 99.9 % of them below the
-    period. no: otherwise."""
+    """Judge the loop that `umo run` uses on this computer. yes: no period missed and the longest wake-up plus work
+    below half of the period. with care: at most one of a thousand periods missed, and 99.9 % of them below the period.
+    no: otherwise."""
     total, missed = found.by_itself.total, found.by_itself.missed
     count = len(total) + missed
     period = found.period * 1e6
     if not count:
-        return Verdict(NO, "Nothing was measured")
+        return Verdict(NO, "No period was measured")
     if not len(total):
         return Verdict(NO, f"None of {count:,} periods began in time")
     worst, most = float(total.max()), float(np.percentile(total, 99.9))
@@ -51,7 +51,7 @@ def judge(found: Measured) -> Verdict:
 
 
 def recommend(found: Measured) -> str:
-    """The advice of the measurement on busy waiting: `busy_wait` in the wiring's `[process]`."""
+    """Return advice on busy waiting from the measurement: `busy_wait` in the wiring's `[process]`."""
     asleep, awake = found.umo, found.umo_busy
     if not (len(asleep.total) and len(awake.total)):
         return ""

@@ -2,9 +2,9 @@
 loop that a `Servo` on an encoder is.
 
 The output u moves the axis at velocity v: u = feed_forward v + inertia dv/dt + friction sign(v) + offset (Armstrong,
-Control of Machines with Friction, 1991). What is left of the output without friction and offset gives the velocity
-through a first order. A derivative on the encoder is the velocity loop: gain (e - derivative_time v), so its gain is
-gain * derivative_time, and the position loop has the gain 1 / derivative_time.
+Control of Machines with Friction, 1991). The output without friction and offset determines the velocity through a
+first-order model. A derivative on the encoder is the velocity loop: gain (e - derivative_time v), so its gain is gain *
+derivative_time, and the position loop has the gain 1 / derivative_time.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
 
 SMOOTHED = 0.02
-"""s over which position and output are smoothed for the regression."""
+"""Time in s over which position and output are smoothed for the regression."""
 FEWEST_SMOOTHED, MOST_SMOOTHED = 7, 101
 MOVING = 0.05
 """Share of the largest velocity above which the axis counts as moving."""
 LEAST_MOVING = 30
-"""Samples in motion at least."""
+"""Smallest number of samples in motion."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class AxisModel:
     """The model of an axis."""
 
     identified: Identified
-    """A first order from the output without friction and offset to the velocity."""
+    """The first-order model from the output without friction and offset to the velocity."""
     velocities: MeasuredResponse
     """The response from which it was found."""
     friction: float
@@ -69,7 +69,7 @@ class AxisModel:
 
 
 def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
-    """From moves in both directions. RangeError if it did not move enough, or if no model fits."""
+    """Identify an axis from moves in both directions. RangeError if it did not move enough, or if no model fits."""
     velocity, acceleration, output = _smoothed(response)
     moving = np.abs(velocity) > MOVING * np.abs(velocity).max()
     if np.count_nonzero(moving) < LEAST_MOVING or not (velocity[moving] > 0.0).any() or (velocity[moving] > 0.0).all():

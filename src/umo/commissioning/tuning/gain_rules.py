@@ -25,18 +25,20 @@ CAUTIOUS, BALANCED, QUICK = "cautious", "balanced", "quick"
 SPEEDS: Mapping[str, float] = {CAUTIOUS: 3.0, BALANCED: 1.0, QUICK: 0.5}
 """The closed-loop times of SIMC, in dead times."""
 LEAST: Mapping[str, tuple[float, float]] = {CAUTIOUS: (3.0, 55.0), BALANCED: (2.0, 45.0), QUICK: (1.6, 30.0)}
-"""The gain margin and the phase margin, degrees, that a set has at least."""
+"""The least gain margin, and the least phase margin in degrees, of each set."""
 SHORTEST_DEAD_TIME = 0.01
-"""A dead time counts as so large a share of the longest lag at least: what is not in the model is as large."""
+"""Least dead time, as a share of the longest lag; a shorter one is raised to it, because unmodelled effects are as
+large."""
 CLEAR_SECOND_LAG = 0.2
-"""Share of the longest lag from which on the second one is answered with a derivative."""
+"""Second lag, as a share of the longest one, from which on a set has a derivative."""
 FILTER_SHARE = 0.1
 """The filter's time constant is this share of the derivative time."""
 SLOWER = 0.95
 """Factor by which the gain of a set is reduced, again and again, until it has its margins."""
 TRIES, STRIDE = 120, 8
 MOST_DOUBT = 40
-"""Times that a set is made slower for what fits as well, beyond those for the model, at most: to an eighth."""
+"""Largest number of times that a set is made slower for models that fit as well, beyond those for the model itself; its
+gain falls to an eighth."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def _shortest(model: ProcessModel, dt: float) -> float:
 
 
 def _second_lag(model: ProcessModel) -> float:
-    """The lag that a derivative answers; 0: there is none."""
+    """The lag that a derivative answers, or 0 if there is none."""
     if model.integrates and model.lags and not model.structure.oscillates:
         return model.lags[0]
     if len(model.lags) == 2 and model.lags[1] > CLEAR_SECOND_LAG * model.lags[0]:

@@ -3,7 +3,7 @@ Identification, 1999, chapters 7, 9 and 16).
 
 For each structure the best model is found, and the region of models that are no worse than noise explains: their sum of
 squares stays below the limit of an F-test that counts only independent residuals. All regions within the limit of the
-best model of all are what fits as well; margins are those of the worst of it.
+best model of all contain the models that fit as well; margins are those of the worst of them.
 
 Gain, zero, initial state and drift enter linearly: for each dead time and lag they are solved for, and only the others
 are searched (variable projection; Golub and Pereyra, Inverse Problems 19, 2003).
@@ -24,57 +24,56 @@ from umo.objects.scaling import FloatArray
 
 CONFIDENCE = 0.95
 GRID_SAMPLES = 300
-"""Samples for the search on a grid."""
+"""Number of samples used in the search on a grid."""
 STARTS = 2
 LAGS, DEAD_TIMES = 10, 6
-"""Points of the grid in each direction."""
+"""Numbers of points of the grid for lags and for dead times."""
 SECOND_LAGS = (0.05, 0.3, 0.9)
 """Further lags on the grid, as shares of the first lag."""
 DAMPINGS = (0.1, 0.4, 0.8)
 LEAST_DAMPING = 0.01
 DRIFT_WEIGHT = 0.003
-"""Weight of drift, and of what was not at rest at the beginning, beside a sample's 1: it is taken for small where it
-can be."""
+"""Weight of drift and of the initial state, relative to 1 for a sample, so that both are assumed small if possible."""
 LONGEST_LAG = 20.0
-"""Durations of the response that a lag can have, at most."""
+"""Largest lag, in durations of the response."""
 SHORTEST_UNSTABLE = 0.02
-"""Durations of the response that the time constant of an unstable process can have, at least."""
+"""Least time constant of an unstable process, in durations of the response."""
 FEWEST_INDEPENDENT = 12.0
-"""Residuals that count as independent, at least."""
+"""Least number of residuals that count as independent."""
 POOR_FIT = 50.0
 """Fit in per cent below which a model is refused."""
 NONLINEAR_DEVIATIONS = 3.0
 """Number of standard deviations from which on a dependence on the amplitude is not noise."""
 LEAST_SHOWN = 1e-3
-"""Share of what depends on the amplitude that is not hidden by the rest of the model, at least."""
+"""Least share of the dependence on the amplitude that the rest of the model does not hide."""
 DIRECTIONS = 4
 """Number of directions in which a region is examined, besides its main axes."""
 HALVINGS = 8
-"""Steps of the search for a border, at most."""
+"""Largest number of steps of the search for a border."""
 GROWTH = 2.0
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A model, and what fits as well."""
+    """A model, and the models that fit as well."""
 
     model: ProcessModel
     as_good: tuple[ProcessModel, ...]
-    """Models at the border of what describes the response as well as the best; `model` is the first."""
+    """Models at the border of the region that describes the response as well as the best one; `model` is the first."""
     fit: float
     """100 (1 - |error| / |measurement - mean|), per cent."""
     unexplained: float
     """The part that no model describes, without the noise, as a share of the spread of the measurement, per cent."""
     bend: float
-    """The share by which the gain depends on the amplitude, as far as that is more than noise can make."""
+    """The share by which the gain depends on the amplitude, as far as noise cannot explain it."""
     predicted: FloatArray
-    """The measurements as the model has them."""
+    """The measurements that the model predicts."""
     duration: float
-    """s of the response."""
+    """Duration of the response in s."""
 
     @property
     def kinds(self) -> list[str]:
-        """Return the kinds of models that fit equally well, that of the model first."""
+        """Return the kinds of models that fit equally well, with the kind of `model` first."""
         return list(dict.fromkeys(each.kind for each in self.as_good))
 
     @property
@@ -85,8 +84,8 @@ class Identified:
 
 
 def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES), sign: float = 0.0) -> Identified:
-    """The simplest model that describes the response about as well as any, and all that do. `sign`: that of its gain,
-    if it is known. RangeError if none does."""
+    """The simplest model that describes the response about as well as any, and all that do. `sign`: the sign of its
+    gain, if known. RangeError if no model does."""
     response = response.thinned()
     fits = [each for kind in kinds if (each := fit_model(kind, response, sign)) is not None]
     best = min(fits, key=lambda each: each.cost, default=None)
@@ -221,7 +220,7 @@ class _Fit:
 
 
 def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> _Fit | None:
-    """The best model of this kind; None if there is none with a gain of this sign (0: of any)."""
+    """The best model of this kind; None if there is none with a gain of this sign (0 means any sign)."""
     from scipy.optimize import least_squares
 
     low, high = _bounds(kind)

@@ -23,7 +23,7 @@ class LawFacts:
     actuator: str
     present: Gains
     dt: float
-    """s between two steps of the law."""
+    """Time in s between two steps of the law."""
     axis: bool = False
     """True if it is the servo of an axis of motion."""
     units: tuple[str, str] = ("", "")
@@ -33,13 +33,13 @@ class LawFacts:
     resolution: float = 0.0
     """Resolution of the output."""
     inner: str = ""
-    """For the outer law of a cascade the inner one; its setpoint is the output."""
+    """The inner law, if this is the outer law of a cascade; its setpoint is the output."""
     inner_sensor: str = ""
 
     @classmethod
     def of(cls, told: Mapping[str, Any], sensor: str = "", actuator: str = "") -> LawFacts:
-        """From the result of the action `law`; `sensor` and `actuator` have priority. ValueError, TypeError or KeyError
-        if it is not that."""
+        """Make the facts from the result of the action `law`; `sensor` and `actuator` have priority. ValueError,
+        TypeError or KeyError for another result."""
         present = Gains(**{name: inf if told[name] is None else float(told[name]) for name in SETTINGS})
         ends = sensor or str(told["sensor"]), actuator or str(told["actuator"])
         dt = float(told["dt"])
@@ -55,12 +55,12 @@ class LawFacts:
 
     @property
     def columns(self) -> list[str]:
-        """The paths of a response: the output, the measurement, of a cascade the inner measurement."""
+        """The paths of a response: the output, the measurement, and for a cascade the inner measurement."""
         return [self.actuator, self.sensor, *filter(None, [self.inner_sensor])]
 
     @property
     def base(self) -> str:
-        """The path of the law; of an element that of its VectorPID."""
+        """The path of the law; for an element, that of its VectorPID."""
         head, _, last = self.law.rpartition(".")
         return head if last.isdigit() and head else self.law
 
@@ -71,9 +71,9 @@ class LawFacts:
         found: list[Described] = []
         for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):
             if not path:
-                raise PathError(f"{self.law} knows no {what}: name it with --{what}")
+                raise PathError(f"{self.law} does not name its {what}: name it with --{what}")
             if path not in known or not known[path].is_number:
-                raise PathError(f"no {what} {path!r} that has a number{did_you_mean(path, known)}")
+                raise PathError(f"there is no {what} {path!r} that has a number{did_you_mean(path, known)}")
             found.append(known[path])
         measured, output = found
         units = measured.unit, output.unit

@@ -17,11 +17,11 @@ from umo.operation.commands.verbs import CALL, LET_GO
 from umo.recording.scope.history import ThinnedHistory
 
 MOST_ROWS = 200_000
-"""Samples that are kept: of more, every second one is dropped."""
+"""Largest number of samples kept; beyond it every second one is dropped."""
 MOVES = 2
-"""Moves there and back."""
+"""Number of moves there and back."""
 BEFORE = 20
-"""Steps of the law that are kept before the excitation."""
+"""Number of steps of the law that are kept before the excitation."""
 
 
 class CollectedSamples:
@@ -39,7 +39,7 @@ class CollectedSamples:
         self._history.add_frames(self._reader.read(), self._places)
 
     def response(self, start: float = -np.inf, stop: float = np.inf) -> MeasuredResponse:
-        """Between these times, s. RangeError if there are too few samples."""
+        """Return the response between these times, s. RangeError if there are too few samples."""
         return MeasuredResponse.of_history(self._history, range(len(self._places)), start, stop)
 
     def close(self) -> None:
@@ -60,7 +60,7 @@ def experiment(
     arguments: Mapping[str, Any],
     show: Callable[[], object] = lambda: None,
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
-    """Make the experiment under the lease, and wait for its end: its response, and what it returned. The errors are
+    """Make the experiment under the lease, wait for its end, and return its response and its result. The errors are
     those of the experiment (`umo.control.experiment`)."""
     path, samples = f"{place}.experiment", CollectedSamples(station, facts)
     try:

@@ -1,5 +1,6 @@
-"""Margins of a loop of a `PID` of umo and a process, or any of several processes, from frequency responses with their
-sampling; stability by Nyquist's criterion (Astrom and Murray, Feedback Systems, 2021, sections 10.2 and 10.3)."""
+"""Stability margins of a loop of a `PID` of umo and a process, or any of several processes, from frequency responses
+with their sampling; stability by Nyquist's criterion (Astrom and Murray, Feedback Systems, 2021, sections 10.2 and
+10.3)."""
 
 from __future__ import annotations
 
@@ -14,14 +15,14 @@ from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
 
 POINTS_PER_DECADE = 400
-"""Frequencies at which a loop is looked at."""
+"""Number of frequencies per decade at which a loop is evaluated."""
 DECADES = 9
-"""Decades below the highest of them."""
+"""Number of decades below the highest frequency."""
 
 
 MOST_UNTURNED = 0.3
-"""Half turns by which the sum of a loop's turns differs from the criterion at most: it is not looked at below the
-lowest frequency."""
+"""Largest difference, in half turns, between the sum of a loop's turns and the criterion; the loop is not evaluated
+below the lowest frequency."""
 Indices = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
@@ -52,11 +53,11 @@ class LoopMargins:
     less."""
 
     gain: float
-    """Factor by which the gain may grow, or must not fall if that is the smaller one; infinite: any."""
+    """Factor by which the gain may grow, or must not fall if that is the smaller one; infinite if it may be any."""
     phase: float
-    """Degrees by which the phase may fall; infinite: the gain of the loop is below 1 everywhere."""
+    """Degrees by which the phase may fall; infinite if the gain of the loop is below 1 everywhere."""
     crossover: float = 0.0
-    """The highest frequency at which the gain of the loop is 1, rad/s; 0: there is none."""
+    """The highest frequency at which the gain of the loop is 1, rad/s, or 0 if there is none."""
 
     @property
     def stable(self) -> bool:
@@ -70,8 +71,8 @@ UNSTABLE_LOOP = LoopMargins(0.0, 0.0)
 
 
 def margins(model: ProcessModel, gains: Gains, dt: float) -> LoopMargins:
-    """The margins of the loop that is closed each `dt` s. RangeError if the signs of the gains differ: the loop drives
-    the measurement away."""
+    """The margins of the loop that is closed each `dt` s. RangeError if the signs of the gains differ: then the loop
+    drives the measurement away."""
     return SampledModels([model], dt).margins(gains)
 
 

@@ -12,13 +12,13 @@ from umo.objects.scaling import FloatArray
 from umo.recording.scope.history import ValueHistory
 
 MIN_RESPONSE_SAMPLES = 20
-"""Samples of a response at least."""
+"""Smallest number of samples of a response."""
 MAX_RESPONSE_SAMPLES = 2000
-"""Samples that are kept at most: of more, each stands for several."""
+"""Largest number of samples that are kept; of longer responses, each sample stands for several."""
 LEAST_MOVES = 3
-"""Resolutions by which the output must have moved."""
+"""Number of resolutions by which the output must have moved."""
 MIN_SIGNAL_TO_NOISE = 1.5
-"""Spread of the measurement at least, in standard deviations of its noise."""
+"""Least spread of the measurement, in standard deviations of its noise."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class MeasuredResponse:
     """Samples of one response."""
 
     dt: float
-    """s from one sample to the next."""
+    """Time in s from one sample to the next."""
     outputs: FloatArray
-    """For each sample the output that was held after it."""
+    """For each sample, the output that was held after it."""
     measurements: FloatArray
     inner: MeasuredResponse | None = None
-    """For a cascade the measurement of the inner law, whose setpoint the outputs are."""
+    """For a cascade, the measurement of the inner law, whose setpoints are the outputs."""
 
     @classmethod
     def of_rows(cls, rows: FloatArray) -> MeasuredResponse:
@@ -49,8 +49,8 @@ class MeasuredResponse:
 
     @classmethod
     def of(cls, times: FloatArray, outputs: FloatArray, measurements: FloatArray) -> MeasuredResponse:
-        """From rows in the order of time, s, which may be missing here and there. RangeError if they are too few, or if
-        times do not rise."""
+        """Make a response from rows in the order of time (s); rows may be missing. RangeError if they are too few, or
+        if the times do not rise."""
         known = np.isfinite(times) & np.isfinite(outputs) & np.isfinite(measurements)
         times, outputs, measurements = times[known], outputs[known], measurements[known]
         if len(times) < MIN_RESPONSE_SAMPLES:
@@ -75,7 +75,7 @@ class MeasuredResponse:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration in s."""
         return len(self.outputs) * self.dt
 
     def thinned(self, most: int = MAX_RESPONSE_SAMPLES) -> MeasuredResponse:
@@ -89,7 +89,8 @@ class MeasuredResponse:
         return MeasuredResponse(self.dt * every, outputs, self.measurements[: count * every : every])
 
     def check_moved(self, resolution: float = 0.0, output: str = "the output", measurement: str = "") -> None:
-        """RangeError unless the output moved by some resolutions, and the measurement by more than its noise."""
+        """Check that the response is usable. RangeError unless the output moved by `LEAST_MOVES` resolutions, and the
+        measurement by more than its noise."""
         moved = float(np.ptp(self.outputs))
         if moved <= max(LEAST_MOVES * resolution, 1e-12 * float(np.abs(self.outputs).max())):
             raise RangeError(

@@ -38,7 +38,7 @@ class Structure(NamedTuple):
     has_zero: bool = False
     unstable: bool = False
     repeats: bool = False
-    """True if the last lag is there twice."""
+    """True if the last lag occurs twice."""
 
 
 INTEGRATOR, LAGGED_INTEGRATOR = "integrator", "lagged integrator"
@@ -59,7 +59,7 @@ STRUCTURES: Mapping[str, Structure] = {
 }
 """The kinds of models, the simplest first."""
 MIN_LAG_DIFFERENCE = 1e-3
-"""Relative difference of two lags at least: equal ones have no partial fractions."""
+"""Least relative difference of two lags, because equal ones have no partial fractions."""
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,15 @@ class ProcessModel:
     kind: str
     """One of `STRUCTURES`."""
     gain: float
-    """Units of the measurement for one unit of the output; of an integrator units per s."""
+    """Units of the measurement for one unit of the output; for an integrator, units per s."""
     dead_time: float
-    """s."""
+    """Dead time in s."""
     lags: tuple[float, ...] = ()
     """Time constants, s, the longest first."""
     damping: float = 1.0
     """Damping of an oscillating model: below 1."""
     zero: float = 0.0
-    """Time constant of the zero, s; negative: an inverse response."""
+    """Time constant of the zero, s; negative for an inverse response."""
 
     @property
     def structure(self) -> Structure:
@@ -89,12 +89,12 @@ class ProcessModel:
 
     @property
     def slope(self) -> float:
-        """Gain over the longest lag, of an integrator its gain: how fast the measurement begins to change."""
+        """Gain over the longest lag, for an integrator its gain; this is how fast the measurement begins to change."""
         return self.gain if self.integrates else self.gain / self.lags[0]
 
     @property
     def poles(self) -> list[complex]:
-        """1/s; of a pair of conjugate ones both."""
+        """The poles in 1/s, with both of each conjugate pair."""
         found: list[complex] = [0.0] * self.integrates
         if self.structure.oscillates:
             pole = complex(-self.damping, max(1.0 - self.damping**2, 1e-6) ** 0.5) / self.lags[0]
@@ -120,8 +120,8 @@ class ProcessModel:
         return found
 
     def response(self, outputs: FloatArray, dt: float) -> FloatArray:
-        """The change of the measurement under these outputs, one each `dt` s, from rest at the first of them; of an
-        unstable one that which ends at rest."""
+        """The change of the measurement under these outputs, one each `dt` s, from rest at the first of them; for an
+        unstable model, the response that ends at rest."""
         changes = outputs - outputs[0]
         parts = [weight * sampled_response(changes, dt, pole, self.dead_time) for weight, pole in self.terms]
         found: FloatArray = np.real(np.sum(parts, axis=0))
@@ -138,7 +138,7 @@ class ProcessModel:
         return found
 
     def describe(self) -> dict[str, float]:
-        """Its parameters by their letters."""
+        """The parameters by their letters."""
         structure = self.structure
         letters = ["T"] if structure.lags == 1 else ["T1", "T2"]
         found = {"K": self.gain, **dict(zip(letters, self.lags, strict=False))}
@@ -150,8 +150,8 @@ class ProcessModel:
 
 
 def sampled_response(changes: FloatArray, dt: float, pole: complex, dead_time: float) -> Complex:
-    """The response of 1 / (s - pole) behind a dead time, from 0; outputs before the first are 0. With a pole on the
-    right the one that ends at 0: it stays finite."""
+    """The response of 1 / (s - pole) with a dead time, from 0; outputs before the first are 0. For a pole in the right
+    half-plane, the response that ends at 0, which stays finite."""
     from scipy.signal import lfilter
 
     whole, newer, older, kept = _held(dead_time, dt, pole)

@@ -27,7 +27,7 @@ from umo.wiring.wired import apply_parameters
 
 
 def declared_facts(plan: Plan, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
-    """Return the facts of the law at this path, with the parameters of the wiring. No device is opened: all is
+    """Return the facts of the law at this path, with the parameters of the wiring. No device is opened; everything is
     simulated. PathError if there is no law."""
     apply_parameters(plan.machine, plan.wired.parameters, lambda restore: None)
     every = {id(each.part): each.every for each in plan.wired.rates}
@@ -50,8 +50,8 @@ def own_experiment(
     tried: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
     """Run the station's application, and make the experiment at this time, s. `tried`: settings that laws have from the
-    beginning, by the paths of the laws. The response, and what the experiment returned. OptionError if the wiring runs
-    in real time; CommandRefused if the run ends before."""
+    beginning, by the paths of the laws. Returns the response and the result of the experiment. OptionError if the
+    wiring runs in real time; CommandRefused if the run ends before."""
     if plan.wired.realtime:
         raise OptionError(
             f"{plan.name} with the wiring {plan.wiring_name or 'given'} runs in real time: start it with `umo run "

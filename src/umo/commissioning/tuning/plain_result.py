@@ -10,12 +10,12 @@ from umo.commissioning.tuning.gain_rules import GainSet
 from umo.commissioning.tuning.tuning_result import TuningResult
 
 DIGITS = 3
-"""Significant digits of a gain: it is not known better."""
+"""Number of significant digits of a gain; it is not known more precisely."""
 AXIS_NUMBERS = ("feed_forward", "inertia", "friction", "offset")
 
 
 def rounded(value: float) -> float:
-    """To significant digits."""
+    """Round to `DIGITS` significant digits."""
     return float(f"{value:.{DIGITS}g}")
 
 
@@ -32,7 +32,8 @@ def settings_of(result: TuningResult, chosen: GainSet) -> dict[str, float]:
 
 
 def as_data(result: TuningResult) -> dict[str, Any]:
-    """The model, the sets with their margins and what they promise; null: not finite, or not known."""
+    """Return the model, and the sets with their margins and predicted steps; null stands for a number that is not
+    finite or not known."""
     facts, identified = result.facts, result.identified
     found: dict[str, Any] = {"law": facts.law, "sensor": facts.sensor, "actuator": facts.actuator}
     values, intervals = identified.model.describe().items(), identified.intervals

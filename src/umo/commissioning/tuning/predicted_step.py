@@ -13,9 +13,9 @@ from umo.control import PID
 from umo.objects.scaling import FloatArray
 
 MOST_STEPS = 2000
-"""Periods that are computed at most; longer ones are taken for a longer time."""
+"""Largest number of computed periods; for a longer time longer periods are used."""
 SETTLED = 0.05
-"""Share of a step within which it has settled."""
+"""Share of a step within which the response counts as settled."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class PredictedStep:
 
     @property
     def overshoot(self) -> float:
-        """Per cent of the step."""
+        """Overshoot in per cent of the step."""
         return max(100.0 * (float((self.measurements / self.size).max()) - 1.0), 0.0)
 
     @property
     def settling_time(self) -> float:
-        """s until it stays within 5 %; infinite: it does not within the time that was computed."""
+        """Time in s until the response stays within 5 %; infinite if it does not within the computed time."""
         away = np.flatnonzero(np.abs(self.measurements / self.size - 1.0) > SETTLED)
         if len(away) and away[-1] == len(self.times) - 1:
             return inf
@@ -44,7 +44,8 @@ class PredictedStep:
 def predicted_step(
     model: ProcessModel, gains: Gains, dt: float, duration: float, size: float = 1.0, limit: float = inf
 ) -> PredictedStep:
-    """Over `duration` s. `limit`: the largest change of the output, which is limited as by the actuator."""
+    """Predict a step over `duration` s. `limit`: the largest change of the output, which is limited as by the
+    actuator."""
     dt = max(dt, duration / MOST_STEPS)
     count = max(int(duration / dt), 2)
     law = PID(**asdict(gains))

@@ -1,4 +1,4 @@
-"""Responses that were recorded before: the trace of a run (CSV), or a recording (MCAP)."""
+"""Recorded responses: the trace of a run (CSV), or a recording (MCAP)."""
 
 from __future__ import annotations
 

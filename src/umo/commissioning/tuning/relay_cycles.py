@@ -14,9 +14,9 @@ from umo.errors import RangeError
 from umo.objects.scaling import FloatArray
 
 FEWEST_CYCLES = 2
-"""Whole cycles that are needed."""
+"""Least number of whole cycles."""
 MIN_HALF_CYCLE = 0.35
-"""Share of a cycle that each half has at least: with less, the process was not at rest when it began."""
+"""Least share of a cycle for each half; with less, the process was not at rest at the beginning."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class RelayCycles:
     """The facts about a process from the cycles of a relay."""
 
     ultimate_period: float
-    """s."""
+    """Ultimate period in s."""
     ultimate_gain: float
-    """Units of the output for one unit of the measurement, without its sign."""
+    """Ultimate gain: units of the output for one unit of the measurement, without its sign."""
     phase: float
     """Phase of the process at this period, degrees: -180 plus the effect of the hysteresis."""
     cycles: int
@@ -35,8 +35,9 @@ class RelayCycles:
 
 
 def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:
-    """From the fundamental waves of output and measurement over whole cycles of the whole amplitude, without the first.
-    `rising`: whether a larger output makes the measurement rise. RangeError if there are too few cycles."""
+    """Evaluate the cycles of a relay from the fundamental waves of output and measurement over complete cycles with the
+    full amplitude, without the first cycle. `rising`: whether a larger output makes the measurement rise. RangeError if
+    there are too few cycles."""
     high = _high(response.outputs)[: _full(response.outputs)]
     rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
     rises = rises[1:] if len(rises) > FEWEST_CYCLES + 1 else rises

@@ -1,4 +1,4 @@
-"""What tuning asks of a station that runs. `umo.attach` returns one."""
+"""The interface of a running station that tuning needs. `umo.attach` returns one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from umo.process.frames import Reader
 
 
 class RunningStation(Protocol):
-    """A station whose frames are read, and that is commanded under the lease of the caller."""
+    """A station whose frames are read, and which is commanded with the lease of the caller."""
 
     reader: Reader
 

@@ -20,19 +20,19 @@ from umo.errors import RangeError
 PRESENT = "present"
 """The name of the gains that the law has."""
 PREDICTED_MODELS = 12
-"""Models that fit as well whose steps are predicted, about."""
+"""Approximate number of models that fit as well whose steps are predicted."""
 STEP_TIMES = 25.0
-"""Duration of a predicted step in times of 1 / crossover."""
+"""Duration of a predicted step as a multiple of 1 / crossover."""
 FASTER = 3.0
-"""Times by which the inner loop of a cascade is to be faster at least; 5 is better (Astrom and Hagglund, PID
+"""Least factor by which the inner loop of a cascade should be faster; 5 is better (Astrom and Hagglund, PID
 Controllers: Theory, Design, and Tuning, 1995, section 7.2)."""
 MOST_UNEXPLAINED = 15.0
-"""Per cent of the spread of the measurement that no model may describe, beside the noise."""
+"""Largest part of the spread of the measurement, in per cent, that neither a model nor noise describes."""
 MOST_BENT = 0.1
 """Share by which the gain may depend on the amplitude."""
 LONGEST_SECOND_LAG = 0.3
-"""Share of the response that a lag behind an integrator or a longer lag may have, less the effect of a zero: longer
-ones look like integrators."""
+"""Largest lag, as a share of the response, behind an integrator or a longer lag, less the effect of a zero; longer lags
+look like integrators."""
 LEAST_DAMPING = 0.3
 """Least damping of a process that oscillates: with less no gains are printed."""
 
@@ -46,20 +46,20 @@ class TuningResult:
     identified: Identified
     relay: RelayCycles | None
     sets: list[GainSet]
-    """The present gains first, if they make a loop at all; then cautious, balanced and quick."""
+    """The sets of gains: the present ones first, if they close a loop; then cautious, balanced and quick."""
     inner: ProcessModel | None = None
-    """For a cascade: from the inner setpoint to the inner measurement; None if not known."""
+    """For a cascade, the model from the inner setpoint to the inner measurement; None if not known."""
     axis: AxisModel | None = None
     """The model of the axis, if it is one; then the response is that of its velocity."""
 
     @property
     def model(self) -> ProcessModel:
-        """From the output of the law to its measurement."""
+        """The model from the output of the law to its measurement."""
         return self.identified.model if self.axis is None else self.axis.position
 
     @property
     def inner_time(self) -> float | None:
-        """Average residence time of the closed inner loop, s; None: it is not known."""
+        """Average residence time of the closed inner loop, s, or None if it is not known."""
         return None if self.inner is None else residence_time(self.inner)
 
     @property
@@ -71,7 +71,7 @@ class TuningResult:
         return max(residence_time(self.model) - self.inner_time, 0.0) / max(self.inner_time, self.facts.dt)
 
     def set_of(self, name: str) -> GainSet:
-        """Return one of the sets. RangeError if there is none of this name."""
+        """Return one of the sets. RangeError if there is none with this name."""
         found = {each.name: each for each in self.sets}
         if name not in found:
             raise RangeError(f"there is no set {name!r}: {', '.join(found)}")
@@ -109,8 +109,8 @@ def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, deri
 
 
 def check_tunable(identified: Identified) -> None:
-    """RangeError if a `PID` is not to be tuned on such a process, or if it is not the linear process that the models
-    are made for."""
+    """Check that gains can be given. RangeError if a `PID` should not be tuned for such a process, or if the process is
+    not linear."""
     model = identified.model
     if identified.unexplained > MOST_UNEXPLAINED:
         raise RangeError(
@@ -136,7 +136,7 @@ def check_tunable(identified: Identified) -> None:
     if model.structure.oscillates and model.damping < LEAST_DAMPING:
         raise RangeError(
             f"the process oscillates by itself (period {6.283 * model.lags[0]:.3g} s, damping {model.damping:.2g}): no "
-            "gains are told for it"
+            "gains are printed for it"
         )
 
 
@@ -155,7 +155,7 @@ def _inner_loop(response: MeasuredResponse) -> ProcessModel | None:
 
 
 def tuned_axis(facts: LawFacts, response: MeasuredResponse) -> TuningResult:
-    """Return the result as `tuned`, for the servo of an axis from its moves."""
+    """Find the model and the gains, like `tuned`, for the servo of an axis from its moves."""
     response.check_moved(facts.resolution, facts.actuator, facts.sensor)
     axis = identify_axis(response, facts.present.gain)
     sets = [*_present(axis.as_good, facts), *axis_sets(axis, facts.dt)]

@@ -22,7 +22,7 @@ class Effect:
 
     text: str
     channel: Channel | None = None
-    """The channel that it is about; None: the whole driver."""
+    """The channel that it is about; None means the whole driver."""
     output: bool = False
     begin: float = 0.0
     end: float = inf
@@ -32,33 +32,35 @@ class Effect:
     """The reason why transfers of the channel fail; empty if they do not."""
     share: float = 1.0
     short: bool = False
-    """A block transfer ends before the channel: this one and those behind it are not read, or not written."""
+    """True if a block transfer ends before the channel, so that this one and the following ones are not read, or not
+    written."""
     mistake: bool = False
-    """The code of the driver raises what is not an error of a device."""
+    """True if the code of the driver raises an exception that is not an error of a device."""
     change: LevelChange = lambda raw, since, random: raw
     random: Random = field(default_factory=Random)
 
     def start(self, seed: int, again: int = 0) -> None:
-        """A run begins. The numbers are the same for the same seed, whatever other faults there are; `again`
+        """Begin a run. The random numbers are the same for the same seed, regardless of other faults; `again`
         distinguishes faults with the same text on one channel."""
         words = f"{seed} {self.text} {self.channel.text if self.channel else ''} {self.output}"
         self.random.seed(f"{words} {again}" if again else words)
 
     def set_in(self, level: int | None) -> None:
-        """The fault begins. `level` is the raw integer that the output has; None: an input, or never written."""
+        """Begin the fault. `level` is the raw integer that the output has; None for an input, or an output that was
+        never written."""
 
     def lost(self) -> str:
-        """Why this transfer of the channel fails; empty if it does not."""
+        """Return why this transfer of the channel fails; empty if it does not."""
         return self.loss if self.loss and self.random.random() < self.share else ""
 
     def changed(self, raw: int, since: float) -> int:
-        """The raw integer that another one becomes, `since` s after the fault began."""
+        """Return the faulty raw integer for the right one, `since` s after the fault began."""
         return self.change(raw, since, self.random)
 
 
 @dataclass(eq=False, kw_only=True)
 class Stuck(Effect):
-    """A sensor reads, an actuator has, the level that it had when the fault began, or a given one."""
+    """A sensor reads, or an actuator stays at, the level at the beginning of the fault, or a given level."""
 
     given: int | None = None
 
@@ -90,5 +92,5 @@ class BitFlip(Effect):
 
 
 def limited(raw: float, channel: Channel) -> int:
-    """The nearest level that the channel can have."""
+    """Return the nearest level that the channel can have."""
     return int(min(max(round(raw) if isfinite(raw) else raw, channel.lowest), channel.highest))

@@ -22,9 +22,9 @@ KINDS = {
     "wrong length": "",
     "out of range": "[DISTANCE]",
 }
-"""Amounts of the kinds."""
+"""The kinds of faults, with their amounts."""
 KINDS_OF_DRIVERS = ("delay", "drop-out", "disconnect", "exception")
-"""Kinds that a whole driver can have too."""
+"""Kinds that a whole driver can have, too."""
 FORM = "PATH KIND [amount] [at TIME] [for TIME]"
 _TEXT = re.compile(r"(?P<head>.*?)(?:\s+at\s+(?P<at>.+?))?(?:\s+for\s+(?P<for>.+?))?", re.DOTALL)
 
@@ -34,7 +34,7 @@ class InjectedFault:
     """A fault that is injected on purpose: `InjectedFault("z.encoder", "noise", "20 um", at=1.0, for_=2.0)`.
 
     `str` gives it as text, as wirings and `umo run --fault` take it: "z.encoder noise 20 um at 1 s for 2 s".
-    DeclarationError for a kind, an amount or a time that is not one.
+    DeclarationError for an invalid kind, amount or time.
     """
 
     path: str
@@ -42,11 +42,11 @@ class InjectedFault:
     kind: str
     """One of `KINDS`."""
     amount: str | float = ""
-    """Amount with a unit, or in raw steps as a number alone. Empty: the kind's default."""
+    """Amount with a unit, or in raw steps as a number without a unit. Empty for the default of the kind."""
     at: float | str = 0.0
     """Time at which it begins: s, or a text such as "30 ms"."""
     for_: float | str = inf
-    """Time for which it lasts, as `at`. Default: to the end of the run."""
+    """Duration, in the form of `at`. Default: to the end of the run."""
 
     def __post_init__(self) -> None:
         amount = _number_text(self.amount) if isinstance(self.amount, int | float) else " ".join(self.amount.split())
@@ -59,7 +59,7 @@ class InjectedFault:
         if not self.path or len(self.path.split()) != 1:
             raise DeclarationError(f"{self.path!r} is not a path")
         if amount and not KINDS[self.kind]:
-            raise DeclarationError(f"{self.kind} has no amount, not {amount!r}")
+            raise DeclarationError(f"{self.kind} takes no amount, but has {amount!r}")
         if self.for_ == 0:
             raise DeclarationError("a fault lasts longer than 0 s")
 
@@ -96,5 +96,7 @@ def _plain(kind: str) -> str:
 def _kind(kind: str) -> str:
     found = next((known for known in KINDS if _plain(known) == _plain(kind)), None)
     if found is None:
-        raise DeclarationError(f"no kind {kind!r}{did_you_mean(kind, KINDS)}; the kinds are: {', '.join(KINDS)}")
+        raise DeclarationError(
+            f"there is no kind {kind!r}{did_you_mean(kind, KINDS)}; the kinds are: {', '.join(KINDS)}"
+        )
     return found

@@ -30,7 +30,7 @@ class HasNow(Protocol):
 
 
 class Injection:
-    """The faults of one machine. None is in effect until the machine is connected and has given its clock: so the
+    """The faults of one machine. None is in effect before the machine is connected and has set its clock, so that the
     guardian resets the machine without them."""
 
     def __init__(self, texts: Sequence[str], seed: int, waits: bool) -> None:
@@ -39,10 +39,11 @@ class Injection:
         self.clock: HasNow | None = None
         self.drivers: list[FaultyDriver] = []
         self.tells = True
-        """True if what begins and ends is logged: by the control process, not by a worker process."""
+        """True if the beginning and end of faults are logged, which the control process does, but not a worker
+        process."""
         self.say: Callable[[Callable[[], str]], object] = _log
-        """Function that logs a line, which is given as a function that makes it: a machine does so when the outputs of
-        its period have been sent."""
+        """Function that logs a line, given as a function that formats it, so that a machine can do that after the
+        outputs of its period are sent."""
 
     @property
     def active(self) -> int:
@@ -50,7 +51,7 @@ class Injection:
         return sum(len(driver.active()) for driver in self.drivers)
 
     def end(self) -> bool:
-        """All of them end, at the end of the run; whether one was in effect that concerns outputs."""
+        """End all faults, at the end of the run. Return whether one that concerns outputs was in effect."""
         ended = [effect for driver in self.drivers for effect in driver.end()]
         self.clock = None
         return any(effect.output or effect.channel is None for effect in ended)
@@ -66,8 +67,8 @@ def _said(what: str, effect: Effect, now: float) -> str:
 
 
 class FaultyDriver(Wrapper, Looks):
-    """A driver with faults on some of its channels. Everything else is the driver's own. It looks in any case: a fault
-    may keep the device from being found."""
+    """A driver with faults on some of its channels. All else is that of the driver. It always has `look`, because a
+    fault may keep the device from being found."""
 
     def __init__(self, driver: Driver[Any], effects: Sequence[Effect], injection: Injection) -> None:
         super().__init__(driver)
@@ -84,7 +85,7 @@ class FaultyDriver(Wrapper, Looks):
     # Which faults are in effect ------------------------------------------------------------------------
 
     def active(self) -> list[Effect]:
-        """Effects that act at the time of the machine; logs what begins and ends."""
+        """Return the effects that act at the time of the machine. Logs their beginnings and ends."""
         clock = self._injection.clock
         if clock is None or clock.now == self._now:
             return self._acting
@@ -101,7 +102,7 @@ class FaultyDriver(Wrapper, Looks):
         return acting
 
     def end(self) -> list[Effect]:
-        """None is in effect from now on; those that were."""
+        """End all effects from now on, and return those that were in effect."""
         acting, self._acting = self._acting, []
         for effect in acting:
             self._log("ends", effect, self._now)
@@ -164,7 +165,7 @@ class FaultyDriver(Wrapper, Looks):
         return answers_for_device(self.driver)
 
     def look(self) -> bool | None:
-        """A fault that makes calls of the driver fail keeps its device from being found."""
+        """Look for the device. A fault that makes calls fail keeps it from being found."""
         acting = self.active()
         if any(effect.takes >= self.timeout for effect in acting):
             return False

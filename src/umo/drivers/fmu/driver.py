@@ -113,7 +113,7 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
     # Transfers -----------------------------------------------------------------------------------
 
     def reset(self, channel: FmuChannel, default: int | None) -> None:
-        """Write the default. A model that has failed has no levels any more, so there is nothing to bring to it."""
+        """Write the default. A model that has failed has no levels any more, so nothing is written."""
         if not self._opened().lost:
             super().reset(channel, default)
 
@@ -142,8 +142,8 @@ class Fmu(BlockDriver[FmuChannel], KnowsScale, Reports):
         return bool(self._opened().lost)
 
     def report(self) -> Mapping[str, Any]:
-        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. Of one
-        that the model does not give: why."""
+        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. If the
+        model does not give a value, the reason."""
         instance = self._opened()
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
         outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]

@@ -27,10 +27,10 @@ from umo.errors import DriverError
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 STATUS = {DISCARD: "discard", ERROR: "error", FATAL: "fatal", 5: "pending"}
 LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
-"""Kinds of a status of FMI 2.0."""
+"""Kinds of status in FMI 2.0."""
 MAX_MESSAGE_LENGTH = 300
 MAX_SHOWN_SIZE, MAX_SHOWN_BYTES = 1_000, 32
-"""Numbers of an array, and bytes of a binary, that are shown."""
+"""Largest numbers of elements of an array, and of bytes of a binary, that are shown."""
 _logs: dict[int, deque[str]] = {}
 _numbers = count(1)
 
@@ -56,7 +56,7 @@ class FmuInstance:
         self.lost = ""
         """The reason why the instance cannot be used any more; empty if it can."""
         self.ended = False
-        """True if it cannot since the model has asked for the end of the simulation."""
+        """True if it cannot be used because the model has requested the end of the simulation."""
         self._status = 0
         """Status of the last call that failed."""
         self._is3 = description.fmiVersion.startswith("3.")
@@ -77,7 +77,7 @@ class FmuInstance:
     # Life ----------------------------------------------------------------------------------------
 
     def start(self, start_values: Mapping[str, float | str]) -> None:
-        """Initialise the model with these start values; then it stands at its start time."""
+        """Initialise the model with these start values; then its time is the start time."""
         experiment = self.description.defaultExperiment
         self.time = float(experiment.startTime or 0.0) if experiment else 0.0
         tolerance = float(experiment.tolerance) if experiment and experiment.tolerance else None
@@ -91,7 +91,7 @@ class FmuInstance:
         self._running = True
 
     def step(self, start: float, size: float) -> None:
-        """Let the model pass from `start` to `start + size`, in s."""
+        """Advance the model from `start` to `start + size`, in s."""
         try:
             ended = self.call(self._fmu.doStep, start, size)
         except DriverError:
@@ -122,7 +122,8 @@ class FmuInstance:
         return float(last.value) if ended.value else None
 
     def close(self) -> None:
-        """End the instance, unload its library, remove its folder. What FMI forbids after an error is left out."""
+        """End the instance, unload its library, remove its folder. Calls that FMI forbids after an error are left
+        out."""
         try:
             self._let_go_of_python()
             if self._fmu is not None and self._fmu.component and not self._fatal:
@@ -147,8 +148,8 @@ class FmuInstance:
     # Transfers -----------------------------------------------------------------------------------
 
     def transfer(self, verb: str, kind: str, references: Sequence[int], buffer: Any) -> Callable[[], object]:
-        """The call of FMI's own function, such as fmi2GetReal, that gets or sets the values of these variables, for
-        `call`. Its arguments are prepared: FMPy's functions convert theirs with each call."""
+        """Return the call of FMI's own function, such as fmi2GetReal, that gets or sets the values of these variables,
+        for `call`. Its arguments are prepared: FMPy's functions convert theirs with each call."""
         name, number = f"{self._prefix}{verb}{kind}", len(references)
         function = self._fmu.dll[name]  # in brackets it is a new one, which shares nothing with FMPy's
         function.errcheck = partial(_check_status, name)
@@ -166,13 +167,13 @@ class FmuInstance:
 
     @property
     def readable(self) -> bool:
-        """True if its variables can be read: it has not failed, but it may have ended."""
+        """True if its variables can be read: it has not failed; it may have ended."""
         return self.ended or not self.lost
 
     def value(self, variable: Any) -> Any:
-        """The present value of a variable, in its unit, as plain data: a list of an array, hexadecimal digits of bytes.
-        None: not finite, a clock, or an array of more than 1,000 numbers. A model that has ended still has its last
-        values."""
+        """The present value of a variable, in its unit, as plain data: a list for an array, hexadecimal digits for
+        bytes. None if it is not finite, for a clock, and for an array of more than 1,000 numbers. A model that has
+        ended still has its last values."""
         kind = kind_of(self.description, variable)
         shape = shape_of(self.description, variable)
         number = prod(shape)
@@ -266,7 +267,7 @@ def _check_status(name: str, status: int, *_: object) -> int:
 
 
 def _plain(value: Any, kind: str) -> float | int | bool | str | None:
-    """A value of this type as FMI gives it, as plain data; None: not finite."""
+    """A value of this type as FMI gives it, as plain data, or None if it is not finite."""
     if kind == "String":
         return (value or b"").decode(errors="replace")
     if kind in FLOATS:

@@ -22,7 +22,8 @@ from umo.text import COMPARED_NAMES, others
 
 TICK = "tick"
 FLOAT_BITS = 48
-"""Bits of a float's raw integer, with its sign. Times a scale and divided by it in doubles, each of them comes back."""
+"""Bits of a float's raw integer, with its sign. After multiplying by a scale and dividing by it in doubles, each
+integer is unchanged."""
 FLOATS = ("Real", "Float64", "Float32")
 INTEGERS: Mapping[str, tuple[int, bool]] = {
     "Boolean": (1, False),
@@ -30,13 +31,13 @@ INTEGERS: Mapping[str, tuple[int, bool]] = {
     **{f"Int{bits}": (bits, True) for bits in (8, 16, 32, 64)},
     **{f"UInt{bits}": (min(bits, 63), False) for bits in (8, 16, 32, 64)},
 }
-"""Bits and sign of the types that are integers already."""
+"""Bits and sign of the integer types."""
 SETTABLE = ("input", "parameter")
 LISTED_NAMES = 6
 ANY_CHANNEL = "?"
-"""Text that is not a channel's, with which `umo device drivers` asks for the forms: the answer has all variables."""
+"""A text that names no channel, with which `umo device drivers` requests the forms; the answer has all variables."""
 MAX_UNIT_LENGTH = 40
-"""Characters of a unit at most: a longer one is not looked at."""
+"""Largest number of characters of a unit: a longer one is ignored."""
 _FACTOR = r"(?:1|[^\W\d_]+(?:\^?-?\d)?)"
 _PRODUCT = rf"{_FACTOR}(?:[.*/]{_FACTOR})*"
 _UNIT = re.compile(rf"{_PRODUCT}(?:/\({_PRODUCT}\))?")
@@ -53,9 +54,9 @@ class FmuChannel(Channel):
     kind: str = TICK
     """Type of the variable, as `kind_of` gives it: Real for fmi2GetReal."""
     scale: float | None = None
-    """Floats: the change of the variable for one count."""
+    """For a float: the change of the variable for one raw step."""
     units: str | None = None
-    """Floats: the unit in the model description, if pint knows it."""
+    """For a float: the unit in the model description, if pint knows it."""
     element: int = 0
     """The index of the value in an array, in the order of FMI, from 0."""
     size: int = 1
@@ -63,7 +64,7 @@ class FmuChannel(Channel):
 
     @property
     def places(self) -> tuple[tuple[str, int, int], ...]:
-        """The variable, or its element, whatever the scale."""
+        """The variable, or its element, regardless of the scale."""
         return ((self.kind, self.reference, self.element),)
 
 
@@ -190,7 +191,7 @@ def _pint() -> Any:
 
 
 def check_start(description: Any, name: str, value: float | str) -> None:
-    """WiringError if the variable cannot start at this value."""
+    """Check a start value. WiringError if the variable cannot start at this value."""
     variable = variables_of(description).get(name)
     if variable is None:
         variables = variables_of(description)
@@ -239,7 +240,7 @@ def kind_of(description: Any, variable: Any) -> str:
 
 
 def shape_of(description: Any, variable: Any) -> tuple[int, ...]:
-    """The sizes of an array, () for a single value. Where a size is a structural parameter, it is its start value."""
+    """The sizes of an array, () for a single value. If a size is a structural parameter, its start value is used."""
     if not variable.dimensions:
         return ()
     starts = {each.valueReference: each.start for each in description.modelVariables}

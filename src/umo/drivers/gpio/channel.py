@@ -1,4 +1,4 @@
-"""GPIO channels: their texts and the settings of their lines. Pure functions, no chip."""
+"""GPIO channels: their texts and the settings of their lines. Pure functions, which use no chip."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ BIASES = ("as-is", "disabled", "pull-up", "pull-down")
 DRIVES = ("push-pull", "open-drain", "open-source")
 EDGES = ("rising", "falling", "both")
 MAX_LINES = 63
-"""Lines of one number at most: it has 63 bits."""
+"""Largest number of lines of one number: it has 63 bits."""
 COUNT_BITS = 63
 
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,4}")
 _RANGE = re.compile(r"(0|[1-9][0-9]{0,4})-(0|[1-9][0-9]{0,4})")
 _EDGES = re.compile(rf"(.+?)(?::({'|'.join(EDGES)}))?")
 _MAX_DEBOUNCE = 2**32 - 1
-"""Debounce period in us at most."""
+"""Longest debounce period in us."""
 
 
 @dataclass(frozen=True)
@@ -40,27 +40,27 @@ class Settings:
     drive: str = "push-pull"
     active_low: bool = False
     debounce: int = 0
-    """Debounce period of an input in us; 0: none."""
+    """Debounce period of an input in us, or 0 if there is none."""
 
 
 @dataclass(frozen=True)
 class GpioChannel(Channel):
-    """Some lines as one number, the first its lowest bit; or the edges of one line, counted."""
+    """Some lines as one number, of which the first is the lowest bit; or the number of edges of one line."""
 
     lines: tuple[int | str, ...] = ()
-    """Numbers on the chip, or names."""
+    """The lines, by number on the chip or by name."""
     edges: str = ""
-    """Edges that are counted; empty: the level is transferred."""
+    """Edges that are counted, or empty if the level is transferred."""
     settings: Settings = Settings()
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """Its lines."""
+        """The lines of the channel."""
         return self.lines
 
 
 def parse(text: str, defaults: Settings) -> GpioChannel:
-    """The channel that the text names; settings that the text does not give are the defaults."""
+    """The channel that the text names; settings that the text does not give have the defaults."""
     what, *words = text.split(" ")
     kind, _, place = what.partition(":")
     settings = defaults
@@ -78,7 +78,7 @@ def parse(text: str, defaults: Settings) -> GpioChannel:
 
 
 def checked(bias: str, drive: str, active_low: bool, debounce: str) -> Settings:
-    """The driver's options; WiringError names the valid choice."""
+    """Return the driver's options after a check. WiringError names the valid choices."""
     one_of("bias", bias, BIASES)
     one_of("drive", drive, DRIVES)
     truth("active_low", active_low)

@@ -20,7 +20,7 @@ def path_of(chip: str) -> str:
                 raise DriverError(f"{path} is not a GPIO chip")
             return path
     if "/" in chip:
-        raise DriverError(f"no device {chip}; {listed('GPIO chip', dict.fromkeys(_paths(), ()))}")
+        raise DriverError(f"there is no device {chip}; {listed('GPIO chip', dict.fromkeys(_paths(), ()))}")
     return _labelled(chip)
 
 

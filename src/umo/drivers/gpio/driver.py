@@ -69,7 +69,8 @@ class Gpio(BlockDriver[GpioChannel]):
         return channel
 
     def devices(self) -> Sequence[str]:
-        """The chip's device file, however the option names it; a chip that is not there stands for itself."""
+        """The chip's device file, regardless of how the option names it; a chip that does not exist, as the option
+        names it."""
         if self._library is not None:
             from umo.drivers.gpio.chip import path_of
 
@@ -91,7 +92,7 @@ class Gpio(BlockDriver[GpioChannel]):
             self._lines = None
 
     def initialize(self, channel: GpioChannel, default: int | None) -> None:
-        """An output goes directly to its default; an input is one from now on; a count starts at 0. A line that another
+        """An output goes directly to its default; an input becomes one; a count starts at 0. A line that another
         process of umo is about to release is waited for within `timeout`."""
         lines = self._begin()
         self._forget()
@@ -104,7 +105,7 @@ class Gpio(BlockDriver[GpioChannel]):
             self._lines.finalize(channel)
 
     def reset(self, channel: GpioChannel, default: int | None) -> None:
-        """An output goes to its default, also one that was not initialised; an input and a count are not changed."""
+        """Bring an output to its default, even one that was not initialised; an input and a count are not changed."""
         if default is None:
             return
         if self._lines is None or self._lines.used.get(channel) is None:

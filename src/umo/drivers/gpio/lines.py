@@ -23,9 +23,9 @@ from umo.errors import DriverError
 from umo.text import did_you_mean
 
 CONSUMER = "umo"
-"""Name that other programs (gpioinfo) see at a line in use."""
+"""Name that other programs (gpioinfo) show for a line in use."""
 MAX_REQUEST_LINES = 64
-"""Lines of one request at most (GPIO_V2_LINES_MAX)."""
+"""Largest number of lines of one request (GPIO_V2_LINES_MAX)."""
 _RETRY_INTERVAL = 0.002
 """Time in s until a line is asked for again that another process of umo holds."""
 _ACTIVE = Value.ACTIVE  # a member of an enumeration takes longer to look up than to compare
@@ -33,7 +33,7 @@ _LEVELS = {0: Value.INACTIVE, 1: Value.ACTIVE}
 
 
 class LineTransfer:
-    """The transfer of some channels: the requests of their lines, and where each channel's levels are."""
+    """The transfer of some channels: the requests of their lines, and the place of each channel's levels."""
 
     def __init__(self, lines: Lines, channels: Sequence[GpioChannel]) -> None:
         self.channels = channels
@@ -98,7 +98,8 @@ class Lines:
         return self._chip is not None
 
     def connect(self, channels: Iterable[GpioChannel], deadline: float) -> None:
-        """Open the chip, take the lines of these channels as they are, and initialise again what was in use."""
+        """Open the chip, take the lines of these channels as they are, and initialise again the channels that were in
+        use."""
         self.name = path_of(self._wanted)  # it may have come back under another number
         with opening(self.name):
             self._chip = gpiod.Chip(self.name)

@@ -26,7 +26,7 @@ class Bank:
         self.levels.update(levels)
 
     def configure(self, settings: dict[int, gpiod.LineSettings]) -> None:
-        """Change these lines: the others are given as they are, as kernels before 6.11 want it."""
+        """Change these lines: the others are passed unchanged, as kernels before 6.11 require."""
         for offset, each in self._settings.items():
             each.output_value = self.levels[offset]
         merged = self._settings | settings
@@ -38,8 +38,8 @@ class Bank:
 class EdgeCount:
     """The edges of one line since it was initialised.
 
-    The kernel numbers the edges of a line; the newest event holds their number. So the count is right also when the
-    kernel's buffer of events has overflowed: it drops the oldest.
+    The kernel numbers the edges of a line; the newest event holds their number. So the count is right even after an
+    overflow of the kernel's buffer of events, which drops the oldest.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class EdgeCount:
         """Edges that were counted through requests before this one."""
 
     def attach(self, request: gpiod.LineRequest) -> None:
-        """Go on with a new request, whose numbers begin at 1."""
+        """Continue with a new request, whose numbers begin at 1."""
         os.set_blocking(request.fd, False)
         self.request = request
         self._before = self._count
@@ -70,7 +70,7 @@ class EdgeCount:
 
 
 def line_settings(settings: Settings, level: Value | None, edges: str = "") -> gpiod.LineSettings:
-    """An output at this level, or an input."""
+    """The settings of a line: an output at this level, or an input."""
     output = level is not None
     return gpiod.LineSettings(
         direction=Direction.OUTPUT if output else Direction.INPUT,

@@ -34,13 +34,13 @@ _PROCESSED = "_input"
 _SCALE = re.compile(r"[0-9]{1,13}(?:\.[0-9]{1,13})?(?:e-?[0-9]{1,2})?")
 _GONE = (errno.ENODEV, errno.ENOENT, errno.EBADF)
 _MAX_FILE_SIZE = 64
-"""Bytes in a file of a raw value at most."""
+"""Largest number of bytes in a file of a raw value."""
 
 
 @dataclass(frozen=True)
 class IioChannel(Channel):
-    """A channel of the device; its place is the kernel's name, in both directions. `scale`: the value of one raw
-    integer, of a processed value; None: the kernel gives raw integers."""
+    """A channel of the device; its place is the name in the kernel, in both directions. `scale`: the value of one raw
+    integer, of a processed value, or None if the kernel gives raw integers."""
 
     name: str = ""
     scale: Decimal | None = None
@@ -120,7 +120,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
     # Before open ---------------------------------------------------------------------------------------
 
     def channel(self, text: str) -> IioChannel:
-        """The channel of this text; one of the device, if that is there."""
+        """The channel with this text, which must be one of the device, if that is present."""
         name, colon, given = text.partition(":")
         match = _NAME.fullmatch(name)
         folder = self._there()
@@ -141,7 +141,7 @@ class Iio(BlockDriver[IioChannel], KnowsScale):
         return IioChannel(text, direction, bits, signed, name, scale)
 
     def devices(self) -> Iterable[str]:
-        """Its number, or the name that was given if the device is not there."""
+        """The device by its number, or by the given name if it is not present."""
         folder = self._there()
         return [f"iio {self.device if folder is None else folder.name}"]
 

@@ -1,7 +1,7 @@
-"""Checks the answer to a request, and takes the values out of it: pure functions, no line.
+"""Checks the answer to a request, and extracts its values: pure functions, which use no line.
 
-pymodbus does not check lengths and confirmations; values for a machine need these checks. Requests and answers are
-unit, function and data here: what TCP and serial lines have in common.
+pymodbus does not check lengths and confirmations; values for a machine need these checks. Here, requests and answers
+consist of unit, function and data, which TCP and serial lines have in common.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from umo.errors import DriverError
 EXCEPTION_SIZE = 3
 MASK_WRITE, READ_WRITE = 22, 23
 GATEWAY_EXCEPTIONS = (10, 11)
-"""Exceptions with which a gateway answers for a unit that it does not reach."""
+"""Exceptions with which a gateway answers for a unit that it cannot reach."""
 
 
 class Recovering(Lost):
-    """The unit is not asked yet; says why."""
+    """Raised if the unit must not be asked yet; its text gives the reason."""
 
 
 class Refused(DriverError):
@@ -27,12 +27,12 @@ class Refused(DriverError):
 
 
 def answer_size(request: bytes) -> int:
-    """Bytes of the answer to a request that is not an exception answer."""
+    """Number of bytes of the normal answer to a request."""
     return 3 + _data_size(request) if _reads(request) else 8 if request[1] == MASK_WRITE else 6
 
 
 def check(request: bytes, answer: bytes) -> None:
-    """Lost if the answer does not fit the request in everything; an exception answer does."""
+    """Check an answer. Lost unless it fits the request in every respect; an exception answer is accepted."""
     check_start(request, answer)
     if answer[1] & 0x80:
         _check_length("an exception answer", answer, EXCEPTION_SIZE)
@@ -43,14 +43,14 @@ def check(request: bytes, answer: bytes) -> None:
 
 
 def cells_of(answer: bytes) -> Sequence[int]:
-    """The cells that an answer has, which has been checked: registers, or bits with those that fill its last byte."""
+    """The cells of a checked answer: registers, or bits, including those that fill its last byte."""
     if answer[1] <= 2:
         return [byte >> bit & 1 for byte in answer[3:] for bit in range(8)]
     return unpack_from(f">{answer[2] // 2}H", answer, 3)
 
 
 def check_start(request: bytes, answer: bytes) -> None:
-    """Lost if the answer, of which this is the beginning, belongs to another request."""
+    """Check the beginning of an answer. Lost if it belongs to another request."""
     unit, function = request[0], request[1]
     if answer and answer[0] != unit:
         raise Lost(f"an answer of unit {answer[0]} in place of {unit}")

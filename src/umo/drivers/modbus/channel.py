@@ -1,6 +1,5 @@
-"""Modbus channels: pure functions, no device.
-
-Addresses are the protocol's own, from 0: what a manual calls holding register 40001 is mostly `holding:0`.
+"""Modbus channels: pure functions, which use no device. Addresses are those of the protocol, from 0: holding register
+40001 of a manual is usually `holding:0`.
 """
 
 from __future__ import annotations
@@ -42,7 +41,8 @@ TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
 
 
 class Type(NamedTuple):
-    """Type of what registers hold. `bits`: width of the raw integer; of a float, of the integers it holds exactly."""
+    """Type of the content of registers. `bits`: width of the raw integer; for a float, of the integers that it holds
+    exactly."""
 
     cells: int
     bits: int
@@ -58,9 +58,9 @@ TYPES = {
 }
 ORDERS = {"ABCD": (False, False), "CDAB": (True, False), "BADC": (False, True), "DCBA": (True, True)}
 """Orders of a value's bytes on the line, A the highest: whether the low word comes first, and whether the low byte of
-each word does. Of 64 bits, all four words are in the order of the two."""
+each word comes first. For 64 bits, all four words follow the order of the two."""
 SINGLE_ORDERS = {"AB": (False, False), "BA": (False, True)}
-"""The same of one register."""
+"""The same for one register."""
 FORMS = (
     "coil:N (N 0 to 65535)",
     "discrete:N (N 0 to 65535)",
@@ -91,7 +91,7 @@ class ModbusChannel(Channel):
     The raw integer of a float is the nearest to its value divided by `scale`, which is 0 where there is no float. The
     channel's bits are those that a float carries exactly: 24 or 52. `little`: the low word has the lower address;
     `swapped`: the low byte of each register comes first. `low`: the lowest of the bits that a field has of its
-    registers; None: the channel has all of them.
+    registers, or None if the channel has all of them.
     """
 
     table: Table = COIL
@@ -118,8 +118,8 @@ class ModbusChannel(Channel):
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """Its bits: `holding:0`, `holding:0:int32` and `holding:0.7` overlap, whatever their texts, and `holding:0.6`
-        and `holding:0.7` do not."""
+        """The bits of the channel: `holding:0`, `holding:0:int32` and `holding:0.7` overlap, regardless of their texts,
+        and `holding:0.6` and `holding:0.7` do not."""
         return self._bits_of(self.masks)
 
     @property
@@ -151,7 +151,7 @@ class ModbusChannel(Channel):
         return raw
 
     def number(self, words: Sequence[int]) -> float:
-        """The number that its registers hold, not divided by a scale."""
+        """The number that its registers hold, without division by a scale."""
         whole = 0
         for word in reversed(words) if self.little else words:
             whole = whole << 16 | (_exchanged(word) if self.swapped else word)
@@ -163,8 +163,8 @@ class ModbusChannel(Channel):
         return whole - (1 << self.bits) if self.signed and whole >> (self.bits - 1) else whole
 
     def words(self, raw: int) -> list[int]:
-        """Contents of its registers for a raw integer, 0 in the bits that it does not have. DriverError for one beyond
-        its range."""
+        """Contents of its registers for a raw integer, with 0 in the bits that do not belong to the channel.
+        DriverError for one beyond its range."""
         self.fit(raw)
         if self.scale:
             return self._laid(int.from_bytes(struct.pack(self._packing, raw * self.scale), "big"))
@@ -205,8 +205,8 @@ def _exchanged(word: int) -> int:
 
 
 def parse(text: str, *, little: bool = False, swapped: bool = False, unit: int = 1) -> ModbusChannel:
-    """The channel that the text names; `little`: the low word of several comes first, `swapped`: the low byte of each
-    register does, where the text has no order of its own."""
+    """The channel that the text names; `little`: the low word of several comes first; `swapped`: the low byte of each
+    register comes first; both apply if the text gives no order."""
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ChannelError(text, FORMS)

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from umo.drivers.modbus.unit import Unit
 
 _MAX_WATCHDOG = 65.535
-"""Time in s that the watchdog's register can hold at most."""
+"""Longest time in s that the watchdog's register can hold."""
 _MAX_REGISTERS, _MAX_READ_BACK = 123, 121
-"""Registers of one write at most, by function 16 and by function 23."""
+"""Largest numbers of registers in one write, by function 16 and by function 23."""
 _DEFAULT = Host("127.0.0.1", 502, "modbus tcp"), Serial("", 19200, "even")
 
 
@@ -154,7 +154,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         return replace(channel, masked=True) if self._mask_write and channel.low is not None else channel
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file; without the unit, as units share it."""
+        """The host's addresses and port, or the device file; without the unit, as units share the device."""
         return self.place.devices()
 
     def open(self) -> None:
@@ -188,8 +188,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
         self._write(channels, raws.tolist(), skip=self._skip > 0)
 
     def inspect(self, channel: ModbusChannel) -> str:
-        """The registers of the channel, of a field those of its whole value, and its number in each order of their
-        bytes; of a bit of the unit, nothing."""
+        """Return the registers of the channel (for a field, those of its whole value), and its number in each order of
+        their bytes; nothing for a bit of the unit."""
         if channel.table.full == 1:
             return ""
         whole = channel.uncut or channel
@@ -214,8 +214,8 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
             raise DriverError(f"{together}, are not shorter than the watchdog, {duration_text(seconds)}")
 
     def look(self) -> bool | None:
-        """The unit is asked for what is read anyway; where nothing is read, for what is written. On a serial line that
-        several units share, it cannot be looked for without waiting."""
+        """Look for the unit: ask it for cells that are read anyway, or, if nothing is read, for cells that are written.
+        On a serial line shared by several units this is not possible without waiting."""
         if self._connection is None:
             return False
         self._forget()

@@ -1,4 +1,5 @@
-"""The fewest requests that serve a period's channels, and which writes may be left out: no device, no clock."""
+"""The fewest requests that serve a period's channels, and the writes that may be left out; it uses neither a device nor
+a clock."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ class Item:
 
 
 class Single(NamedTuple):
-    """A channel with one whole cell, in what is needed in every period: `sign` is its bit of the sign, or 0."""
+    """A channel with one whole cell, with the data needed in every period; `sign` is its sign bit, or 0."""
 
     place: int
     offset: int
@@ -48,13 +49,13 @@ class Request:
     singles: tuple[Single, ...] = field(default=(), compare=False)
     """The channels with one whole cell."""
     places: slice | list[int] = field(default_factory=list, compare=False)
-    """Their places among the values."""
+    """The places of these channels among the values."""
     others: tuple[Item, ...] = field(default=(), compare=False)
     """The channels with more cells, with a field of one, or with another order of bytes."""
     masks: tuple[int, ...] = field(default=(), compare=False)
-    """The bits that the channels have of each cell."""
+    """The bits of each cell that belong to the channels."""
     partial: tuple[int, ...] = field(default=(), compare=False)
-    """Offsets of the registers of which they have some bits only."""
+    """Offsets of the registers of which only some bits belong to the channels."""
 
     @property
     def what(self) -> str:
@@ -64,7 +65,7 @@ class Request:
 
     def decode(self, cells: Sequence[int], out: IntArray) -> None:
         """Put the values of an answer's cells into their places of `out`. ChannelsFailed names the channels whose cells
-        hold what is not a raw integer."""
+        do not hold a raw integer."""
         # two's complement; sign 0 leaves the value alone
         out[self.places] = [(cells[offset] ^ sign) - sign for _, offset, sign, _, _ in self.singles]
         if self.others:
@@ -95,7 +96,8 @@ class Request:
         return cells
 
     def completed(self, cells: Sequence[int], contents: Mapping[int, int]) -> list[int]:
-        """The cells with the other bits of partial ones, from the contents of registers by their addresses."""
+        """The cells, completed with the other bits of partial ones from the contents of registers by their
+        addresses."""
         whole = list(cells)
         for offset in self.partial:
             whole[offset] |= contents[self.address + offset] & ~self.masks[offset]
@@ -106,7 +108,8 @@ class Request:
         return Request(self.table, self.address + offsets[0], offsets[-1] - offsets[0] + 1, ())
 
     def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
-        """ChannelsFailed names the channels whose cells were read back other than written."""
+        """Check the values that were read back. ChannelsFailed names the channels whose cells differ from the written
+        ones."""
         failed: dict[str, str] = {}
         for item in self.items:
             masks = item.channel.masks
@@ -136,10 +139,10 @@ def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, 
 
 
 def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123, masking: bool = False) -> Requests:
-    """The writes that serve all the channels: runs without gaps, as nobody commanded the cells between.
+    """The writes that serve all the channels: runs without gaps, as no value was commanded for cells in between.
 
     The fields of a register are written together. `masking`: a register with some of its bits is a request of its own.
-    Channels that share a bit are written one by one in the order given, so that the last one stands.
+    Channels that share a bit are written one by one in the order given, so that the last one remains.
     """
     written: dict[tuple[Table, int], int] = {}
     for channel in channels:
@@ -218,19 +221,20 @@ class WriteCache:
         self._confirmed: dict[_Key, tuple[list[int], float]] = {}
 
     def covers(self, request: Request, cells: list[int], now: float) -> bool:
-        """True if these very cells were confirmed less than `keep` s ago, and nothing was written on them since."""
+        """True if exactly these values were confirmed less than `keep` s ago, and nothing was written to the cells
+        since."""
         cells_then, then = self._confirmed.get(_key(request), ((), 0.0))
         return cells_then == cells and now - then < self._keep
 
     def begins(self, request: Request) -> None:
-        """The request is about to be written: until it is confirmed, nothing is known of its cells."""
+        """Note that the request is about to be written; until it is confirmed, its cells are unknown."""
         end = request.address + request.count
         for key in [key for key in self._confirmed if key[0] == request.table.name]:
             if key[1] < end and request.address < key[1] + key[2]:
                 del self._confirmed[key]
 
     def confirmed(self, request: Request, cells: list[int], now: float) -> None:
-        """`now`: when the request began."""
+        """Note that the request was confirmed. `now`: the time at which it began."""
         if len(self._confirmed) >= _MAX_REMEMBERED:
             self._confirmed.clear()
         self._confirmed[_key(request)] = cells, now
@@ -251,7 +255,7 @@ class RegisterContents:
         return [offset for offset in request.partial if request.address + offset not in self.words]
 
     def begins(self, request: Request) -> None:
-        """The request is about to be written: until it is confirmed, nothing is known of its registers."""
+        """Note that the request is about to be written; until it is confirmed, its registers are unknown."""
         if self.words:
             for address in range(request.address, request.address + request.count):
                 self.words.pop(address, None)

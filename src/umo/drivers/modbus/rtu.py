@@ -17,7 +17,7 @@ _LOOK_INTERVAL = 0.005
 
 
 class Rtu:
-    """One unit of a serial line, for one driver. Every method but `close` raises Lost."""
+    """One unit of a serial line, for one driver. Every method except `close` may raise Lost."""
 
     def __init__(self, place: Serial, unit: int, recovery: float) -> None:
         self.framer = FramerRTU(DecodePDU(False))
@@ -34,7 +34,8 @@ class Rtu:
         self._line.leave()
 
     def begin(self, deadline: float) -> bool:
-        """The line is open; everything until the next `begin` ends by this time. True if the line was opened again."""
+        """Open the line if needed; all calls until the next `begin` end by this time. Return True if the line was
+        opened again."""
         self._deadline, self._is_asked = deadline, False
         self._line.open(deadline)
         known, self._known_opening = self._known_opening, self._line.opened_at
@@ -43,8 +44,8 @@ class Rtu:
     def look(self, request: ModbusPDU, seconds: float) -> bool | None:
         """Return whether the unit answers this request, without waiting; None if not known yet.
 
-        There is one master, and one request at a time. On a line that other units share, their requests would have to
-        wait for the answer to this one; so a transfer is tried there (True), which costs its timeout."""
+        A line has one master, and one request at a time. On a line with other units, their requests would have to wait
+        for the answer to this one, so True is returned there and a transfer is tried, which may take its timeout."""
         line = self._line
         if line.is_shared:
             return True
@@ -64,14 +65,14 @@ class Rtu:
         return None
 
     def recover(self, deadline: float) -> None:
-        """Wait until the recovery from opening the line is over, or the deadline."""
+        """Wait until the recovery after opening the line is over, or until the deadline."""
         until = min(self._line.opened_at + self._recovery, deadline)
         while (left := until - monotonic()) > 0:
             sleep(min(left, _LOOK_INTERVAL))
             self._line.discard()
 
     def exchange(self, request: ModbusPDU) -> bytes:
-        """Send the request; unit, function and data of its answer, which may be an exception answer."""
+        """Send the request. Return unit, function and data of its answer, which may be an exception answer."""
         frame = self.framer.buildFrame(request)
         self._recover((frame[0], frame[1]))
         return self._line.exchange(frame, self._deadline)
@@ -90,6 +91,6 @@ class Rtu:
                 sleep(min(left, _LOOK_INTERVAL))
 
     def failed(self, error: Lost) -> None:
-        """The line itself, or its unit, which then still owes its answer."""
+        """Note a failure of the line, or of the unit, whose answer may then still come."""
         if isinstance(error, Gone):
             self._line.close()

@@ -1,4 +1,5 @@
-"""Frames of a serial line: unit, function, data, check sum (Modbus over Serial Line V1.02): pure functions, no line."""
+"""Frames of a serial line: unit, function, data, check sum (Modbus over Serial Line V1.02): pure functions, which use
+no line."""
 
 from __future__ import annotations
 

@@ -4,8 +4,9 @@ A frame has no number, so a late answer looks like the answer to the next reques
 whose answer did not come in time is not asked for the same function again for its `recovery` time. Bytes received
 during this time are discarded. The late answer itself ends the time early, and so does a damaged answer that can be
 recognised (`has_come`), because nothing else will come then. Other functions and other units continue: an answer names
-both, so a late one cannot be taken for theirs. Functions 5, 6 and 22 continue too, as their answer repeats address and
-value. When the line is opened, the time runs for every unit: another process, which has ended, may have asked it.
+both, so a late one cannot be mistaken for theirs. Functions 5, 6 and 22 continue too, as their answer repeats address
+and value. When the line is opened, the recovery time starts for every unit, because another process, which has ended,
+may have asked it.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ UnitFunction = tuple[int, int]
 
 @dataclass(frozen=True)
 class PendingAnswer:
-    """An answer that may still come: to this request, given up at this time. Without one: to another process."""
+    """An answer that may still come, to this request, which was given up at this time. Without a request: an answer to
+    another process."""
 
     request: bytes
     since: float
@@ -66,7 +68,7 @@ class SerialLine:
 
     @classmethod
     def join(cls, place: Serial) -> SerialLine:
-        """The line of this device file; a child process has its own."""
+        """Return the line of this device file; a child process has lines of its own."""
         key = (os.getpid(), os.path.realpath(place.path))
         line = cls._lines.setdefault(key, cls(place, key))
         if str(line.place) != str(place):
@@ -97,7 +99,7 @@ class SerialLine:
         return self._port
 
     def open(self, deadline: float) -> None:
-        """Open the line if it is not open, or has failed since. DriverError, as text of its own."""
+        """Open the line if it is not open, or has failed since. DriverError if that fails."""
         if self._port is None:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
@@ -110,17 +112,17 @@ class SerialLine:
         self._port = None
 
     def owed(self, asked: UnitFunction) -> PendingAnswer | None:
-        """Answer that may be mistaken for the one to this function, if it is asked for now."""
+        """Return a pending answer that could be mistaken for the answer to this function if it were asked now."""
         if asked[1] in _UNMISTAKABLE:
             return None
         return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
 
     def settle(self, asked: UnitFunction) -> None:
-        """Note that no answer is outstanding: it has come, or its time is over."""
+        """Note that no answer is pending: it has arrived, or its time is over."""
         self._owed[asked] = None
 
     def exchange(self, frame: bytes, deadline: float) -> bytes:
-        """Send a frame; unit, function and data of its answer."""
+        """Send a frame, and return unit, function and data of its answer."""
         self._wait_for_silence(deadline)
         request, asked = frame[:-CHECKSUM_SIZE], (frame[0], frame[1])
         try:
@@ -134,7 +136,7 @@ class SerialLine:
         return answer
 
     def ask(self, frame: bytes) -> None:
-        """Send a frame; its answer is owed."""
+        """Send a frame, and note that its answer is pending."""
         self._send(frame, 0.0)
         self._owed[frame[0], frame[1]] = PendingAnswer(frame[:-CHECKSUM_SIZE], monotonic())
 

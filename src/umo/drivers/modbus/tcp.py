@@ -1,4 +1,4 @@
-"""A connection to a Modbus TCP device. Frames: transaction, protocol (0), length of what follows, unit, function, data
+"""A connection to a Modbus TCP device. Frames: transaction, protocol (0), length of the rest, unit, function, data
 (Modbus Messaging on TCP/IP Implementation Guide V1.0b).
 """
 
@@ -21,7 +21,7 @@ _MIN_LENGTH, _MAX_LENGTH = 2, 254  # what may follow the header: unit, function 
 
 
 class Tcp:
-    """A connection of one driver. After Lost it is closed, by `failed`."""
+    """A connection of one driver. After Lost, `failed` closes it."""
 
     def __init__(self, place: Host, answers_as: int | None, boot_time: float) -> None:
         self._answers_as, self._boot_time = answers_as, boot_time
@@ -36,8 +36,8 @@ class Tcp:
         self._data = b""
 
     def begin(self, deadline: float) -> bool:
-        """Connected, nothing left over; everything until the next `begin` ends by this time. True if the connection is
-        a new one."""
+        """Connect if needed, and discard leftover data; all calls until the next `begin` end by this time. Return True
+        if the connection is new."""
         self._deadline = deadline
         # Data is an answer that nobody waits for; the end of the stream is seen in the same way.
         if self._stream is not None and not self._data and self._stream.idle():
@@ -48,7 +48,7 @@ class Tcp:
         return True
 
     def recover(self, deadline: float) -> None:
-        """A new connection has nothing to recover from, but the device may not take requests yet."""
+        """Wait until the device accepts requests; a new connection needs no other recovery."""
         if (wait := min(self._starts_until, deadline) - monotonic()) > 0:
             sleep(wait)
 
@@ -93,17 +93,19 @@ class Tcp:
         self._stream = None
 
     def failed(self, error: Lost) -> None:
-        """An answer that comes late is lost with the connection. A device that has not been asked owes none."""
+        """Close the connection, so that a late answer is lost with it, unless no request was sent."""
         if not isinstance(error, Recovering):
             self.close()
 
     def exchange(self, request: ModbusPDU) -> bytes:
-        """Send the request; unit, function and data of its answer, which may be an exception answer."""
+        """Send the request. Return unit, function and data of its answer, which may be an exception answer."""
         if self._stream is None:
             raise Gone("the connection is closed")
         if self._boot_time and self._starts_until > monotonic():
             if self._starts_until > self._deadline:
-                raise Recovering(f"the device takes requests in {duration(round(self._starts_until - monotonic(), 3))}")
+                raise Recovering(
+                    f"the device takes requests again in {duration(round(self._starts_until - monotonic(), 3))}"
+                )
             self.recover(self._deadline)
         frame = self._frame(request)
         self._stream.send(frame, self._deadline)
@@ -135,7 +137,7 @@ class Tcp:
             wrong = f"an answer to transaction {given} in place of {self._transaction}"
             if not 0 < given < self._transaction:
                 raise Lost(wrong)
-            passed_over = f"{wrong}, and no other"
+            passed_over = f"{wrong}, and no other answer came"
 
 
 def frame_end(data: bytes) -> int:

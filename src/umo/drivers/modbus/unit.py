@@ -2,8 +2,8 @@
 
 pymodbus builds the requests. umo sends and receives (tcp.py, rtu.py): pymodbus's own transactions have a timeout each,
 although a call may need several, and they skip wrong answers. Here all requests of a call share one deadline, and an
-answer counts only if it fits its request in every part (answer.py). Then its values are where they must be, and nothing
-is left for a decoder to find out.
+answer counts only if it fits its request in every part (answer.py). Then its values are at known places, and no decoder
+is needed.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ class UnitRules:
 
 
 class Unit:
-    """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
-    never taken for a later one."""
+    """One unit. After any failure except an exception answer the transport ensures that a late answer is never mistaken
+    for a later one."""
 
     def __init__(self, place: Place, unit: int, rules: UnitRules) -> None:
         self._unit = unit
@@ -104,8 +104,8 @@ class Unit:
         self._requests = _readers_of(_Requests())  # type: ignore[no-untyped-call]
 
     def look(self, table: Table, address: int, count: int, timeout: float) -> bool | None:
-        """Return whether the unit answers a request for these cells, without waiting: an exception is an answer too.
-        None if not known yet; DriverError if it does not answer now."""
+        """Return whether the unit answers a request for these cells, without waiting; an exception also counts as an
+        answer. None if not known yet; DriverError if it does not answer now."""
         request = self._requests[table](address, count=count, device_id=self._unit)
         self._timeout = timeout
         return self._connecting(lambda deadline: self._transport.look(request, timeout), timeout)
@@ -115,8 +115,8 @@ class Unit:
         self._connecting(self._transport.recover, timeout)
 
     def begin(self, timeout: float) -> bool:
-        """Begin one call of the driver: connected, nothing left over, all of it to end within `timeout` s. True if the
-        connection is a new one: the device may have been off."""
+        """Begin one call of the driver, which must end within `timeout` s: connect if needed, and discard leftover
+        data. Return True if the connection is new, so that the device may have been switched off."""
         self._timeout, self._client.deadline = timeout, monotonic() + timeout
         return self._connecting(self._transport.begin, timeout)
 
@@ -130,13 +130,13 @@ class Unit:
         self._transport.close()
 
     def read(self, request: Request) -> Sequence[int]:
-        """The cells of the answer, at least as many as were asked for."""
+        """Return the cells of the answer, at least as many as requested."""
         read, unit = self._readers[request.table], self._unit
         send = partial(read, request.address, count=request.count, device_id=unit)
         return cells_of(self._answer("reading", request, send))
 
     def write(self, request: Request, cells: list[int]) -> None:
-        """Write; the device must confirm what it was sent."""
+        """Write the cells; the device must confirm them."""
         self._answer("writing", request, lambda: self._write(request, cells))
 
     def write_and_read(self, request: Request, cells: list[int]) -> Sequence[int]:
@@ -146,7 +146,7 @@ class Unit:
         return cells_of(self._answer("writing", request, partial(send, device_id=self._unit)))
 
     def mask_write(self, request: Request, cells: list[int]) -> None:
-        """Write the bits that the request has of its one register, by function 22."""
+        """Write the request's bits of its one register, by function 22."""
         send = partial(self._client.mask_write_register, address=request.address, device_id=self._unit)
         others = ~request.masks[0] & 0xFFFF
         self._answer("writing bits of", request, lambda: send(and_mask=others, or_mask=cells[0]))

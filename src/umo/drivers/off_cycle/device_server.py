@@ -1,7 +1,7 @@
 """Serves one driver off the cycle: answers requests while nothing is controlled, then transfers at its own period.
 
-In a worker process this waits for a slow device as long as it takes. Where there is no worker process (virtual time,
-`connect` in the user's own process) the same object is called in the cycle.
+In a worker process this waits for a slow device as long as needed. Without a worker process (virtual time, `connect` in
+the user's own process) the same object is called in the cycle.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from umo.errors import FAILURES, ChannelsFailed, DeviceTimeout, DriverError, for
 
 
 class DeviceServer:
-    """One driver and its side of the exchange. `period`: of its transfers, s. `ns`: its clock."""
+    """One driver and its side of the exchange. `period`: time in s between transfers. `ns`: its clock."""
 
     def __init__(
         self, driver: Driver[Any], exchange: Exchange, period: float, ns: Callable[[], int] = monotonic_ns
     ) -> None:
         self.driver, self.exchange, self.ns = driver, exchange, ns
         self.on_call: Callable[[], object] = lambda: None
-        """Function that is called before each call of the driver: a sign of life."""
+        """Function that is called before each call of the driver, as a sign of life."""
         self.in_charge: Callable[[], bool] = lambda: True
-        """Function that says, after a slow reading, whether the machine still runs; if not, values that were wanted
-        before are not written."""
+        """Function that returns, after a slow reading, whether the machine still runs; if not, values that were to be
+        written are not."""
         self.opened = False
         self._period = round(period * 1e9)
         self._cells = exchange.cells
@@ -60,7 +60,7 @@ class DeviceServer:
         self._absence = Absence(OFF_CYCLE, answers_for_device(driver))
 
     def assign(self, inputs: Sequence[int], outputs: Sequence[int]) -> None:
-        """The channels, by number, that each transfer reads and writes; all others are moved by orders alone."""
+        """Set the channels, by number, that each transfer reads and writes; all others are moved only by orders."""
         self._inputs, self._outputs = tuple(inputs), tuple(outputs)
         channels = self._channels
         self._groups = tuple(channels[i] for i in self._inputs), tuple(channels[i] for i in self._outputs)
@@ -178,7 +178,7 @@ class DeviceServer:
     # At its own period -----------------------------------------------------------------------------------------
 
     def work(self) -> None:
-        """Carry out what is due now: orders, the transfer of a period."""
+        """Carry out the work that is due now: orders, and the transfer of a period."""
         if (self._reads or self._absence.refuses or not self._absence.is_away) and not self._is_held:
             self._follow_orders()
         if self.ns() >= self._due:
@@ -386,9 +386,9 @@ class DeviceServer:
     # The place of a worker that died, and the end ------------------------------------------------------------------
 
     def begin_anew(self, defaults: Mapping[str, int | None], watchdog: float | None, hold: float = 0.0) -> None:
-        """Open the driver and initialise all of its channels (each with its default, by its text): another worker has
-        died, and nothing is known of the outputs. Until this succeeds the device counts as away. For `hold` s the
-        outputs stay at their defaults, whatever is wanted."""
+        """Open the driver and initialise all of its channels (each with its default, by its text): to be called after
+        another worker has died, when the state of the outputs is unknown. Until this succeeds the device counts as
+        away. For `hold` s the outputs stay at their defaults, regardless of written values."""
         self._held_until = self.ns() + round(hold * 1e9)
         self._initialized = {text: (self._channel(text), raw) for text, raw in defaults.items()}
         self._watchdog, self._reads = watchdog, False
@@ -442,7 +442,7 @@ def _kind(error: BaseException) -> str:
 
 
 def error_of(answer: Mapping[str, Any]) -> DriverError:
-    """The error of an answer, as the driver has raised it."""
+    """Return the error of an answer in the form in which the driver raised it."""
     kind, text = answer["error"], answer["text"]
     if kind == "channels":
         return ChannelsFailed(answer["causes"])

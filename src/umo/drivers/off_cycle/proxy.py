@@ -1,9 +1,9 @@
 """The machine's substitute for a driver that is off the cycle.
 
-While the machine is connected and brought to its end, each call is a request to the worker process, and waits for the
-answer. While it runs no call waits: what is to be written is posted, what is read is what has arrived. Without a worker
-process the calls are made here: in virtual time, with `connect` in the user's own process, and when the worker is dead
-and the machine is being reset.
+While the machine is being connected and disconnected, each call is a request to the worker process, and waits for the
+answer. While it runs no call waits: written values are posted, and read values are those that have arrived. Without a
+worker process the calls are made here: in virtual time, with `connect` in the user's own process, and when the worker
+has died and the machine is being reset.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def generation_of(rows: IntArray) -> int:
 
 
 class Worker:
-    """The worker process of a driver, as the processes that ask it see it."""
+    """The worker process of a driver, as seen by the processes that send it requests."""
 
     def is_gone(self) -> bool:
         """True if the worker process has ended."""
@@ -62,22 +62,22 @@ class OffCycle(Wrapper):
         self.exchange = Exchange(())
         self.server = DeviceServer(driver, self.exchange, own_period)
         self.worker: Worker | None = None
-        """The worker; None if the calls are made here."""
+        """The worker; None if the calls are made in this process."""
         self.running = False
         """True if no call waits."""
         self.pause: Callable[[float], object] = sleep
         """The function that waits for an answer, in s."""
         self.fault_time: Callable[[], int] = lambda: NO_TIME
-        """The machine's time in ns, by which injected faults act; NO_TIME: there are none."""
+        """The machine's time in ns, by which injected faults act; NO_TIME if there are none."""
         self.generation = 0
-        """How often the outputs had been initialised, as far as the machine knows."""
+        """How often the outputs have been initialised, as far as the machine knows."""
         self.read_rows: IntArray = self.exchange.arrivals.read()[1]
         """The values read last, with their stamps."""
         self._wanted: IntArray
         self._plans: dict[tuple[Channel, ...], IntArray] = {}
 
     def meet(self, channels: Sequence[Channel], inputs: Sequence[Channel], outputs: Sequence[Channel]) -> None:
-        """The channels of the machine; those that each transfer reads, and those that it writes."""
+        """Set the channels of the machine: those that each transfer reads, and those that it writes."""
         self.exchange = Exchange(channels, self.shared)
         self.server = DeviceServer(self.driver, self.exchange, self.own_period)
         place = self.exchange.place
@@ -87,7 +87,7 @@ class OffCycle(Wrapper):
     # Requests ------------------------------------------------------------------------------------------
 
     def request(self, call: str, **content: Any) -> Any:
-        """A call of the driver; waits for its answer. DeviceTimeout if the worker gives no sign of life."""
+        """Request a call of the driver, and wait for its answer. DeviceTimeout if the worker gives no sign of life."""
         request = {"call": call, "timeout": self.driver.timeout, "now": self.fault_time(), **content}
         answer = self.server.perform(request) if self.worker is None else self._ask(self.worker, request)
         if "error" in answer:
@@ -197,12 +197,12 @@ class OffCycle(Wrapper):
         self.accept_generation(self.exchange.arrivals.read()[1])
 
     def end(self) -> None:
-        """Make each call a request again; the worker makes none by itself."""
+        """Make each call a request again; the worker makes no calls by itself."""
         self.exchange.cells[Cell.CYCLIC] = 0
         self.running = False
 
     def accept_generation(self, rows: IntArray) -> None:
-        """Post values from now on for outputs that were initialised as often as those of these values, and cancel all
+        """From now on post values for the generation of outputs of these values (see `generation_of`), and cancel all
         orders."""
         self.generation = generation_of(rows)
         self._wanted[Wanted.RAW], self._wanted[Wanted.ORDER] = rows[Row.RAW], rows[Row.ORDER]
@@ -223,7 +223,7 @@ class OffCycle(Wrapper):
         return int(self._wanted[Wanted.ORDER, number])
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
-        """Post and request nothing more from this process. `instead` is called in its place."""
+        """Post and request nothing more from this process. `instead` is called instead."""
         self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
 
     def places(self, channels: Sequence[Channel]) -> IntArray:
@@ -234,12 +234,13 @@ class OffCycle(Wrapper):
         return places
 
     def carried_out(self, number: int, place: int, rows: IntArray) -> bool:
-        """True if an order for a channel, by their numbers, was carried out when these values were posted."""
+        """True if an order for a channel, both given by number, was already carried out when these values were
+        posted."""
         return bool(rows[Row.ORDER, place] >= number)
 
     def times(self, places: IntArray, stamps: IntArray, now: float, now_ns: int) -> npt.NDArray[np.float64]:
-        """The times in s on the cycle's clock of values of these channels, by their stamps; NaN: they never came. The
-        clock showed `now` at `now_ns`."""
+        """The times in s on the cycle's clock of values of these channels, by their stamps; NaN for values that never
+        arrived. The clock showed `now` at `now_ns`."""
         return np.where(stamps == NO_TIME, np.nan, now - (now_ns - stamps) * 1e-9)  # below 0: since the last tick
 
     def cause(self, number: int) -> str:
@@ -253,4 +254,4 @@ class OffCycle(Wrapper):
             return ["its worker process has ended"] * len(numbers)
         if exchange.cells[Cell.AWAY_SINCE] != NO_TIME:
             return [f"its device is away: {exchange.cause(-1)}"] * len(numbers)
-        return [exchange.cause(number) or "no value has come in time" for number in numbers]
+        return [exchange.cause(number) or "no value has arrived in time" for number in numbers]

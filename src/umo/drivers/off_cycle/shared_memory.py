@@ -1,11 +1,10 @@
 """The memory in which a worker process and the control process exchange the raw integers of one driver.
 
-Every cell has one writer, and means something by itself. Values that belong together are in one of two banks: the
-writer fills the invalid bank, then increments the count; the last bit of the count selects the valid bank. Banks,
-requests and answers carry a number and a checksum, by which a reader proves that its copy is whole
-(`umo.system.shared_cells`). The causes of failures are for people alone: one that is read while it changes may be a
-mixture of two. The memory is
-anonymous: no file of it could be cut by others.
+Every cell has one writer, and is meaningful by itself. Values that belong together are in one of two banks: the writer
+fills the invalid bank, then increments the count; the last bit of the count selects the valid bank. Banks, requests and
+answers carry a number and a checksum, by which a reader proves that its copy is whole (`umo.system.shared_cells`). The
+causes of failures are texts for people only: a text that is read while it changes may be a mixture of two. The memory
+is anonymous, so there is no file that others could truncate.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from umo.drivers.contract import Channel, IntArray
 from umo.system.shared_cells import SharedText
 
 NO_TIME = -1
-"""Stamp of a value that has not come yet."""
+"""Stamp of a value that has not arrived yet."""
 TEXT_BYTES = 200
-"""Room for the cause of a failure, bytes."""
+"""Size in bytes for the cause of a failure."""
 REQUEST_BYTES, ANSWER_BYTES = 1 << 14, 1 << 17
-"""Room for a request and for its answer, bytes."""
+"""Sizes in bytes for a request and for its answer."""
 MAX_READS = 10
-"""Number of tries to read a whole bank: its writer would have to fill two between each two of them. Then the bank that
-was read before stands."""
+"""Number of attempts to read a whole bank; for each to fail, its writer would have to fill two banks in between. Then
+the bank that was read before remains valid."""
 
 BANK = Struct("<qq")
 BANK_HEAD = 2
-"""The head of a bank: its checksum, over all that follows, and the count for which it was written."""
+"""The head of a bank: the checksum of the rest, and the count for which it was written."""
 
 
 class Cell(IntEnum):
@@ -45,49 +44,50 @@ class Cell(IntEnum):
     BEAT = 0
     """Worker: its last sign of life, ns on the worker's clock."""
     ARRIVED = 1
-    """Worker: the count of its transfers; the last bit names the bank of the last one."""
+    """Worker: the count of its transfers; its last bit selects the bank of the last one."""
     GENERATION = 2
     """Worker: how often it has begun to initialise the outputs."""
     AWAY_SINCE = 3
-    """Worker: ns on its clock since which the device does not answer; NO_TIME: it answers."""
+    """Worker: ns on its clock since which the device does not answer; NO_TIME if it answers."""
     ANSWERED = 4
     """Worker: the number of the last request that it has answered."""
     REQUESTED = 5
     """Control process: the number of the last request."""
     POSTED = 6
-    """Control process: the count of what it wants the outputs to be; the last bit names the bank."""
+    """Control process: the count of the values that it wants at the outputs; its last bit selects the bank."""
     CYCLIC = 7
-    """Control process: whether the worker transfers by itself, at its period."""
+    """Control process: 1 if the worker transfers by itself, at its period."""
     NOW = 8
-    """Control process: the machine's time in ns, by which injected faults act; NO_TIME: there are none."""
+    """Control process: the machine's time in ns, by which injected faults act; NO_TIME if there are none."""
     INITIALIZED = 9
     """Worker: the last generation whose outputs have all been initialised."""
 
 
 class Row(IntEnum):
-    """The rows of a bank of the worker's: a number for each channel."""
+    """The rows of a bank that the worker writes, each with a number for each channel."""
 
     RAW = 0
-    """Inputs: what was read last. Outputs: what was accepted last."""
+    """Inputs: the raw integer read last. Outputs: the raw integer accepted last."""
     STAMP = 1
-    """Time in ns at which the transfer began that brought it; NO_TIME: none has."""
+    """Time in ns at which the transfer of this value began; NO_TIME if there was none."""
     ORDER = 2
     """The number of the last order that was carried out."""
     GENERATION = 3
-    """How often the outputs had been initialised: the same for all channels."""
+    """How often the outputs had been initialised; the same number for all channels."""
 
 
 class Wanted(IntEnum):
-    """The rows of a bank of the control process's: a number for each channel."""
+    """The rows of a bank that the control process writes, each with a number for each channel."""
 
     RAW = 0
     """Outputs: the raw integer to be sent."""
     ORDER = 1
-    """The number of the last order: a call for this channel alone, carried out once."""
+    """The number of the last order, which is a call for this channel alone that is carried out once."""
     CALL = 2
-    """The call that the order is, an `Order`."""
+    """The kind of call of the order, an `Order`."""
     GENERATION = 3
-    """The generation for which this is meant: after outputs were initialised again, nothing older is sent."""
+    """The generation for which this is meant: values for an older generation are not sent after outputs were
+    initialised again."""
 
 
 class Order(IntEnum):
@@ -100,11 +100,11 @@ class Order(IntEnum):
 
 class Banks:
     """Two banks of rows and the count that names the valid one. Each bank has the count for which it was written and a
-    checksum over that and its rows: a reader proves each copy, also where stores become visible in another order than
-    they were made in, and where the writer was killed within one."""
+    checksum over that and its rows: by which a reader verifies each copy, even if stores become visible in another
+    order, or if the writer was killed within one."""
 
     def __init__(self, memory: IntArray, cells: IntArray, count: Cell, rows: IntArray) -> None:
-        """`memory`: `words(rows.shape)` words, in which these rows become the valid ones."""
+        """`memory`: an array of `words(rows.shape)` words. The given rows become the valid ones."""
         half = len(memory) // 2
         self._banks = [memory[:half].data, memory[half:].data]
         self._cells, self._count, self._shape = cells.data, count, rows.shape
@@ -124,8 +124,8 @@ class Banks:
         return int(self._cells[self._count])
 
     def read(self) -> tuple[int, IntArray]:
-        """A copy of the valid bank, with its count: of the last one that this process has seen whole, where the new one
-        is not yet."""
+        """Return a copy of the valid bank, with its count. If the new bank is not yet complete, this is the last
+        complete one that this process has read."""
         for _ in range(MAX_READS):
             count = self.count
             bank = bytes(self._banks[count & 1])
@@ -137,7 +137,7 @@ class Banks:
         return int(BANK.unpack_from(self._last)[1]), rows
 
     def post(self, rows: IntArray) -> None:
-        """Make these the valid ones."""
+        """Make these rows the valid ones."""
         count = self.count + 1
         self._fill(count, rows)
         self._cells[self._count] = count
@@ -153,7 +153,7 @@ class Exchange:
     """The shared memory of one driver and its channels."""
 
     def __init__(self, channels: Sequence[Channel], shared: bool = True) -> None:
-        """`shared`: whether processes that are forked have the same memory; else each has a copy."""
+        """`shared`: True if forked processes use the same memory; otherwise each has a copy."""
         self.channels = tuple(channels)
         self.place = {channel.text: number for number, channel in enumerate(self.channels)}
         """The number of each channel, by its text."""
@@ -173,7 +173,7 @@ class Exchange:
         self.arrivals = Banks(numbers[len(Cell) : split], cells, Cell.ARRIVED, own)
         """Worker: the values of all channels (`Row`)."""
         self.wanted = Banks(numbers[split:], cells, Cell.POSTED, wanted)
-        """Control process: what the outputs are to be (`Wanted`)."""
+        """Control process: the values wanted at the outputs (`Wanted`)."""
         self._texts = 8 * words
         requests = self._texts + TEXT_BYTES * (count + 1)
         self._request = SharedText(self._memory, requests, REQUEST_BYTES)
@@ -182,7 +182,8 @@ class Exchange:
     # Texts -----------------------------------------------------------------------------------------------
 
     def set_cause(self, channel: int, text: str) -> None:
-        """Set why the last call failed for a channel, by its number; -1: for the whole driver; "": it did not fail."""
+        """Set why the last call failed for a channel, by its number; -1: for the whole driver, or "" if it did not
+        fail."""
         at = self._texts + TEXT_BYTES * (channel + 1)
         self._memory[at : at + TEXT_BYTES] = text.encode(errors="replace")[:TEXT_BYTES].ljust(TEXT_BYTES, b"\0")
 
@@ -193,15 +194,15 @@ class Exchange:
     # Requests: while nothing is controlled -----------------------------------------------------------------
 
     def ask(self, request: dict[str, Any]) -> int:
-        """Put down a request; its number."""
+        """Store a request, and return its number."""
         number = int(self.cells[Cell.REQUESTED]) + 1
         self._request.put(number, json.dumps(request).encode())
         self.cells[Cell.REQUESTED] = number
         return number
 
     def asked(self) -> tuple[int, dict[str, Any]] | None:
-        """The request that is not answered yet, with its number. None also while a request replaces another one for
-        which nothing waits any more."""
+        """The request that is not answered yet, with its number. Also None while a request replaces another one that
+        nobody waits for any more."""
         number = int(self.cells[Cell.REQUESTED])
         return None if number == self.cells[Cell.ANSWERED] else _of_number(self._request, number)
 

@@ -1,4 +1,4 @@
-"""The fewest transfers that serve a period's channels on registers: pure functions, no device."""
+"""The fewest transfers that serve a period's channels on registers: pure functions, which use no device."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CODES = {8: "b", 16: "h", 32: "i", 64: "q"}
 
 
 class BlockPart(NamedTuple):
-    """A register in a block: the place of its bytes, and its channels with their places among the values of the
+    """A register in a block, with the place of its bytes, and its channels with their places among the values of the
     call."""
 
     register: Register
@@ -29,10 +29,11 @@ class BlockPart(NamedTuple):
 
 class LikeRegisters:
     """Registers of a block that have the same width, byte order and sign, each moved as a whole by one channel. Their
-    values are converted all at once, which is what decode and encode of each channel give, only faster."""
+    values are converted all at once, with the same results as decode and encode of each channel, only faster."""
 
     def __init__(self, code: str, places: Sequence[int]) -> None:
-        """`code`: of one register, such as ">h". `places`: of the channels among the values of the call."""
+        """`code`: format of one register, such as ">h". `places`: places of the channels among the values of the
+        call."""
         in_order = list(places) == list(range(places[0], places[0] + len(places)))
         self._places: Any = slice(places[0], places[-1] + 1) if in_order else np.array(places)
         self._pick: Callable[..., Any] = itemgetter(self._places) if in_order else itemgetter(*places)
@@ -54,9 +55,9 @@ class RegisterBlock(NamedTuple):
     size: int
     parts: tuple[BlockPart, ...]
     places: tuple[Hashable, ...]
-    """Places of its bytes in the chip."""
+    """The places of the block's bytes in the chip."""
     like: LikeRegisters | None
-    """None if the registers differ, and are converted individually."""
+    """The registers as `LikeRegisters`; None if they differ and are converted individually."""
 
     @property
     def first(self) -> int:

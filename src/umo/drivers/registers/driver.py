@@ -25,7 +25,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
     """A chip with a register map. A bus derives from it and transfers bytes.
 
     A bit field is written by writing its whole register. The other bits are those that this driver wrote last; before
-    its first write, the register's `initial` value, or else what the register holds then.
+    its first write, the register's `initial` value, or else the present content of the register.
     """
 
     forms = ("REGISTER", "REGISTER.FIELD (names of the option registers)", *FORMS)
@@ -65,7 +65,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         return self._map.channel(text)
 
     def open(self) -> None:
-        """Open the bus, compare the registers of the option `identity`, write those of `setup`."""
+        """Open the bus, compare the registers of the option `identity`, and write those of `setup`."""
         self._opened = True
         self._begin()
 
@@ -134,11 +134,11 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
 
     @abstractmethod
     def _get(self, address: int, size: int) -> bytes:
-        """Read a number of bytes from a register on, in one transfer; OSError."""
+        """Read a number of bytes from a register on, in one transfer. Raises OSError."""
 
     @abstractmethod
     def _put(self, address: int, data: bytes) -> None:
-        """Write these bytes from a register on, in one transfer; OSError."""
+        """Write these bytes from a register on, in one transfer. Raises OSError."""
 
     def _explained(self, error: OSError) -> str:
         """The cause of a failed transfer."""

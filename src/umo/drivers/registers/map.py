@@ -1,4 +1,4 @@
-"""Register maps: the registers of a chip as its datasheet has them, and the channels on them. No device.
+"""Register maps: the registers of a chip as in its datasheet, and the channels on them. No device is used here.
 
 A register has an address, a width of whole bytes, a byte order and optionally a page, and may be divided into bit
 fields.
@@ -60,11 +60,12 @@ class Register:
     page: int | None = None
     direction: Direction = Direction.BOTH
     initial: int | None = None
-    """Value after a reset of the chip: what a bit field's first write takes for the others. None: it is read."""
+    """Value after a reset of the chip, which the first write of a bit field uses for the other bits; None if they are
+    read."""
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return self.bits // 8
 
     def unpack(self, data: bytes) -> int:
@@ -76,17 +77,19 @@ class Register:
 
 @dataclass(frozen=True)
 class RegisterChannel(Channel):
-    """`bits` bits of a register from bit `low` on. `whole`: its value; the unused bits below are written as 0."""
+    """`bits` bits of a register from bit `low` on. `whole`: the channel is the whole register; the unused bits below
+    are written as 0."""
 
     register: Register = Register(0)
     low: int = 0
     whole: bool = True
     bytewise: bool = False
-    """The chip counts its addresses in bytes: a register of 16 bits takes two."""
+    """True if the chip counts its addresses in bytes, so that a register of 16 bits takes two addresses."""
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """Its bits, so that two fields of one register are two places, and a field is within its register."""
+        """The bits of the channel, so that two fields of one register are two places, and a field is within its
+        register."""
         bits = range(self.register.bits) if self.whole else range(self.low, self.low + self.bits)
         return tuple((self.register.page, *self._place(bit)) for bit in bits)
 
@@ -120,7 +123,7 @@ class RegisterChannel(Channel):
 
 
 class ChipRegisters:
-    """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`; WiringError names what is wrong.
+    """The registers of a chip by name, from the wiring's `[drivers.NAME.registers]`; WiringError names the mistake.
 
     `address_bits`: width of an address. `paged`: the driver has a page register. `bytewise`: see RegisterChannel.
     """
@@ -137,7 +140,8 @@ class ChipRegisters:
             self._add(name, table)
 
     def channel(self, text: str) -> RegisterChannel:
-        """`NAME`, `NAME.FIELD`, `NAME.7`, `NAME.11:9`; also with `0x05:16:big` in place of `NAME`."""
+        """Return the channel for a text such as `NAME`, `NAME.FIELD`, `NAME.7` or `NAME.11:9`, also with `0x05:16:big`
+        in place of `NAME`."""
         name, dot, part = text.partition(".")
         register = self.registers.get(name) or self._direct(name)
         if register is None:

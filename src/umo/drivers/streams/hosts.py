@@ -21,15 +21,15 @@ MAX_LOOKUP_TIME = 2.0
 """Time in s for the look-up of a device's name. The resolver itself has no limit."""
 _END = "the device closed the connection"
 Found = list[tuple[Any, ...]]
-"""Result of `socket.getaddrinfo`."""
+"""An entry of the result of `socket.getaddrinfo`."""
 
 
 def addresses(host: str) -> tuple[str, ...]:
-    """Every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name that
-    cannot be looked up stands for itself.
+    """Return every numeric address of the host, IPv6 in brackets, so that two names of one device compare equal. A name
+    that cannot be looked up stands for itself.
 
-    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. Raises nothing and
-    ends within `MAX_LOOKUP_TIME`.
+    "Any address" (0.0.0.0, ::) becomes the loopback address; IPv4 within IPv6 becomes IPv4. It raises no error and ends
+    within `MAX_LOOKUP_TIME`.
     """
     try:
         found = _found(host, None, MAX_LOOKUP_TIME)
@@ -46,8 +46,8 @@ class TcpDial:
         self._found: Found = []
 
     def __call__(self, deadline: float) -> Stream:
-        """Tries each address of the host, with an equal share of the time that is left. Raises Gone or TimedOut, as the
-        last of them failed; DriverError for a name that is not found."""
+        """Open a connection. Tries each address of the host, with an equal share of the remaining time. Raises Gone or
+        TimedOut, as for the last address; DriverError if the name is not found."""
         self._found = self._found or self._look_up(deadline)
         why, timed_out = "no address", False  # not the error itself: it would keep its frames, and they it
         for tried, place in enumerate(self._found):

@@ -39,7 +39,7 @@ class Serial:
     dtr: bool = True
     rs485: bool = False
     echo: bool = False
-    """The line repeats what is sent, as an adapter for RS-485 that listens to itself: for `modbus`."""
+    """True if the line repeats sent data, as with an RS-485 adapter that receives its own data; used by `modbus`."""
 
     def __post_init__(self) -> None:
         within("baudrate", self.baudrate, 50, 4_000_000)
@@ -49,7 +49,7 @@ class Serial:
         one_of("flow", self.flow, get_args(Flow))
 
     def devices(self) -> Sequence[str]:
-        """The device file, whatever link leads to it."""
+        """The device file itself, even if the option names a link to it."""
         return [f"serial {os.path.realpath(self.path)}"]
 
     def prepared(self) -> bool:
@@ -79,12 +79,12 @@ class SerialDial:
         return opened(self._place, deadline)
 
     def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
-        """The open line: it is there, or it is not."""
+        """Yield the open line; opening a line never waits."""
         yield opened(self._place, 0.0)
 
 
 def opened(place: Serial, deadline: float) -> Stream:
-    """The open line. DriverError in one line, as `opening` words it."""
+    """Open the line. DriverError with a text in one line."""
     with opening(place.path):
         while True:
             try:

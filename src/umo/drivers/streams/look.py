@@ -9,19 +9,19 @@ from umo.drivers.streams.stream import Dial, Stream, TimedOut
 
 
 def at_once(stream: Stream) -> bool:
-    """The device takes requests as soon as it is connected."""
+    """Function for a device that takes requests as soon as it is connected."""
     return True
 
 
 class Look:
-    """Opens a stream, sends one request and looks for its answer, a step with each call of `found`.
+    """Opens a stream, sends one request and looks for its answer, one step with each call of `found`.
 
         if not self._look.under_way:
             self._look.begin(request, has_answered, self.timeout)
         self._stream = self._look.found()
         return None if self._stream is None else True
 
-    `stop` before the device is called in any other way: the stream of a look is its own until it is found.
+    `stop` before the device is used in any other way, because the stream belongs to the look until the device is found.
     """
 
     def __init__(self, dial: Dial) -> None:
@@ -39,9 +39,9 @@ class Look:
         seconds: float,
         is_ready: Callable[[Stream], bool] = at_once,
     ) -> None:
-        """Begin a look that ends within `seconds`. The request is sent when the device `is_ready`; without one (b"") it
-        has answered by being connected. `has_answered`: whether these bytes, which came since the request, are the
-        whole answer; Lost if they are anything else."""
+        """Begin a look that ends within `seconds`. The request is sent when the device `is_ready`; without a request
+        (b"") the connection counts as its answer. `has_answered`: returns whether the bytes received since the request
+        are the whole answer; Lost if they are anything else."""
         self.stop()
         self._steps = self._look(request, has_answered, monotonic() + seconds, is_ready)
 
@@ -60,7 +60,7 @@ class Look:
         return stream
 
     def stop(self) -> None:
-        """Give the look up."""
+        """Give up the look."""
         self._steps = None  # a generator that is dropped closes what it has open
 
     def _look(

@@ -14,11 +14,11 @@ from typing import Protocol
 from umo.text import reason_of
 
 _MAX_RECEIVED = 4096
-"""Bytes that are received at once, at most."""
+"""Largest number of bytes that are received at once."""
 
 
 class Lost(Exception):
-    """The connection cannot be used any more; the text says why."""
+    """The connection can no longer be used; the text gives the reason."""
 
 
 class Gone(Lost):
@@ -26,14 +26,14 @@ class Gone(Lost):
 
 
 class TimedOut(Lost):
-    """The deadline has passed; the text says what happened in place of the answer, if anything did."""
+    """The deadline has passed; the text describes what arrived instead of the answer, if anything."""
 
 
 class Stream:
     """An open connection or serial line that does not block."""
 
     def __init__(self, file: socket | FileIO, end: str) -> None:
-        """`end` is the text of Gone when the stream ends."""
+        """`end`: the text of Gone when the stream ends."""
         self._file, self._end = file, end
         self._fd = file.fileno()
         self._in, self._out = select.poll(), select.poll()
@@ -45,11 +45,11 @@ class Stream:
             self._file.close()
 
     def idle(self) -> bool:
-        """Return True if nothing has come in, and the stream has not ended."""
+        """Return True if no data have arrived, and the stream has not ended."""
         return not self._in.poll(0)
 
     def waiting(self) -> bytes:
-        """Bytes that have come in so far, at most 4096. Raises Gone."""
+        """Return the bytes received so far, at most 4096. Raises Gone."""
         try:
             data = os.read(self._fd, _MAX_RECEIVED)
         except OSError as error:
@@ -59,21 +59,21 @@ class Stream:
         return data
 
     def receive(self, deadline: float) -> bytes:
-        """Bytes that have come in, at most 4096, after waiting for the first byte. Raises TimedOut or Gone."""
+        """Wait for the first byte, and return the received bytes, at most 4096. Raises TimedOut or Gone."""
         left = deadline - monotonic()
         if left <= 0 or not self._in.poll(left * 1000):
             raise TimedOut
         return self.waiting()
 
     def give(self, data: bytes) -> int:
-        """Send what the stream takes without waiting; the number of bytes. Raises Gone."""
+        """Send as much as the stream takes without waiting. Return the number of bytes. Raises Gone."""
         try:
             return os.write(self._fd, data)
         except OSError as error:
             return len(_nothing(error))
 
     def send(self, data: bytes, deadline: float) -> None:
-        """Send all of it. Raises TimedOut or Gone."""
+        """Send all bytes. Raises TimedOut or Gone."""
         while True:
             try:
                 sent = os.write(self._fd, data)
@@ -98,7 +98,7 @@ class Dial(Protocol):
     """Opens streams to one device. It raises Lost or DriverError."""
 
     def __call__(self, deadline: float) -> Stream:
-        """An open stream, by the deadline."""
+        """Open a stream by the deadline."""
 
     def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
         """Yield None repeatedly while the stream is being opened, until the deadline; then the open stream."""

@@ -1,4 +1,5 @@
-"""The channels of a line protocol, as a wiring declares them: how each is asked, set and confirmed. No device here."""
+"""The channels of a line protocol, as a wiring declares them: how each is read, written and confirmed. No device is
+used here."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ T = TypeVar("T")
 
 
 class Ends(NamedTuple):
-    """The terminators of a request and of its answer; None: those of the driver."""
+    """The terminators of a request and of its answer; None means those of the driver."""
 
     request: str | None = None
     answer: str | None = None
@@ -69,7 +70,7 @@ class ChannelOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Query:
-    """A request whose answer must be of a form."""
+    """A request whose answer must have a given form."""
 
     ask: str
     answer: Pattern
@@ -90,7 +91,7 @@ class Query:
 
 @dataclass(frozen=True)
 class ReadCommand:
-    """Command that reads a channel: the request, and how its answer becomes a raw integer."""
+    """Command that reads a channel: the request, and the conversion of its answer to a raw integer."""
 
     ask: str
     answer: Pattern
@@ -116,14 +117,14 @@ class ReadCommand:
 
 @dataclass(frozen=True)
 class WriteCommand:
-    """Command that writes a channel: the request for a raw integer, and how the device confirms it."""
+    """Command that writes a channel: the request for a raw integer, and its confirmation by the device."""
 
     template: Template | None
     levels: Mapping[int, str]
     acknowledge: Pattern | None
     confirm: Query | None
     sets_level: bool = field(default=False, compare=False)
-    """True if it may be sent twice: it sets a level, and does not command an event."""
+    """True if the command may be sent twice, because it sets a level and does not trigger an event."""
     ends: Ends = DRIVERS_ENDS
 
     def request(self, raw: int) -> str:
@@ -148,7 +149,8 @@ class TextChannel(Channel):
 
     @property
     def places(self) -> tuple[Hashable, ...]:
-        """Return what the channel sets; for an input its request, and the part of the answer that it takes."""
+        """Return the request that the channel sets; for an input its request, and the part of the answer that it
+        uses."""
         if self.setting is not None:
             return (self.setting.place,)
         assert self.reading is not None
@@ -156,12 +158,12 @@ class TextChannel(Channel):
 
     @property
     def event(self) -> bool:
-        """True if it is not known to set a level."""
+        """True unless it is known that a write sets a level."""
         return self.setting is not None and not self.setting.sets_level
 
     @property
     def done(self) -> tuple[Pattern | None, Query | None, Ends]:
-        """Patterns that confirm a request which sets it, and how it ends."""
+        """Patterns that confirm a request to set the channel, and the terminator of their lines."""
         setting = self.setting
         return (setting.acknowledge, setting.confirm, setting.ends) if setting else (None, None, DRIVERS_ENDS)
 
@@ -175,7 +177,8 @@ class TextChannel(Channel):
         return raw
 
     def request(self, raw: int) -> str:
-        """The request that sets it to a raw integer; DriverError if it does not fit, or has no level."""
+        """Return the request that sets the channel to a raw integer. DriverError if the integer does not fit, or is not
+        a level."""
         if self.setting is None:
             raise DriverError(f"channel {self.text} cannot be written: it has no set")
         self.fit(raw)
@@ -188,7 +191,7 @@ class Channels:
 
     tables: Mapping[str, ChannelOptions]
     acknowledge: Pattern | None
-    """Pattern for channels that have none of their own, as `confirm` is the query for them."""
+    """Pattern for channels without a pattern of their own; `confirm` is the query for such channels."""
     confirm: Query | None
     _forms: list[tuple[re.Pattern[str], str]] = field(init=False, default_factory=list)
     _known: dict[str, TextChannel] = field(init=False, default_factory=dict)
@@ -205,7 +208,7 @@ class Channels:
             self._make(name, name, 0 if len(literals) > 1 else None)
 
     def named(self, text: str) -> TextChannel:
-        """The channel with this name; ChannelError with all of them."""
+        """Return the channel with this name. ChannelError with all names if there is none."""
         if text in self._known:
             return self._known[text]
         for form, name in self._forms:
@@ -216,7 +219,7 @@ class Channels:
         raise ChannelError(text, self.tables)
 
     def with_state(self, text: str) -> str | None:
-        """The name of a table whose answers have this text for a state."""
+        """Return the name of a table in which this text is the answer for a state."""
         made = ((name, self._make(name, name, 0 if form.groups else None)) for form, name in self._forms)
         return next((name for name, each in made if each.reading is not None and text in each.reading.states), None)
 

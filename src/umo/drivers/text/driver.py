@@ -30,7 +30,7 @@ from umo.system.packages import how_to_install
 _DEFAULT_QUIET = 0.5
 """Quiet time in s of a serial line."""
 _MAX_WATCHDOG = 86400.0
-"""Time in s of a watchdog at most."""
+"""Longest time in s of a watchdog."""
 Encoding = Literal["ascii", "latin-1", "utf-8"]
 _DEFAULT = Host("", 5025), Serial("", 9600, "none")
 
@@ -195,7 +195,8 @@ class Text(BlockDriver[TextChannel], Looks, HasWatchdog, KnowsScale):
         in_turn(plan, lambda line: line.read(link, out), _texts_of, _ends_call)
 
     def look(self) -> bool | None:
-        """The device is asked for what is read anyway, or identified; where it is never asked, it is connected."""
+        """Look for the device by a query that is made anyway, or by `identify`; if it is never queried, by
+        connecting."""
         if self._link is None:
             return False
         plan = self._reads.last

@@ -1,4 +1,4 @@
-"""The lines of one block transfer: which channels each serves."""
+"""The lines of one block transfer, each with the channels that it serves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class QueryLine(NamedTuple):
-    """One line with a request, and the channels that take a part of its answer."""
+    """One line with a request, and the channels whose values are parts of its answer."""
 
     request: str
     ends: Ends
@@ -32,7 +32,8 @@ class QueryLine(NamedTuple):
         return [channel.text for _, _, channel in self.takers]
 
     def read(self, link: TextLink, out: IntArray) -> None:
-        """Put the values into their places. ChannelsFailed for those for which the device has no value."""
+        """Put the values of an answer into their places. ChannelsFailed for channels for which the device has no
+        value."""
         answer = link.ask(self.request, self.ends)
         answers = [answer] if self.queries == 1 else answer.split(self.by)
         if len(answers) != self.queries:
@@ -55,8 +56,8 @@ class QueryLine(NamedTuple):
 
 
 class RequestLine(NamedTuple):
-    """Channels that are set, and how the device confirms it. `by` joins their requests in one line; None: it is one
-    channel."""
+    """Channels that are written, and the confirmation by the device. `by` joins their requests into one line, or None
+    if it is one channel."""
 
     places: tuple[int, ...]
     texts: tuple[str, ...]
@@ -67,7 +68,7 @@ class RequestLine(NamedTuple):
     by: str | None
 
     def lines(self, requests: Sequence[str], longest: int) -> list[RequestLine]:
-        """Lines, as many as needed, so that none is longer than `longest` characters."""
+        """Return as many lines as needed, so that none is longer than `longest` characters."""
         if self.by is None:
             return [self]
         groups = joined([requests[i] for i in self.places], self.by, longest)
@@ -80,7 +81,7 @@ class RequestLine(NamedTuple):
 
 
 def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) -> tuple[QueryLine, ...]:
-    """Return each request once, for any number of channels that take a part of its answer."""
+    """Return each request once, for any number of channels that use a part of its answer."""
     readers: dict[Ends, dict[str, list[tuple[int, TextChannel]]]] = {}
     for i, channel in enumerate(channels):
         if (reading := channel.reading) is None:
@@ -108,7 +109,8 @@ def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[Reques
 
 
 def joined(requests: Sequence[str], by: str | None, longest: int) -> list[list[int]]:
-    """Groups of requests, by their index, that go into one line of at most `longest` characters; alone without `by`."""
+    """Return groups of requests, by their index, that fit into one line of at most `longest` characters; without `by`
+    each request is alone."""
     groups: list[list[int]] = []
     length = 0
     for i, request in enumerate(requests):

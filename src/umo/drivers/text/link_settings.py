@@ -10,7 +10,7 @@ from umo.drivers.text.pattern import LINE_BLANKS, Pattern
 
 @dataclass(frozen=True)
 class LinkSettings:
-    """Rules of the conversation: the options of the driver that are not about a channel."""
+    """The rules of the conversation: the options of the driver that do not concern a single channel."""
 
     terminator: str
     answer_terminator: str

@@ -10,7 +10,7 @@ from umo.errors import DriverError, WiringError
 
 BLANKS = " \t\r"
 LINE_BLANKS = f"{BLANKS}\n"
-"""Blanks at the ends of a line: another terminator than a newline may have one beside it."""
+"""Blanks at the ends of a line, which a terminator other than a newline may leave."""
 _SHOWN_CHARACTERS = 60
 _WILD = re.compile(r"(\{\}|\*)")
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -20,11 +20,12 @@ _OVERFLOW = Decimal("9.9E37")
 _MAX_SAFE_LENGTH = 18
 """Characters of a number up to which no check for an overflow is needed."""
 EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
-"""Arithmetic of 60 digits: for 64 bits, a scale, and the decimals that decide how they are rounded."""
+"""Arithmetic of 60 digits: enough for 64 bits, a scale, and the decimals that decide the rounding."""
 
 
 class NoValue(DriverError):
-    """The device has answered as its protocol says, but with an error or without a value: the connection is in step."""
+    """The device has answered according to its protocol, but with an error or without a value, so the connection can
+    still be used."""
 
 
 class UnexpectedAnswer(DriverError):
@@ -42,13 +43,13 @@ class Pattern:
     """The form of an answer: text in which `{}` is the value and `*` any text, or a regular expression `/.../` whose
     only group is the value.
 
-    `{}` and `*` end at the first place where the text behind them follows; the last one goes to the end of the line.
-    Control characters match only those that the pattern contains. Blanks at both ends do not count.
+    `{}` and `*` end at the first place where the following text of the pattern occurs; the last one extends to the end
+    of the line. Control characters match only control characters of the pattern. Blanks at both ends are ignored.
     """
 
     text: str
     where: str = field(compare=False)
-    """The key of the wiring, for messages."""
+    """The key in the wiring, for messages."""
     has_value: bool = False
     regex: re.Pattern[str] | None = field(init=False, compare=False, default=None)
     pieces: tuple[str, ...] = field(init=False, compare=False, default=())
@@ -82,7 +83,7 @@ class Pattern:
         return regex
 
     def match(self, line: str) -> str | None:
-        """The value in the line, "" for a pattern without; None if the line is not of this form."""
+        """Return the value in the line, "" for a pattern without a value; None if the line does not have this form."""
         if self.is_whole_line:
             return line if line.isprintable() else None
         pieces = self.pieces
@@ -107,11 +108,12 @@ class Pattern:
 
 @dataclass(frozen=True)
 class RawOf:
-    """The raw integer of a number, as `raw_of`, without Decimal where the number has no more digits than the scale."""
+    """Computes the raw integer of a number like `raw_of`, but without Decimal if the number has no more digits than the
+    scale."""
 
     scale: Decimal | None
     factors: tuple[int, ...] = field(init=False, compare=False, default=())
-    """Factors by the number of digits after the point; none if the scale is not 1, 0.1, 0.01 and so on."""
+    """Factors by the number of digits after the point; empty if the scale is not 1, 0.1, 0.01 and so on."""
 
     def __post_init__(self) -> None:
         _, digits, exponent = (self.scale or Decimal(1)).normalize().as_tuple()
@@ -130,8 +132,8 @@ def raw_of(text: str, scale: Decimal | None) -> int:
     """The number in the text divided by the scale, to the nearest whole number, half to even; exact for any digits.
     Without a scale the number must be whole.
 
-    Not a number is an UnexpectedAnswer; NAN and INF are a NoValue, as are 9.9E37 (infinity) and 9.91E37 (not a number)
-    of SCPI-1999, volume 1, section 7.2.1.
+    Raises UnexpectedAnswer for a text that is not a number, and NoValue for NAN and INF, and for 9.9E37 (infinity) and
+    9.91E37 (not a number) of SCPI-1999, volume 1, section 7.2.1.
     """
     text = text.strip(BLANKS)
     if not NUMBER.fullmatch(text):

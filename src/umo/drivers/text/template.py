@@ -1,4 +1,5 @@
-"""The requests of a line protocol that carry a number: it is written without loss, or refused. Pure functions."""
+"""The requests of a line protocol that carry a number: the number is written without loss, or refused. Pure
+functions."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ last digits."""
 
 @dataclass(frozen=True)
 class Template:
-    """A request that carries a number, a raw integer times the scale: `VOLT {:.3f}`. `{{` and `}}` are braces."""
+    """A request that contains a number, which is a raw integer times the scale: `VOLT {:.3f}`. `{{` and `}}` are
+    braces."""
 
     before: str
     spec: str
@@ -44,7 +46,7 @@ class Template:
 
     @classmethod
     def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
-        """WiringError if there is not exactly one {}."""
+        """Parse a request. WiringError unless it has exactly one {}."""
         try:
             parts = list(Formatter().parse(text))
         except ValueError as error:
@@ -61,8 +63,8 @@ class Template:
         return f"{self.before}{number if self._base is None else int(number):{self._format}}{self.after}"
 
     def check(self, lowest: int, highest: int, where: str) -> None:
-        """WiringError if some raw integer of this range is written as another number, or with decimals although there
-        is no scale."""
+        """Check a range. WiringError if a raw integer of this range would be written as another number, or with
+        decimals although there is no scale."""
         what = f"{where}: {f'{self.before}{{:{self.spec}}}{self.after}'!r}"
         no_format = WiringError(f"{what} has {{:{self.spec}}}, which is not the format of a number")
         if self._format[-1:] not in _KINDS:
@@ -93,7 +95,8 @@ class Template:
 
 
 def numbered(thing: Any, n: int, where: str) -> Any:
-    """The texts within with `{n}`, `{n:02d}` replaced by the number of the channel; WiringError for another format."""
+    """Return a table with `{n}` and `{n:02d}` in its texts replaced by the number of the channel; WiringError for
+    another format."""
 
     def written(found: re.Match[str]) -> str:
         if not _CHANNEL_NUMBER.fullmatch(found[1] or ""):

@@ -1,4 +1,5 @@
-"""The conversation with a device that speaks in lines: one request, one answer, all of a call by one deadline."""
+"""The conversation with a device that speaks in lines: one answer for each request, and one deadline for a whole
+call."""
 
 from __future__ import annotations
 
@@ -14,15 +15,15 @@ from umo.duration import duration
 from umo.errors import DeviceTimeout, DriverError
 
 _MAX_EMPTY_LINES = 100
-"""Empty lines before an answer at most, where they are skipped."""
+"""Largest number of empty lines before an answer, where they are skipped."""
 _MAX_DOUBLINGS = 4
-"""Doublings of the quiet time at most: a device that answered late once is given longer."""
+"""Largest number of doublings of the quiet time: a device that answered late once is given longer."""
 
 
 class TextLink:
     """One connection. It is dropped after any failure except an error answer of the device, and the next call opens it
-    again. On TCP a late answer is lost with the connection. On a serial line everything that comes in is thrown away
-    until the line has been quiet for a time; then the answer to `identify` shows that no late answer is left."""
+    again. On TCP a late answer is lost with the connection. On a serial line received data are discarded until the line
+    has been quiet for a time; then the answer to `identify` shows that no late answer is pending."""
 
     def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         self._dial, self._dialogue = dial, dialogue
@@ -44,7 +45,7 @@ class TextLink:
         self._started = self._heard = self._free = 0.0
 
     def begin(self, timeout: float) -> None:
-        """Begin one call of the driver, which ends within `timeout` s: connected, nothing left over."""
+        """Begin one call of the driver, which ends within `timeout` s: connect if needed, and discard leftover data."""
         self._timeout, self._deadline = timeout, monotonic() + timeout
         if self._ready and self._stream is not None:
             self._failures = 0  # any failure would have dropped the connection
@@ -86,7 +87,7 @@ class TextLink:
         return True
 
     def ask(self, request: str, ends: Ends = DRIVERS_ENDS) -> str:
-        """The device's answer; NoValue if it is one of the error answers."""
+        """Send a query, and return the device's answer. NoValue if it is one of the error answers."""
         self._send(request, ends)
         line = self._line(request)
         if self._data and not self._skips(self._data):
@@ -96,13 +97,13 @@ class TextLink:
         return line
 
     def refuse(self, line: str, request: str) -> None:
-        """NoValue if the line is one of the error answers."""
+        """Check a line. NoValue if it is one of the error answers."""
         for pattern in self.errors:
             if pattern.match(line) is not None:
                 raise NoValue(f"the device answers {shown(line)} to {shown(request)}")
 
     def tell(self, request: str, acknowledge: Pattern | None, confirm: Query | None, ends: Ends = DRIVERS_ENDS) -> None:
-        """A request that sets something, confirmed as the device does it."""
+        """Send a request that sets something, and check its confirmation."""
         if acknowledge is not None:
             line = self.ask(request, ends)
             if acknowledge.match(line) is None:
@@ -116,7 +117,7 @@ class TextLink:
                 raise NoValue(f"{error} after {shown(request)}") from None
 
     def dropped(self, error: DriverError) -> DriverError:
-        """The error, after the connection was dropped because of it."""
+        """Drop the connection because of an error, and return the error."""
         self._failures += 1
         self.close()
         return error

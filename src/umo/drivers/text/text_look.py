@@ -12,7 +12,8 @@ from umo.drivers.text.pattern import shown
 
 
 class TextLook(Look):
-    """Connects, lets the device start and the line fall silent, sends a query and looks for a line of answer."""
+    """Connects, waits until the device has started and the line is quiet, sends a query and looks for a line with the
+    answer."""
 
     def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         super().__init__(dial)

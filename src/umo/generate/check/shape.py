@@ -40,12 +40,12 @@ from umo.generate.form import (
 )
 
 OPPOSITES = {"==": "!=", "!=": "=="}
-"""Comparisons whose opposite is one too, also of NaN."""
+"""Comparisons whose opposite is also a comparison, even for NaN."""
 
 
 def shaped(program: MachineForm, entry: Iterable[str]) -> MachineForm:
     """Return the program without code that has no effect, and without functions that none of these entry functions
-    calls: compilers warn of both."""
+    calls: because compilers warn about both."""
     functions = _called([_shaped(each) for each in program.functions], entry)
     used = list(walk(*functions))
     tables = {each.table for each in used if isinstance(each, ObjectOf)}

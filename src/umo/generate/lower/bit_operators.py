@@ -38,7 +38,7 @@ def of_known(f: FunctionBuilder, sign: ast.operator, numbers: Sequence[Any], nod
             f.raises(ValueError, node)
             return Known(0)
         if other > MOST_SHIFT:
-            raise f.refused(node, f"a shift by {other}", f"at most {MOST_SHIFT}")
+            raise f.refused(node, f"a shift by {other} cannot be translated", f"at most {MOST_SHIFT}")
     return Known(KNOWN[type(sign)](one, other))
 
 
@@ -65,7 +65,7 @@ def inverted(f: FunctionBuilder, term: Term, code: Code, node: ast.AST) -> Code:
     of = plain(term.type) if isinstance(term, Code) else None
     if isinstance(of, NumpyNumber) and code.type == BOOL:
         if not of.sure:
-            raise f.refused(node, "~ of a bool that may be one of numpy", "not")
+            raise f.refused(node, "~ of a bool that may be a numpy bool is not the same in C", "not")
         return Code(of, negated(code.value))
     return Code(INT, Operator("-", Literal(-1, INT), f.values.as_type(code, INT, node)))
 
@@ -102,6 +102,6 @@ def _may_be_bool(term: Term) -> bool:
 def _check_whole(f: FunctionBuilder, terms: list[Term], node: ast.AST) -> None:
     for each in terms:
         if isinstance(each, Known) and not isinstance(each.value, int):
-            raise f.refused(node, "a bit operator on something other than integers", "int(...)")
+            raise f.refused(node, "a bit operator is applied to something other than integers", "int(...)")
         if isinstance(each, Code) and getattr(plain(each.type), "of", plain(each.type)) not in (INT, BOOL):
-            raise f.refused(node, "a bit operator on something other than integers", "int(...)")
+            raise f.refused(node, "a bit operator is applied to something other than integers", "int(...)")

@@ -158,12 +158,14 @@ class CodeWorld:
         if of is None:
             if isinstance(term, Known):
                 if any(map(_is_code, scope.results)):
-                    raise scope.refused(node, "it returns an object here and a number elsewhere", "only one of the two")
+                    raise scope.refused(
+                        node, "the function returns an object here and a number elsewhere", "only one of the two"
+                    )
                 return None
             if isinstance(term, TupleTerm) and any(
                 isinstance(scope.values.type_of(each), MixedNumber) for each in term.terms
             ):
-                raise scope.refused(node, "a tuple with a number that may be an int or a float", "0.0, float(...)")
+                raise scope.refused(node, "the tuple has a number that may be an int or a float", "0.0, float(...)")
             raise scope.refused(node, "the result is not a number, a state or a tuple of these")
         of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
         return None if of == NOTHING else scope.values.as_type(term, of, node)
@@ -255,7 +257,7 @@ class CodeWorld:
             self._learners[key].used_by(self.memory.current.learner)
             return self.functions[key]
         if key in self._under_way:
-            raise NoTranslation(node, "it calls itself", "a loop")
+            raise NoTranslation(node, "the function calls itself", "a loop")
         try:
             self.known.function(source.function, (source.file, source.tree.lineno))
         except Unwatchable as error:
@@ -325,11 +327,11 @@ class CodeWorld:
         objects = [each for each in scope.results if isinstance(each, Known) and self._is_object(each.value)]
         if objects and result != NOTHING:
             told = scope.refused(
-                scope.source.tree, "it returns an object here and a number elsewhere", "only one of the two"
+                scope.source.tree, "the function returns an object here and a number elsewhere", "only one of the two"
             )
             self._told(scope, told, len(self.problems))
         if result == NOTHING and any(isinstance(each, Known) and each.value is not None for each in scope.results):
-            told = scope.refused(scope.source.tree, "it returns different objects", "one object per call")
+            told = scope.refused(scope.source.tree, "the function returns different objects", "one object per call")
             self._told(scope, told, len(self.problems))
         return None
 
@@ -390,7 +392,7 @@ class CodeWorld:
 
 
 def _odd(node: ast.AST) -> None:
-    raise NoTranslation(node, "results of different types", "one type")
+    raise NoTranslation(node, "the results have different types", "one type")
 
 
 def _is_code(term: Term | None) -> bool:

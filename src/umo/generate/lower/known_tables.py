@@ -46,7 +46,7 @@ def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, nod
     codes = [f.values.code(each, node) for each in terms]
     of = codes[0].type
     if any(each.type != of for each in codes) or not (is_number(of) or isinstance(of, StateType)):
-        raise f.refused(node, "an element of a tuple with values of several classes", "one class for all elements")
+        raise f.refused(node, "the tuple has values of several classes", "one class for all elements")
     at = _place(f, index, len(codes), node)
     return _chosen(f, [each.value for each in codes], of, at)
 

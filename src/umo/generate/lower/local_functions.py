@@ -32,11 +32,11 @@ def local_function(f: FunctionBuilder, node: ast.FunctionDef) -> Known:
     """Return the term for the name of a nested function."""
     inner = [each for each in ast.walk(node) if each is not node]
     if node.decorator_list or any(isinstance(each, ast.Yield | ast.YieldFrom) for each in inner):
-        raise f.refused(node, "a nested function that is decorated or a generator", "a method")
+        raise f.refused(node, "the nested function is decorated or a generator", "a method")
     arguments = node.args
     defaults = [f.term(each) for each in arguments.defaults]
     if any(arguments.kw_defaults) or not all(isinstance(each, Known) for each in defaults):
-        raise f.refused(node, "a computed default of a nested function", "an argument")
+        raise f.refused(node, "the default of a nested function is computed", "an argument")
     given = tuple(each.value for each in defaults)  # type: ignore[union-attr]
     before = f.flow.names.get(node.name)
     if isinstance(before, Known) and isinstance(before.value, LocalFunction) and before.value.is_made_by(node, given):

@@ -89,7 +89,7 @@ class LoweredArrays(LoweredSubject):
         self.f.values.check_there(code.type, "next to an array or in one", node)
         code = replace(code, type=plain_number(code.type))
         if not isinstance(code.type, ArrayType) and not is_number(code.type):
-            raise self.f.refused(node, "it is neither an array nor a number")
+            raise self.f.refused(node, "the operand is neither an array nor a number")
         return code
 
     def length(self, codes: Sequence[Code], node: ast.AST) -> int:
@@ -101,7 +101,9 @@ class LoweredArrays(LoweredSubject):
         if not found:
             raise self.f.refused(node, "an array of one number", "np.array([x])")
         if len(more) > 1:
-            raise self.f.refused(node, f"arrays of {' and '.join(map(str, sorted(more)))} elements")
+            raise self.f.refused(
+                node, f"the arrays have different lengths: {' and '.join(map(str, sorted(more)))} elements"
+            )
         length = next(iter(more or found))
         strict = any(each.length == length and not each.loose for each in types)
         return length if strict else MaybeScalar(length)
@@ -115,7 +117,9 @@ class LoweredArrays(LoweredSubject):
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
         """Refuse an array whose length is not known."""
         if of.loose:
-            raise self.f.refused(node, "it may have one or more elements in Python", "np.zeros(n), np.full(n, ...)")
+            raise self.f.refused(
+                node, "the array may have one or more elements in Python", "np.zeros(n), np.full(n, ...)"
+            )
 
     def at(self, code: Code, of: CType, length: int) -> Value:
         """Return an element as this type."""
@@ -186,7 +190,7 @@ class LoweredArrays(LoweredSubject):
         first, end, step = part.indices(of.length)
         count = len(range(first, end, step))
         if not count:
-            raise self.f.refused(node, "a slice without elements", "other ends")
+            raise self.f.refused(node, "the slice has no elements", "other ends")
 
         def at(number: Value) -> Value:
             if isinstance(number, Literal):
@@ -216,7 +220,9 @@ class LoweredArrays(LoweredSubject):
         if of != REAL and self.of(code) not in (of, BOOL):  # numpy cuts them in silence
             raise self.f.refused(node, "the array is assigned numbers of another type", "a new array")
         if isinstance(code.type, ArrayType) and code.type.length not in (1, count):
-            raise self.f.refused(node, "it is assigned an array of another length", "one number for all elements")
+            raise self.f.refused(
+                node, "the slice is assigned an array of another length", "one number for all elements"
+            )
         return code
 
     # Arithmetic ----------------------------------------------------------------------------------------
@@ -227,7 +233,7 @@ class LoweredArrays(LoweredSubject):
         n, kinds = self.length((a, b), node), {self.of(a), self.of(b)}
         if isinstance(sign, ast.BitAnd | ast.BitOr | ast.BitXor):
             if kinds != {BOOL}:
-                raise self.f.refused(node, "& and | of numbers", "of booleans")
+                raise self.f.refused(node, "& and | are applied to numbers", "& and | of booleans")
             of_bools = {ast.BitAnd: "&&", ast.BitOr: "||", ast.BitXor: "!="}[type(sign)]
             return Elementwise(array(BOOL, n), Operator(of_bools, self.at(a, BOOL, n), self.at(b, BOOL, n)))
         if kinds == {BOOL} or type(sign) not in OF_ARRAYS:
@@ -269,7 +275,7 @@ class LoweredArrays(LoweredSubject):
             return self._whole_power(base, exponent, n, node)
         if self.of(base) != REAL or type(exponent) not in (int, float) or exponent not in EXACT_POWERS:
             nearest = "** -1, 0, 0.5, 1, 2; of whole numbers 0, 1, 2, 3 ...; x * x * x"
-            raise self.f.refused(node, "this power of an array", nearest)
+            raise self.f.refused(node, "this power of an array cannot be translated", nearest)
         return Elementwise(array(REAL, n), EXACT_POWERS[exponent](self.at(self.f.values.kept(base), REAL, n)))
 
     def _whole_power(self, base: Code, power: int, n: int, node: ast.AST) -> Code:
@@ -304,7 +310,7 @@ class LoweredArrays(LoweredSubject):
 
     def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
         if type(sign) not in SIGNS:
-            raise self.f.refused(node, "`is` and `in` of arrays", "==, <, any(), all()")
+            raise self.f.refused(node, "`is` and `in` of arrays cannot be translated", "==, <, any(), all()")
         a, b = self.array(left, node), self.array(right, node)
         n, of = self.length((a, b), node), REAL if REAL in (self.of(a), self.of(b)) else INT
         return Elementwise(array(BOOL, n), Operator(SIGNS[type(sign)], self.at(a, of, n), self.at(b, of, n)))
@@ -363,7 +369,9 @@ class LoweredArrays(LoweredSubject):
         function, takes, gives = OF_ELEMENTS[target]
         n, of = self.length((code,), node), self.of(code)
         if gives == REAL and of == BOOL:
-            raise self.f.refused(node, "numpy computes this of bools in 16 bits or not at all", "astype(float)")
+            raise self.f.refused(
+                node, "numpy computes this operation on bools in 16 bits, or not at all", "astype(float)"
+            )
         if target in WHOLE_BEFORE and of == INT:
             raise self.f.refused(node, "integers are rounded, which gives floats in some versions of numpy", "them")
         if of == INT and target in (np.abs, np.sign):
@@ -494,7 +502,7 @@ class LoweredArrays(LoweredSubject):
     def _sum(self, code: Code, n: int, of: CType, node: ast.AST) -> Code:
         if of == REAL:
             if n > MOST_SUMMED:
-                raise self.f.refused(node, f"a sum of {n} numbers", f"at most {MOST_SUMMED}, or a loop")
+                raise self.f.refused(node, f"the sum has {n} numbers", f"at most {MOST_SUMMED}, or a loop")
             numbers = Elements(self.kept_place(code))
             return self.f.values.kept(Code(numpy_number(REAL), Runtime("umo_sum", (numbers, Literal(n, INT)))))
         if of == BOOL:
@@ -521,7 +529,7 @@ class LoweredArrays(LoweredSubject):
         if name == "astype" and len(arguments) == 1:
             of, n = self._dtype(arguments[0], node), self.length((code,), node)
             if (self.of(code), of) == (REAL, INT):
-                raise self.f.refused(node, "a conversion of floats to integers", "a loop with int()")
+                raise self.f.refused(node, "floats of an array are converted to integers", "a loop with int()")
             return Elementwise(
                 array(of, n), differs(self.at(code, self.of(code), n)) if of == BOOL else self.at(code, of, n)
             )

@@ -147,7 +147,7 @@ class LoweredAssignments(LoweredSubject):
     def _aug_slice(self, node: ast.AugAssign, target: ast.Subscript, ends: ast.Slice) -> None:
         base, part = self.f.expressions.base_and_slice(target, ends)
         if not (isinstance(base, Code) and self.f.arrays.is_array(base)):
-            raise self.f.refused(node, "a slice of something that is not an array", "its elements, one by one")
+            raise self.f.refused(node, "the slice is not that of an array", "its elements, one by one")
         with self.f.gathered() as needed:
             right = self.f.term(node.value)
         if any(map(changes, needed)):
@@ -275,7 +275,7 @@ class LoweredAssignments(LoweredSubject):
     def _set_field(self, base: Term, target: ast.Attribute, term: Term, node: ast.AST) -> Known:
         """Set an attribute of one object."""
         if not isinstance(base, Known):
-            raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+            raise self.f.refused(node, "the object of this attribute is not known when the code is generated")
         self._set_attribute(base, target, term, node)
         return Known(None)
 
@@ -288,7 +288,7 @@ class LoweredAssignments(LoweredSubject):
             self.f.flow.forget_fields()
             return
         if reason := refused_store(owner, name) or _odd_attribute(owner, name):
-            raise self.f.refused(node, reason, "an attribute of another object")
+            raise self.f.refused(node, reason, "the attribute belongs to another object")
         text = as_text(self.f, term, node)
         if text is not None or (isinstance(term, Known) and isinstance(term.value, str)):
             self.f.world.memory.add_text(owner, name)
@@ -354,7 +354,7 @@ class LoweredAssignments(LoweredSubject):
         """Set a slice: the elements of an array, or of a list by as many elements."""
         base, part = self.f.expressions.base_and_slice(target, ends)
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
-            raise self.f.refused(node, "a slice of something that is not a list or an array of numbers")
+            raise self.f.refused(node, "the slice is not that of a list or an array of numbers")
         if not base.type.listed:
             self._note_assigned(target)
             self.f.arrays.set_slice(base, part, term, node)
@@ -362,7 +362,7 @@ class LoweredAssignments(LoweredSubject):
         places = range(base.type.length)[part]
         parts = [self.f.values.settled(each) for each in self.f.calls.parts(term, node)]
         if len(parts) != len(places) or not is_sequence(term):
-            raise self.f.refused(node, "a slice of a list whose length changes", "as many elements")
+            raise self.f.refused(node, "the slice changes the length of its list", "as many elements")
         for place, each in zip(places, parts, strict=True):
             self._set_element(target, base, Known(place), each, node)
 
@@ -387,9 +387,9 @@ class LoweredAssignments(LoweredSubject):
         if base.type.listed and is_of_numpy(term):
             raise self.f.refused(node, "a list cannot contain a number of numpy", "float(...), int(...), bool(...)")
         if base.type.listed and base.type.of != BOOL and may_be_bool(self.f.values.type_of(term) or NOTHING):
-            raise self.f.refused(node, "a bool in a list of numbers", "int(...)")
+            raise self.f.refused(node, "a bool is put into a list of numbers", "int(...)")
         if base.type.listed and base.type.of == REAL and not is_float(term):
-            raise self.f.refused(node, "an int in a list of floats", "0.0, float(...)")
+            raise self.f.refused(node, "an int is put into a list of floats", "0.0, float(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.f.values.code(term, node).type) == REAL:
             raise self.f.refused(node, "the array is assigned numbers of another type", "int(...)")
         place = Element(base.value, self.f.expressions.index(base.type, index, node))

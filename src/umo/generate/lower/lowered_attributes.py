@@ -98,7 +98,9 @@ class LoweredAttributes(LoweredSubject):
             self.f.takes(type(owner), name, node)
             return self.f.calls.function(static.fget, [Known(owner)], {}, node)
         if name not in ("name", "value") and not isinstance(static, FunctionType | staticmethod | classmethod | Enum):
-            raise self.f.refused(node, f"the attribute {name!r} of a state", "value, name, a method, a property")
+            raise self.f.refused(
+                node, f"the attribute {name!r} of a state cannot be translated", "value, name, a method, a property"
+            )
         return self._known(owner, name, node)
 
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:

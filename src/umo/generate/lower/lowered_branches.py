@@ -124,7 +124,7 @@ class LoweredBranches(LoweredSubject):
         parts = pattern.patterns
         uneven = any(isinstance(each, ast.MatchStar | ast.Starred) for each in (*parts, *subject.elts))
         if uneven or len(parts) != len(subject.elts):
-            raise self.f.refused(pattern, "a pattern with another number of elements", "one pattern per element")
+            raise self.f.refused(pattern, "the pattern has another number of elements", "one pattern per element")
         found = [
             self._pattern(each, ast.Subscript(value, ast.Constant(n), ast.Load()), of)
             for n, (each, of) in enumerate(zip(parts, subject.elts, strict=True))

@@ -107,7 +107,9 @@ class LoweredBuiltins(LoweredSubject):
                 and self.f.arrays.is_array(one)
                 and plain_number(self.f.arrays.of(self.f.arrays.array(one, node))) == BOOL
             ):
-                raise self.f.refused(node, "sum of an array of bools", "np.sum, np.count_nonzero")
+                raise self.f.refused(
+                    node, "the sum of an array of bools cannot be translated", "np.sum, np.count_nonzero"
+                )
             return self.added(terms, node) if target is sum else self._any_or_all(target, terms, node)
         if target in OF_MATH:
             return of_math(self.f, target, arguments, node)
@@ -194,7 +196,7 @@ class LoweredBuiltins(LoweredSubject):
             a, b = (self.f.values.as_type(self.f.values.number(each, node), REAL, node) for each in arguments)
             if not isinstance(b, Literal):
                 b = self.f.values.kept(Code(REAL, b)).value
-                self.f.raises(ControllerLimit, node, _is_nan(b), "the sign of a NaN")
+                self.f.raises(ControllerLimit, node, _is_nan(b), "the sign of a NaN may differ in C")
             return Code(REAL, Runtime("umo_copysign", (a, b)))
         if target is math.atan2:
             self.f.world.note_inexact("atan2")
@@ -225,7 +227,9 @@ class LoweredBuiltins(LoweredSubject):
             found = Runtime(f"umo_{target.__name__}{'' if of == REAL else '_int'}", (found, each))
         if any(isinstance(each, NumpyNumber) for each in kinds):
             if BOOL in map(plain_number, kinds):
-                raise self.f.refused(node, "a minimum or maximum of numpy bools", "and, or, bool(...)")
+                raise self.f.refused(
+                    node, "a minimum or maximum of numpy bools cannot be translated", "and, or, bool(...)"
+                )
             sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
             return Code(numpy_number(of, sure), found)
         return Code(reduce(joined_type, kinds), found)
@@ -237,7 +241,9 @@ class LoweredBuiltins(LoweredSubject):
         found = [number_of(self.f, each, node) for each in keys]
         if any(each is None for each in found):
             raise self.f.refused(
-                node, "a minimum or maximum by something other than numbers or members of an IntEnum", "float(...)"
+                node,
+                "a minimum or maximum is chosen by something other than numbers or members of an IntEnum",
+                "float(...)",
             )
         numbers = [self.f.values.number(each, node) for each in found if each is not None]
         of = REAL if any(each.type == REAL for each in numbers) else INT
@@ -287,10 +293,12 @@ class LoweredBuiltins(LoweredSubject):
             return TupleTerm(arguments[0].terms, kind=list if target is list else None)
         if target in (len, tuple, list) and not all(map(_is_container, arguments[:1])):
             raise self.f.refused(
-                node, f"{target.__name__} of an object whose class defines its elements", "a list, a tuple"
+                node, f"{target.__name__} is applied to an object whose class defines its elements", "a list, a tuple"
             )
         if not all(isinstance(each, Known) for each in arguments):
-            raise self.f.refused(node, f"{target.__name__} of something that is not known when the code is generated")
+            raise self.f.refused(
+                node, f"{target.__name__} is applied to something that is not known when the code is generated"
+            )
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
 
     def _length(self, term: Term, node: ast.AST) -> int | None:

@@ -155,7 +155,7 @@ class LoweredCalls(LoweredSubject):
         self.f.arrays.check_length(code.type, node)
         if code.type.length > MOST_NUMBERS:
             raise self.f.refused(
-                node, f"{code.type.length} numbers in one expression", f"at most {MOST_NUMBERS}, or a loop"
+                node, f"the expression has {code.type.length} numbers", f"at most {MOST_NUMBERS}, or a loop"
             )
         place = self.f.arrays.kept_place(code)
         return [Code(of_element(code.type), Element(place, Literal(i, INT))) for i in range(code.type.length)]
@@ -252,7 +252,9 @@ class LoweredCalls(LoweredSubject):
         term = self.f.values.code(term, node) if is_known else term
         kind = record_kind(term)
         if not is_plain_dataclass(kind) or isinstance(getattr(term, "type", None), OptionalType):
-            raise self.f.refused(node, "`replace` of something that is not a frozen dataclass", "a frozen dataclass")
+            raise self.f.refused(
+                node, "`replace` is applied to something that is not a frozen dataclass", "a frozen dataclass"
+            )
         before = dict(zip((each.name for each in dataclasses.fields(kind)), self.members(term, node), strict=True))
         return self._record(kind, [], before | named, node)
 
@@ -277,7 +279,7 @@ class LoweredCalls(LoweredSubject):
         me = next((self.f.flow.names.get(each.arg) for each in self.f.source.tree.args.args), None)
         kind = self.f.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
-            raise self.f.refused(node, "super() outside of a method")
+            raise self.f.refused(node, "super() is called outside of a method")
         for each in type(me.value).__mro__:
             self.f.takes(each, node.attr, node)
         above = type(me.value).__mro__[type(me.value).__mro__.index(kind) + 1 :]
@@ -287,7 +289,7 @@ class LoweredCalls(LoweredSubject):
         if isinstance(static, FunctionType | staticmethod | classmethod):
             return Known(getattr(super(kind, me.value), node.attr))
         if static is None or hasattr(type(static), "__get__"):
-            raise self.f.refused(node, "an attribute of super() that no class has", "a method, a property, a number")
+            raise self.f.refused(node, "no class has this attribute of super()", "a method, a property, a number")
         return Known(static)
 
     def _call_atomic(
@@ -384,7 +386,7 @@ class LoweredCalls(LoweredSubject):
                 node, f"{getattr(target, '__name__', target)}: {error}", "`def` in a file of the station"
             ) from None
         if inspect.isgeneratorfunction(found.source.function):
-            raise self.f.refused(node, "a generator function", "sum(... for ...), a loop")
+            raise self.f.refused(node, "a generator function is called", "sum(... for ...), a loop")
         given = [*map(Known, found.given), *arguments]
         terms = self._by_name(found.source.function, given, {k: Known(v) for k, v in found.named} | named, node)
         return self.f.world.invoke(self.f, found.source, terms, node)

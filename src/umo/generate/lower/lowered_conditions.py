@@ -131,7 +131,7 @@ class LoweredConditions(LoweredSubject):
             return self.f.arrays.compared_arrays(sign, left, right, left_node)
         if not identity and refuse_comparison(_class_of(left), _class_of(right)):
             raise self.f.refused(
-                left_node, "a comparison with another type, for which Python raises TypeError", "its states"
+                left_node, "the value is compared with another type, for which Python raises TypeError", "its states"
             )
         if is_text_state(left) or is_text_state(right):
             return compared_texts(self.f, sign, left, right, left_node)
@@ -153,10 +153,12 @@ class LoweredConditions(LoweredSubject):
             if plain_kind(a) is not plain_kind(b):
                 if not identity and not (is_bare_enum(plain_kind(a)) and is_bare_enum(plain_kind(b))):
                     raise self.f.refused(
-                        left_node, "states of different Enums that are numbers or texts", "`is`, .value"
+                        left_node, "the states belong to different Enums that are numbers or texts", "`is`, .value"
                     )
                 if isinstance(a.type, OptionalType) and isinstance(b.type, OptionalType):
-                    raise self.f.refused(left_node, "states of different Enums that may both be None", "`is`, .value")
+                    raise self.f.refused(
+                        left_node, "the states belong to different Enums, and both may be None", "`is`, .value"
+                    )
                 return Known(not equal)
             return self._equal(a, b, equal)
         if identity:
@@ -191,7 +193,7 @@ class LoweredConditions(LoweredSubject):
                 left_node, "a tuple is compared with something other than a tuple", "compare their elements"
             )
         if sum(isinstance(each, Code) and isinstance(each.type, OptionalType) for each in (left, right)) > 1:
-            raise self.f.refused(left_node, "a comparison of two tuples that may be None", "compare their elements")
+            raise self.f.refused(left_node, "the compared tuples may be None", "compare their elements")
         for term, node in ((left, left_node), (right, right_node)):
             term = self.f.values.kept(term) if isinstance(term, Code) else term
             if isinstance(term, Code) and isinstance(term.type, OptionalType):
@@ -206,7 +208,7 @@ class LoweredConditions(LoweredSubject):
         if len(sides[0]) != len(sides[1]):
             return Known(not equal)
         if any(isinstance(each, Code) and each.type == REAL for side in sides for each in side):
-            raise self.f.refused(left_node, "a comparison of tuples of floats", "compare their elements")
+            raise self.f.refused(left_node, "tuples of floats are compared", "compare their elements")
         pairs = zip(*sides, strict=True)
         truths = [
             self.f.values.truth(self.compared(ast.Eq(), a, b, left_node, right_node), left_node) for a, b in pairs
@@ -234,14 +236,14 @@ class LoweredConditions(LoweredSubject):
             isinstance(one, NUMBERS_AND_TEXTS) and isinstance(other, NUMBERS_AND_TEXTS) and not isinstance(one, Enum)
         )
         if alike and not (type(one) is bool and type(other) is bool):
-            raise self.f.refused(node, "`is` of numbers or texts", "==")
+            raise self.f.refused(node, "numbers or texts are compared by `is`", "==")
         return Known((one is other) is equal)
 
     def _same_bools(self, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
         """Return `is` for Python bools, of which there are two, or for an optional bool."""
         a, b = (self.f.values.code(each, node) for each in (left, right))
         if not all(plain(each.type) == BOOL for each in (a, b)):
-            raise self.f.refused(node, "`is` of numbers", "==")
+            raise self.f.refused(node, "numbers are compared by `is`", "==")
         return self._equal(self.f.values.copied(a) if a.value == b.value else a, b, equal)
 
     def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
@@ -281,13 +283,15 @@ class LoweredConditions(LoweredSubject):
         elif isinstance(among, Code) and _has_elements(among.type):
             options = self.f.calls.parts(among, node)
         if options is None:
-            raise self.f.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
+            raise self.f.refused(
+                node, "`in` searches something that is not known when the code is generated", "a tuple"
+            )
         if any(isinstance(each, TupleTerm) for each in (one, *options)):
-            raise self.f.refused(node, "`in` of tuples", "compare their elements")
+            raise self.f.refused(node, "`in` searches for a tuple", "compare their elements")
         one = self.f.values.kept(one) if isinstance(one, Code) else one
         if any(map(_may_be_nan, options)) and _may_be_nan(one):
             raise self.f.refused(
-                node, "`in` of real numbers: Python also finds a NaN that is the same object", "==, or"
+                node, "`in` searches real numbers, where Python also finds a NaN that is the same object", "==, or"
             )
         truths = [self.f.values.truth(self.compared(ast.Eq(), one, each, one_node, node), node) for each in options]
         if True in truths:
@@ -430,7 +434,7 @@ class LoweredConditions(LoweredSubject):
         try:
             return joined_type(*types)
         except TypeError:
-            raise self.f.refused(node, "two values of different types", "one type for both") from None
+            raise self.f.refused(node, "the two values have different types", "one type for both") from None
 
 
 def _of_bool(sign: ast.cmpop, left: Term, right: Term) -> Term | None:

@@ -32,7 +32,7 @@ class LoweredErrors(LoweredSubject):
     def lower_raise(self, node: ast.Raise) -> bool:
         if node.exc is None:
             if not self.caught:
-                raise self.f.refused(node, "`raise` outside of `except`")
+                raise self.f.refused(node, "`raise` without an error stands outside of `except`")
             self.f.add(Fail(self.caught[-1]))
             return False
         self.f.texts.check_removable(error_arguments(node.exc))
@@ -66,7 +66,7 @@ class LoweredErrors(LoweredSubject):
 
     def lower_try(self, node: ast.Try) -> bool | None:
         if any(map(_leaves, node.finalbody)):
-            raise self.f.refused(node, "a jump out of `finally`, which discards the error", "except")
+            raise self.f.refused(node, "a jump out of `finally` discards the error", "except")
         return self._with_finally(node) if node.finalbody else self._with_except(node)
 
     def _with_finally(self, node: ast.Try) -> bool | None:

@@ -91,7 +91,9 @@ class LoweredExpressions(LoweredSubject):
 
     def lower_constant(self, node: ast.Constant) -> Term:
         if type(node.value) not in CONSTANTS:
-            raise self.f.refused(node, f"a {type(node.value).__name__} has no C", "numbers, states, bools, None")
+            raise self.f.refused(
+                node, f"a {type(node.value).__name__} cannot be translated", "numbers, states, bools, None"
+            )
         return Known(node.value)
 
     def lower_joined_str(self, node: ast.JoinedStr) -> Term:
@@ -134,7 +136,7 @@ class LoweredExpressions(LoweredSubject):
             return self._of_record(base, kind, node)
         if isinstance(base, Code) and isinstance(base.type, StateType) and not isinstance(base.type, TextType):
             return self._of_member(base, base.type.kind, node)
-        raise self.f.refused(node, "an attribute of something that is not known when the code is generated")
+        raise self.f.refused(node, "the object of this attribute is not known when the code is generated")
 
     def _there(self, base: Code, node: ast.Attribute) -> Code:
         """Return the value of an optional term whose attribute is read. AttributeError if it is None and has no such
@@ -155,7 +157,9 @@ class LoweredExpressions(LoweredSubject):
             return Known(StateMethod(static, self.f.values.settled(base)))
         if static is None or isinstance(static, FunctionType) or hasattr(type(static), "__get__"):
             raise self.f.refused(
-                node, f"the attribute {node.attr!r} of a {kind.__name__}", "a field, a property, a method"
+                node,
+                f"the attribute {node.attr!r} of a {kind.__name__} cannot be translated",
+                "a field, a property, a method",
             )
         return Known(static)
 
@@ -171,7 +175,9 @@ class LoweredExpressions(LoweredSubject):
             return self.f.calls.function(static.fget, [base], {}, node)
         if isinstance(static, FunctionType):
             return Known(StateMethod(static, self.f.values.kept(base)))
-        raise self.f.refused(node, f"the attribute {node.attr!r} of a state", "value, a method, a property")
+        raise self.f.refused(
+            node, f"the attribute {node.attr!r} of a state cannot be translated", "value, a method, a property"
+        )
 
     def place(self, code: Code) -> Code:
         """Return the value as one whose members can be read."""
@@ -190,7 +196,7 @@ class LoweredExpressions(LoweredSubject):
         known = [each.value for each in terms if isinstance(each, Known) and is_immutable(each.value)]
         if len(keys) < len(node.values) or len(known) < len(terms):
             raise self.f.refused(
-                node, "a dict with values that are not known when the code is generated", "an `if` for each key"
+                node, "the values of the dict are not known when the code is generated", "an `if` for each key"
             )
         return Known(dict(zip(known[::2], known[1::2], strict=True)))
 
@@ -333,7 +339,7 @@ class LoweredExpressions(LoweredSubject):
         if code.type == REAL:
             return Code(of, Unary("-", code.value))
         if of != code.type:
-            raise self.f.refused(node, "- of a numpy integer", "int(...), or 0 - x")
+            raise self.f.refused(node, "- of a numpy integer cannot be translated", "int(...), or 0 - x")
         return self.arithmetic(ast.Sub(), Code(INT, ZERO), code, node)
 
     def lower_bin_op(self, node: ast.BinOp) -> Term:
@@ -344,7 +350,7 @@ class LoweredExpressions(LoweredSubject):
         numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
         if len(numbers) == 2 and type(node.op) in FOLDED:
             if isinstance(node.op, ast.Pow) and float not in map(type, numbers) and numbers[1] > MOST_POWER:
-                raise self.f.refused(node, f"a power of {numbers[1]}", "the number itself")
+                raise self.f.refused(node, f"a power of {numbers[1]} cannot be translated", "the number itself")
             try:
                 found = FOLDED[type(node.op)](*numbers)
             except ArithmeticError as error:
@@ -353,7 +359,7 @@ class LoweredExpressions(LoweredSubject):
                 return Known(0.0 if is_real else 0)
             if not isinstance(found, complex):
                 return Known(found)
-            self.f.raises(ControllerLimit, node, text="a complex number")
+            self.f.raises(ControllerLimit, node, text="the result is a complex number")
             return Known(0.0)
         if len(numbers) == 2 and is_of_bits(node.op):
             return of_known(self.f, node.op, numbers, node)
@@ -377,7 +383,7 @@ class LoweredExpressions(LoweredSubject):
                 return whole_power(self.f, a, right.value, node)  # type: ignore[union-attr,arg-type]
             return self.arithmetic(sign, a, b, node)
         if {a.type, b.type} == {BOOL}:
-            raise self.f.refused(node, "arithmetic of bools, one of which is of numpy", "int(...), and, or")
+            raise self.f.refused(node, "a numpy bool and another bool are combined by arithmetic", "int(...), and, or")
         sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
         if isinstance(sign, ast.Div) and (sure or (isinstance(right, Known) and right.value)):
             return Code(
@@ -392,7 +398,7 @@ class LoweredExpressions(LoweredSubject):
     def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
         """Refuse arithmetic whose result is a real in C and might not be a float in Python, or not be exact."""
         if any(map(_is_mixed, terms)) and not any(map(is_float, terms)):
-            told = "it may be an int or a float"
+            told = "the number may be an int or a float"
             raise self.f.refused(node, told, "0.0 instead of 0, float(...)")
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
@@ -438,7 +444,10 @@ class LoweredExpressions(LoweredSubject):
         self.f.raises(ZeroDivisionError, node, joined("&&", [zero, negative, finite[1]]))
         broken = Operator("!=", Runtime("umo_floor", (power,)), power)
         self.f.raises(
-            ControllerLimit, node, joined("&&", [Operator("<", base, ZERO), broken, finite[1]]), "a complex number"
+            ControllerLimit,
+            node,
+            joined("&&", [Operator("<", base, ZERO), broken, finite[1]]),
+            "the result is a complex number",
         )
         result = self.f.values.kept(Code(REAL, Runtime("umo_pow", (base, power)))).value
         self.f.raises(OverflowError, node, joined("&&", [negated(Runtime("umo_is_finite", (result,))), *finite]))

@@ -57,7 +57,7 @@ from umo.generate.value_kinds import is_ring
 Generator = ast.GeneratorExp | ast.ListComp
 Act = Callable[[Term, ast.AST], None]
 """Handles an element, with its expression."""
-ELEMENTS = "the number of elements is not known, and they are of several classes or of numpy"
+ELEMENTS = "the number of elements is not known, and the elements are of several classes or of numpy"
 OVER = any, all, sum, min, max, len, next
 
 
@@ -98,19 +98,21 @@ class LoweredGenerators(LoweredSubject):
     def _by_key(self, target: Any, over: ast.expr, key: ast.expr, node: ast.Call) -> Term:
         """Return `min` or `max` of a known number of elements by a key function."""
         if isinstance(over, Generator):
-            raise self.f.refused(node, "a minimum or maximum by a key, of a generator", "a list, a tuple, a loop")
+            raise self.f.refused(
+                node, "a minimum or maximum of a generator is chosen by a key", "a list, a tuple, a loop"
+            )
         if isinstance(key, ast.Lambda) and _takes_one(key):
             name, value = key.args.args[0].arg, key.body
         elif isinstance(key, ast.Name | ast.Attribute):
             name, value = "an element", ast.Call(key, [ast.Name("an element", ast.Load())], [])
         else:
-            raise self.f.refused(key, "a computed key function", "lambda each: ..., the name of a function")
+            raise self.f.refused(key, "the key function is computed", "lambda each: ..., the name of a function")
         each = ast.Tuple([ast.Name(name, ast.Load()), value], ast.Load())
         turns = [ast.comprehension(ast.Name(name, ast.Store()), over, [], 0)]
         pairs = self.f.sequences.gone_through(_placed(ast.GeneratorExp(each, turns), node))
         terms, keys = zip(*(self.f.calls.parts(each, node) for each in pairs), strict=True) if pairs else ((), ())
         if not terms:
-            raise self.f.refused(node, "a minimum or maximum of no elements", "elements")
+            raise self.f.refused(node, "the minimum or maximum has no elements", "elements")
         return self.f.builtins.first_of(target, terms, keys, node)
 
     def _is_open(self, node: ast.expr) -> bool:
@@ -175,7 +177,7 @@ class LoweredGenerators(LoweredSubject):
         result = self.f.temporary(BOOL, "c")
         self.f.assign(result, Literal(target is all, BOOL))
         if len(generator.generators) > 1:
-            raise self.f.refused(generator, "two loops in one expression", "a loop for each")
+            raise self.f.refused(generator, "the expression has two loops", "a loop for each")
         test = generator.elt if target is any else ast.UnaryOp(ast.Not(), generator.elt)
         (each,) = generator.generators
         turns = ast.comprehension(each.target, each.iter, [*each.ifs, test], 0)
@@ -208,7 +210,7 @@ class LoweredGenerators(LoweredSubject):
         """Return an element as a number that is not None."""
         code = self.f.values.code(term, node)
         if isinstance(code.type, OptionalType):
-            raise self.f.refused(node, "an element that may be None", "`if x is not None`")
+            raise self.f.refused(node, "an element may be None", "`if x is not None`")
         self.f.values.number(code, node)
         return code
 
@@ -270,7 +272,9 @@ class LoweredGenerators(LoweredSubject):
         def take(term: Term, at: ast.AST) -> None:
             code = self._number(term, at)
             if isinstance(code.type, NumpyNumber) and code.type.of == BOOL:
-                raise self.f.refused(at, "a minimum or maximum of numpy bools", "and, or, bool(...)")
+                raise self.f.refused(
+                    at, "a minimum or maximum of numpy bools cannot be translated", "and, or, bool(...)"
+                )
             if self._learnt(generator, code.type) == kind:
                 value = self.f.values.kept(Code(of, self.f.values.as_type(code, of, at))).value
                 self.f.assign(found, Conditional(there, Runtime(name, (found, value)), value))
@@ -284,7 +288,7 @@ class LoweredGenerators(LoweredSubject):
         default = self._beside("", 1, node)
         if default is None or len(generator.generators) > 1:
             raise self.f.refused(
-                node, "`next` of a generator that may be empty or has two loops", "next(..., 0.0), a loop"
+                node, "`next` is applied to a generator that may be empty or has two loops", "next(..., 0.0), a loop"
             )
         kind = self._type_so_far(generator)
         found, there = self.f.temporary(kind, "found"), self.f.temporary(BOOL, "any")
@@ -314,7 +318,7 @@ class LoweredGenerators(LoweredSubject):
                 a, b = (self.f.values.as_type(each, kind, node) for each in (found, default))
                 self.f.add(If(there, (Assign(result, a),), (Assign(result, b),)))
                 return Code(kind, result)
-        raise self.f.refused(node, "two values of different types", "one type for both")
+        raise self.f.refused(node, "the two values have different types", "one type for both")
 
     def chosen(self, generator: ast.ListComp) -> Selection:
         """Return a list of the numbers for which the conditions hold."""
@@ -345,7 +349,7 @@ class LoweredGenerators(LoweredSubject):
             with self.f.loops.bound_to(own.generators[0].target, turns.find(0)):
                 term = self.f.term(own.elt)
                 if isinstance(term, Known) and self.f.values.type_of(term) is None:
-                    told = "an unknown number of objects"
+                    told = "the number of objects is not known"
                     raise self.f.refused(generator, told, "a loop; min or max by a key")
                 of = self._number(term, own.elt).type
         self.f.flow.names = names
@@ -372,13 +376,13 @@ class LoweredGenerators(LoweredSubject):
         element."""
         given = [each.value for each in node.keywords if each.arg == name] + node.args[1 : 1 + place]
         if len(given) != len(node.args) + len(node.keywords) - 1 or len(given) > 1:
-            raise self.f.refused(node, "an argument that cannot be translated", name)
+            raise self.f.refused(node, "an argument that cannot be translated is passed", name)
         if not given:
             return None
         with self.f.gathered() as needed:
             term = self.f.values.settled(self.f.term(given[0]))
         if any(not isinstance(each, Assign) for each in needed):
-            raise self.f.refused(node, "a computed argument", "assign it to a name first")
+            raise self.f.refused(node, "an argument is computed", "assign it to a name first")
         self.f.statements += needed
         return term
 

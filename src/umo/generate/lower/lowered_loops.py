@@ -164,7 +164,7 @@ class LoweredLoops(LoweredSubject):
         assert isinstance(node.iter, ast.Call)
         terms = self.f.ordered(node.iter.args)
         if any(isinstance(each, Known) and type(each.value) not in (int, bool) for each in terms):
-            raise self.f.refused(node, "a range of something other than integers", "int(...)")
+            raise self.f.refused(node, "the range is not of integers", "int(...)")
         if all(isinstance(each, Known) for each in terms) and isinstance(node.target, ast.Name):
             numbers = range(*(each.value for each in terms))  # type: ignore[union-attr,arg-type]
             if len(numbers) <= MOST_UNROLLED and _indexes_objects(node):
@@ -202,7 +202,7 @@ class LoweredLoops(LoweredSubject):
         """Write out each turn of a loop over objects."""
         if turns.count > MOST_UNROLLED:
             raise self.f.refused(
-                node, f"a loop of {turns.count} turns over objects", f"at most {MOST_UNROLLED}, or a Vector"
+                node, f"the loop over objects has {turns.count} turns", f"at most {MOST_UNROLLED}, or a Vector"
             )
         out, rebound = self.f.label("done"), len(self.f.aliases.rebound)
         goes_on = True
@@ -254,7 +254,7 @@ class LoweredLoops(LoweredSubject):
 
     def _leave(self, node: ast.AST, label: str) -> None:
         if self.f.errors.tries > self.around[-1].tries:
-            raise self.f.refused(node, "it jumps out of a `try`", "a flag")
+            raise self.f.refused(node, "the loop jumps out of a `try`", "a flag")
         self.f.flow.left.setdefault(label, []).append(self.f.flow.way())
 
 

@@ -80,7 +80,7 @@ class LoweredRings(LoweredSubject):
         assert isinstance(term, Known)
         memory, length = self.f.world.memory, term.value.maxlen
         if length is None or not 0 < length <= MOST_ELEMENTS:
-            raise self.f.refused(node, "a deque without `maxlen`", f"deque(maxlen=n), at most {MOST_ELEMENTS} numbers")
+            raise self.f.refused(node, "the deque has no `maxlen`", f"deque(maxlen=n), at most {MOST_ELEMENTS} numbers")
         ring = memory.rings.setdefault(id(term.value), DequeFields(term.value))
         for each in term.value:
             self._learn(ring, self.f.world.fields.type_of_value(each), node)
@@ -96,12 +96,12 @@ class LoweredRings(LoweredSubject):
     def _learn(self, ring: DequeFields, of: CType | None, node: ast.AST) -> CType:
         """Return the type of the elements after one of this type."""
         if of not in (REAL, INT, BOOL):
-            raise self.f.refused(node, "a deque with elements other than Python numbers", "float(...), int(...)")
+            raise self.f.refused(node, "the deque has elements other than Python numbers", "float(...), int(...)")
         memory = self.f.world.memory
         found = memory.learn(memory.fields, (id(ring), "of"), of, lambda: None)
         if isinstance(found, MixedNumber):
             raise self.f.refused(
-                node, "elements of several classes in a deque", "one class for all elements, float(...)"
+                node, "the deque has elements of several classes", "one class for all elements, float(...)"
             )
         return found
 
@@ -173,7 +173,9 @@ class LoweredRings(LoweredSubject):
     def call(self, method: RingMethod, given: Sequence[Term], node: ast.AST) -> Term:
         name, ring = method.name, self.of(method.base, node)
         if len(given) != TAKES.get(name, 0):
-            raise self.f.refused(node, f"`{name}` of a deque with {len(given)} arguments", f"{TAKES.get(name, 0)}")
+            raise self.f.refused(
+                node, f"`{name}` of a deque cannot be called with {len(given)} arguments", f"{TAKES.get(name, 0)}"
+            )
         self.f.aliases.changes.add(ring.at)
         if name == "append":
             self._append(ring, self._taken(ring, given[0], node))
@@ -227,7 +229,7 @@ class LoweredRings(LoweredSubject):
 
     def _rotate(self, ring: RingPlace, steps: Term, node: ast.AST) -> None:
         if not (isinstance(steps, Known) and steps.value in (1, -1)):
-            raise self.f.refused(node, "`rotate` by a number other than 1 or -1", "a loop with rotate(1)")
+            raise self.f.refused(node, "`rotate` is called with a number other than 1 or -1", "a loop with rotate(1)")
         last, kept = Operator("-", ring.count, ONE), self.f.temporary(ring.of)
         first, end = (last, ZERO) if steps.value == 1 else (ZERO, last)
         taken, given = Assign(kept, Element(ring.at, first)), Assign(Element(ring.at, end), kept)

@@ -60,10 +60,14 @@ class LoweredSequences(LoweredSubject):
         if target is enumerate:
             return self._numbered(node, named, leaves)
         if named.keys() - ({"strict"} if target is zip else set()):
-            raise self.f.refused(node, f"a keyword argument of `{target.__name__}`", "a positional argument")
+            raise self.f.refused(
+                node, f"an argument is given by keyword to `{target.__name__}`", "a positional argument"
+            )
         if target is reversed and (len(node.args) != 1 or self.is_iterator(node.args[0])):
             raise self.f.refused(
-                node, "`reversed` of something that is not a list, a tuple or a range", "a list, a tuple, range"
+                node,
+                "`reversed` is applied to something that is not a list, a tuple or a range",
+                "a list, a tuple, range",
             )
         inner = [self._planned(each, leaves) for each in node.args]
         if target is reversed:
@@ -77,7 +81,7 @@ class LoweredSequences(LoweredSubject):
     ) -> Callable[[Iterator[Term]], Turns]:
         over, *start = [*node.args, *named.values()]
         if len(start) > 1 or named.keys() - {"start"} or any(isinstance(each, ast.Starred) for each in node.args):
-            raise self.f.refused(node, "a keyword argument of `enumerate`", "a positional argument")
+            raise self.f.refused(node, "an argument is given by keyword to `enumerate`", "a positional argument")
         inner = self._planned(over, leaves)
         leaves += start
 
@@ -85,7 +89,7 @@ class LoweredSequences(LoweredSubject):
             found = inner(terms)
             first = next(terms) if start else Known(0)
             if not (isinstance(first, Known) and type(first.value) is int and abs(first.value) < MOST_START):
-                raise self.f.refused(node, "`enumerate` from an unknown number", "i + start")
+                raise self.f.refused(node, "`enumerate` starts from an unknown number", "i + start")
             return _numbered(found, first.value)
 
         return turns
@@ -94,11 +98,11 @@ class LoweredSequences(LoweredSubject):
         counts = {each.count for each in parts} or {0}
         if any(each.until is not None for each in parts):
             raise self.f.refused(
-                node, "`zip` of something with a varying number of elements", "a loop over range(len(...))"
+                node, "`zip` is applied to something with a varying number of elements", "a loop over range(len(...))"
             )
         truth = self.f.values.truth(strict, node)
         if truth is not False and len(counts) > 1:
-            raise self.f.refused(node, "`zip` with strict=True of different lengths", "strict=False")
+            raise self.f.refused(node, "`zip` with strict=True has arguments of different lengths", "strict=False")
         found = Turns(min(counts), lambda n: TupleTerm(tuple(each.find(n) for each in parts)))
         finds = [each.find_at for each in parts if each.find_at is not None]
         arrays = tuple(array for each in parts for array in each.arrays)
@@ -156,13 +160,13 @@ class LoweredSequences(LoweredSubject):
             self.f.world.memory.place_known(term.value)
             return [Known(each) for each in term.value]
         raise self.f.refused(
-            node, "what it iterates over is not known when the code is generated", "a list of parts, range"
+            node, "the elements of the loop are not known when the code is generated", "a list of parts, range"
         )
 
     def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
         """Check that arrays are not replaced during a loop: Python iterates over those from the beginning. `rebound`:
         the number of assignments before."""
-        later, told = self.f.aliases.rebound[rebound:], "the loop assigns what it iterates over"
+        later, told = self.f.aliases.rebound[rebound:], "the loop assigns the name that it iterates over"
         for each in turns.arrays:
             if each in later or (calls(body) and each in self.f.world.memory.rebound):
                 raise self.f.refused(node, told, "another name for the new value")
@@ -184,10 +188,10 @@ class LoweredSequences(LoweredSubject):
     def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
         """Return the ends and the step of a slice."""
         if not all(isinstance(each, Known) and type(each.value) in (int, bool, type(None)) for each in terms):
-            raise self.f.refused(node, "a slice whose ends are not known", "numbers, or a loop")
+            raise self.f.refused(node, "the ends of the slice are not known", "numbers, or a loop")
         part = slice(*[each.value for each in terms])  # type: ignore[union-attr,arg-type]
         if part.step is not None and not part.step:
-            raise self.f.refused(node, "a slice whose step is 0", "another step")
+            raise self.f.refused(node, "the step of the slice is 0", "another step")
         return part
 
     def sliced(self, node: ast.Subscript, ends: ast.Slice) -> Term:
@@ -199,7 +203,7 @@ class LoweredSequences(LoweredSubject):
             return self.f.arrays.sliced(base, part, node)
         if not is_sequence(base):
             raise self.f.refused(
-                node, "a slice of something that is not a tuple, a list or an array", "a tuple, a list; a loop"
+                node, "the slice is not that of a tuple, a list or an array", "a tuple, a list; a loop"
             )
         kind = list if _is_list(base) else None
         return TupleTerm(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
@@ -215,7 +219,7 @@ class LoweredSequences(LoweredSubject):
         else:
             return None
         if len(parts) > MOST_TURNS:
-            raise self.f.refused(node, f"a sequence of more than {MOST_TURNS} elements", "a shorter one, an array")
+            raise self.f.refused(node, f"the sequence has more than {MOST_TURNS} elements", "a shorter one, an array")
         return TupleTerm(tuple(parts), kind=list if _is_list(left) else None)
 
     # Comprehensions ------------------------------------------------------------------------------------
@@ -257,7 +261,7 @@ class LoweredSequences(LoweredSubject):
     def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
         """Return a comprehension or generator with names of its own, and its turns."""
         if len(node.generators) != 1 or node.generators[0].is_async:
-            raise self.f.refused(node, "two loops in one expression", "a loop for each")
+            raise self.f.refused(node, "the expression has two loops", "a loop for each")
         node = with_own_names(node)
         turns = self.over(node.generators[0].iter)
         self._check_count(turns, node)
@@ -265,10 +269,10 @@ class LoweredSequences(LoweredSubject):
 
     def _check_count(self, turns: Turns, node: ast.AST) -> None:
         if turns.until is not None:
-            told = "an expression with a varying number of elements"
+            told = "the number of elements of the expression varies"
             raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
         if turns.count > MOST_TURNS:
-            told = f"{turns.count} numbers in one expression"
+            told = f"the expression has {turns.count} numbers"
             raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")
 
     def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
@@ -284,7 +288,7 @@ class LoweredSequences(LoweredSubject):
         """Return the truth of a condition that is known when the code is generated."""
         truth = self.f.values.truth(self.f.term(test), test)
         if not isinstance(truth, bool):
-            told = "an `if` in a comprehension: the length is not known"
+            told = "the comprehension has an `if`, so its length is not known"
             raise self.f.refused(node, told, "any, all, sum, min, max, len or next of it; a loop")
         return truth
 
@@ -293,7 +297,7 @@ class LoweredSequences(LoweredSubject):
         called = {each.function for each in walk(*body) if isinstance(each, CallStatement)}
         changed, rebound = self.f.world.changed_by(called), self.f.world.memory.rebound
         if called and any(each in changed or each in rebound for each in turns.arrays):
-            raise self.f.refused(node, "a call that may change what the generator iterates over", "a loop")
+            raise self.f.refused(node, "a call may change the elements of the generator", "a loop")
 
 
 def is_sequence(term: Term) -> bool:

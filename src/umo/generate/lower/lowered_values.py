@@ -58,10 +58,13 @@ from umo.objects import Quality
 
 PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
 OF_UNKNOWN_LENGTH = (
-    "a list of which the length is not known",
+    "the length of the list is not known",
     "any, all, sum, min, max, len or next of it, whether it is empty, a loop",
 )
-NO_ELEMENTS = "an element of something that is not a list or an array in C", "a list of floats or of ints, np.zeros(n)"
+NO_ELEMENTS = (
+    "this is an element of something that is not a list or an array in C",
+    "a list of floats or of ints, np.zeros(n)",
+)
 """Why an element cannot be translated."""
 
 
@@ -175,9 +178,9 @@ class LoweredValues(LoweredSubject):
                     node, "a tuple cannot contain a number of numpy", "float(...), int(...), bool(...)"
                 )
             if (kind == REAL and plain_number(given) != REAL) or isinstance(given, MixedNumber):
-                raise self.f.refused(node, "an int where the tuple has a float", "0.0, float(...)")
+                raise self.f.refused(node, "an int takes the place of a float in the tuple", "0.0, float(...)")
             if kind == INT and given == BOOL:
-                raise self.f.refused(node, "a bool where the tuple has an int", "int(...)")
+                raise self.f.refused(node, "a bool takes the place of an int in the tuple", "int(...)")
         parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
         return Code(of, TupleOf(of, tuple(parts)))
 
@@ -227,12 +230,12 @@ class LoweredValues(LoweredSubject):
     def check_there(self, of: CType | None, where: str, node: ast.AST) -> None:
         """Refuse a type whose values may be None."""
         if isinstance(of, OptionalType):
-            raise self.f.refused(node, f"a value that may be None {where}", "`if x is not None`")
+            raise self.f.refused(node, f"a value that may be None stands {where}", "`if x is not None`")
 
     def number(self, term: Term, node: ast.AST) -> Code:
         code = self.present(self.code(term, node), node).as_plain
         if not is_number(code.type):
-            raise self.f.refused(node, "it is not a number")
+            raise self.f.refused(node, "the value is not a number")
         return code
 
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
@@ -292,7 +295,7 @@ def only_asked(term: NullTest | TruthTest | OneOf | Selection) -> tuple[str, str
         return OF_OBJECTS
     if isinstance(term, NullTest):
         return "only whether it is None is known on the controller", "is None, is not None"
-    return "one of two values of different types", "bool(...), one type for both"
+    return "the two values have different types", "bool(...), one type for both"
 
 
 def _told(value: object) -> str:

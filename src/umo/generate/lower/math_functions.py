@@ -44,7 +44,7 @@ def _hypot(f: FunctionBuilder, values: Sequence[Value], node: ast.AST) -> Code |
 def rounded(f: FunctionBuilder, one: Term, digits: Term, node: ast.Call) -> Term:
     """Return `round(x, digits)`: the float nearest to the decimal number that is nearest to x."""
     if not (isinstance(digits, Known) and type(digits.value) is int and digits.value in DIGITS):
-        raise f.refused(node, "`round` to an unknown number of digits, or one outside 0 to 22", "round(x, 2)")
+        raise f.refused(node, "`round` has an unknown number of digits, or a number outside 0 to 22", "round(x, 2)")
     if isinstance(one, Known) and type(one.value) in (bool, int, float):
         return Known(round(one.value, digits.value))
     if is_of_numpy(one):

@@ -78,7 +78,7 @@ def one_after_the_other(f: FunctionBuilder, parts: Sequence[Term], node: ast.AST
 def rolled(f: FunctionBuilder, term: Term, by: Term, node: ast.AST) -> Code:
     """Return `np.roll` by a known number."""
     if not (isinstance(by, Known) and type(by.value) is int):
-        raise f.refused(node, "`np.roll` by an unknown number", "np.roll(x, 1)")
+        raise f.refused(node, "`np.roll` moves by an unknown number", "np.roll(x, 1)")
     code = f.arrays.array(term, node)
     first = by.value % f.arrays.length_of(code, node)
     parts = [slice(-first, None), slice(None, -first)] if first else [slice(None)]
@@ -90,7 +90,7 @@ def place_of(f: FunctionBuilder, target: Any, term: Term, node: ast.AST) -> Code
     code = f.arrays.array(term, node)
     of, length = f.arrays.of(code), f.arrays.length_of(code, node)
     if of == BOOL:
-        raise f.refused(node, "the index of a minimum or maximum of bools", "a loop")
+        raise f.refused(node, "the index of a minimum or maximum of bools cannot be translated", "a loop")
     code = Code(code.type, f.arrays.kept_place(code))
     found = f.temporary(INT, "place")
     f.assign(found, ZERO)

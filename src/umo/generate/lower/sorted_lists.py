@@ -32,7 +32,9 @@ def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Cod
     found = f.values.new_list(terms, node) if len(terms) <= MOST_SORTED else None
     if found is None:
         raise f.refused(
-            node, f"`sorted` of something other than 1 to {MOST_SORTED} numbers of one class", "float(...), a loop"
+            node,
+            f"`sorted` is applied to something other than 1 to {MOST_SORTED} numbers of one class",
+            "float(...), a loop",
         )
     assert isinstance(found.type, ArrayType)
     result, of = found.value, found.type.of
@@ -40,7 +42,7 @@ def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Cod
     with f.body_of() as body:
         f.assign(moved, Element(result, turn))
         if of == REAL:
-            f.raises(ControllerLimit, node, Runtime("umo_is_nan", (moved,)), "the order of a NaN")
+            f.raises(ControllerLimit, node, Runtime("umo_is_nan", (moved,)), "the order of a NaN may differ in C")
         f.assign(at, turn)
         _move_down(f, result, at, moved)
         f.assign(Element(result, at), moved)

@@ -25,7 +25,7 @@ def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
         return None
     of = f.world.memory.text_type(term.value)
     if len(of.kind) > MOST_STATES:
-        raise f.refused(node, f"more than {MOST_STATES} texts in one machine", "members of an Enum")
+        raise f.refused(node, f"the machine has more than {MOST_STATES} texts", "members of an Enum")
     return Code(of, Literal(of.kind.index(term.value), of))
 
 

@@ -1,4 +1,4 @@
-"""A controller that a part of the machine runs on, as a driver of the host."""
+"""The driver, on the host, of a controller that runs a part of the machine."""
 
 from __future__ import annotations
 
@@ -103,11 +103,12 @@ class Controller(Driver[Channel], Looks, Capability):
     # The part ----------------------------------------------------------------------------------------------
 
     def cycle_for(self, part: Compound, wired: Wired) -> float:
-        """The controller's own period in s: by default that at which the part runs."""
+        """The controller's own period in s: by default the period of the part."""
         return self._cycle or (wired.period or 0.0) * wired.rates.every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
-        """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
+        """Take the part that runs on this controller, before the machine is connected. NotTranslated if the part cannot
+        be translated."""
         target = target_of(TARGETS[self.real], self.real)
         cycle = self.cycle_for(part, wired)
         self._part = part
@@ -117,8 +118,8 @@ class Controller(Driver[Channel], Looks, Capability):
         return plan
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """The part's attributes are kept in step from now on. Its laws are not called here, and their period is the
-        controller's."""
+        """Keep the attributes of the part equal to those of the controller from now on. The host does not call its
+        laws, whose period is the controller's."""
         part = self._part
         assert self._plan is not None and part is not None
         machine.acting_laws.leave_out(part)
@@ -129,14 +130,14 @@ class Controller(Driver[Channel], Looks, Capability):
         self._ends = self._rested = False
 
     def end(self) -> None:
-        """The machine is brought to its end: the first reset stops the controller."""
+        """Prepare for the end of the machine, at which the first reset stops the controller."""
         self._ends = True
 
     # The driver --------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Connect, and see that the controller has this part. A process that only resets, such as a guardian, has no
-        part, and connects when it does so."""
+        """Connect, and check that the controller has this part. A process that only resets, such as a guardian, has no
+        part, and connects when it resets."""
         if not self._prepared:
             raise DriverError(f"a serial line needs pyserial: {how_to_install('text')}")
         self._rested = False
@@ -166,7 +167,7 @@ class Controller(Driver[Channel], Looks, Capability):
         return self._link
 
     def initialize(self, channel: Channel, default: int | None) -> None:
-        """Outputs are at their defaults until the controller is started. A fault of the controller is over."""
+        """Keep the outputs at their defaults until the controller is started, and clear a fault of the controller."""
         if self._mirror is not None:
             self._mirror.clear()
         self._contained = False
@@ -175,8 +176,8 @@ class Controller(Driver[Channel], Looks, Capability):
             link.close()
 
     def reset(self, channel: Channel, default: int | None) -> None:
-        """At the end of a run set all outputs to their defaults, in the controller's stop order. During a run the next
-        exchange sends which outputs are inhibited."""
+        """Set all outputs to their defaults at the end of a run, in the controller's stop order. During a run the next
+        exchange sends the inhibited outputs."""
         if default is None or self._rested or not (self._ends or self._mirror is None):
             return
         if self._plan is None:

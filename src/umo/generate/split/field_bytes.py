@@ -1,4 +1,5 @@
-"""The fields of a part as bytes of the link: the numbers of each one after the other, as a controller has them."""
+"""The fields of a part as bytes of the link: the numbers of each field, one after the other, as in the memory of the
+controller."""
 
 from __future__ import annotations
 
@@ -45,7 +46,7 @@ class FieldBytes:
             raise DriverError(f"{self.path} cannot be {value!r} on a controller: {error}") from None
 
     def assign(self, data: bytes) -> None:
-        """The attribute becomes what these bytes say."""
+        """Set the attribute to the value of these bytes."""
         value = self._value(self.type, iter(self._bytes.unpack(data)))
         before = getattr(self.owner, self.name)
         if isinstance(before, np.ndarray):

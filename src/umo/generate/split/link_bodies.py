@@ -1,6 +1,6 @@
 """The bodies of the link's frames: those that a host sends, and those of the controller's answers.
 
-docs/split-protocol.md describes them; numbers have the least byte first."""
+docs/split-protocol.md describes them; numbers begin with the least significant byte."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def check_refused(body: bytes, name: str) -> None:
 
 
 class Welcome(NamedTuple):
-    """A controller has answered HELLO."""
+    """The answer of a controller to HELLO."""
 
     kind: int
     nonce: int
@@ -82,14 +82,14 @@ class ControllerState(NamedTuple):
 
     session: int
     heard: int
-    """The number of the last frame of the host that it has carried out."""
+    """The number of the host's last frame that the controller has carried out."""
     mode: ControllerMode
     fault: int
     fault_object: int
     number: int
-    """Its periods since the start, modulo 2**32."""
+    """The number of its periods since the start, modulo 2**32."""
     asks: int
-    """The number of what the host is asked to plan; 0: nothing."""
+    """The number of the request to the host to plan a motion, or 0 for none."""
     call: int
     """The index into `Translation.host_calls`."""
     numbers: Sequence[float]
@@ -99,7 +99,7 @@ class ControllerState(NamedTuple):
     raws_out: Sequence[int]
     inhibited: Sequence[bool]
     equipment: Sequence[int]
-    """The fault of each part that fails alone; 0: none."""
+    """The fault of each part that fails alone, or 0 if there is none."""
     fields: bytes
     """The fields that the controller changes, one after the other."""
 

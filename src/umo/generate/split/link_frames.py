@@ -1,6 +1,5 @@
-"""Frames of the link between host and controller: a body, its CRC-32, made free of zeros (COBS), between two zeros.
-
-The same is in C in `umo_frames.c`; docs/split-protocol.md describes it.
+"""Frames of the link between host and controller: a body with its CRC-32, encoded without zeros (COBS), between two
+zeros. `umo_frames.c` has the same in C; docs/split-protocol.md describes it.
 """
 
 from __future__ import annotations
@@ -10,11 +9,11 @@ from zlib import crc32
 CRC_BYTES = 4
 """Bytes of the CRC-32 of a body, which follow it, the least first."""
 _LONGEST_RUN = 254
-"""Bytes other than zero that one code of COBS stands for, at most."""
+"""Largest number of bytes other than zero that one code of COBS stands for."""
 
 
 def framed(body: bytes) -> bytes:
-    """The bytes on the line. The zero before a frame ends whatever noise stands before it."""
+    """Return the bytes of a frame on the line. The zero before the frame ends any preceding noise."""
     return b"\0" + without_zeros(body + crc32(body).to_bytes(CRC_BYTES, "little")) + b"\0"
 
 
@@ -52,7 +51,7 @@ class FrameReader:
         self._skips = False
         """True if a frame that is too long has begun: it is left out up to its end."""
         self.damaged = 0
-        """Frames that were not whole, or whose CRC-32 was wrong."""
+        """Number of frames that were incomplete, or whose CRC-32 was wrong."""
 
     def take(self, data: bytes) -> list[bytes]:
         """The bodies of the frames that end in these bytes."""

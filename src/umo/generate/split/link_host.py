@@ -25,7 +25,7 @@ from umo.generate.split.part_plan import PartPlan
 from umo.system import calls
 
 PAUSE = 0.001
-"""Time in s between two attempts at a line that takes nothing."""
+"""Time in s between two attempts to write to a line that accepts no data."""
 
 
 class WrongController(DriverError):
@@ -50,9 +50,9 @@ class LinkHost:
         self._unsent = bytearray()
         """Data that the line has not accepted yet."""
         self.session = 0
-        """0: the controller was not started."""
+        """The number of the session; 0 if the controller was not started."""
         self.offered = 0
-        """The session that the controller has offered; 0: none."""
+        """The session that the controller has offered, or 0 if there is none."""
         self.awaited = False
         """True if the last request was not answered."""
         self.state: ControllerState | None = None
@@ -75,7 +75,7 @@ class LinkHost:
     # Greeting --------------------------------------------------------------------------------------------
 
     def greet(self, deadline: float) -> None:
-        """Connect, and send a greeting until it is answered. DeviceTimeout, DriverError, WrongController."""
+        """Connect, and send a greeting until it is answered. Raises DeviceTimeout, DriverError or WrongController."""
         self.close()
         try:
             self._stream = self._dial(deadline)
@@ -121,7 +121,7 @@ class LinkHost:
     # Exchange --------------------------------------------------------------------------------------------
 
     def send(self, kind: FrameKind, inhibited: Iterable[bool], items: Iterable[bytes] = ()) -> int:
-        """Send a request; its number."""
+        """Send a request, and return its number."""
         if self._stream is None:
             raise DriverError("it is not connected")
         self._number = self.next_number
@@ -140,7 +140,7 @@ class LinkHost:
 
     @property
     def may_send(self) -> bool:
-        """True if the last request was answered, or is given up: its answer is late."""
+        """True if the last request was answered, or is given up because its answer is late."""
         return not self._unsent and (not self.awaited or self._now() - self._sent[self._number] >= self._patience)
 
     @property
@@ -165,11 +165,12 @@ class LinkHost:
             self._lost(error, "no answer")
 
     def start(self, inhibited: Sequence[bool], items: Sequence[bytes], deadline: float) -> ControllerState:
-        """Begin the session that is offered. DeviceTimeout if that is not answered by then."""
+        """Begin the session that is offered. DeviceTimeout if the controller does not answer before the deadline."""
         return self._in_a_session(FrameKind.START, inhibited, items, deadline)
 
     def stop(self, deadline: float) -> ControllerState:
-        """Stop the session, or the one that is offered. DeviceTimeout if that is not answered by then."""
+        """Stop the session, or the one that is offered. DeviceTimeout if the controller does not answer before the
+        deadline."""
         return self._in_a_session(FrameKind.STOP, (), (), deadline)
 
     def _in_a_session(
@@ -219,7 +220,7 @@ class LinkHost:
 
     @property
     def age(self) -> float:
-        """The age in s of what the last answer says, at most: the time since it was asked for."""
+        """The largest possible age in s of the data in the last answer, which is the time since its request."""
         return self._now() - self._asked
 
     def _take(self, data: bytes) -> None:
@@ -272,5 +273,5 @@ def _is_after(number: int, other: int) -> bool:
 
 
 def late(name: str, age: float) -> DeviceTimeout:
-    """The controller has given no answer for this time in s."""
+    """Return the error for a controller that has not answered for this time in s."""
     return DeviceTimeout(f"no answer from the controller {name} for {duration(age)}")

@@ -1,5 +1,5 @@
-"""Stopping a controller from a process that knows nothing of its part, such as a guardian: STOP needs no more than the
-session that every greeting is offered."""
+"""Stopping a controller from a process that does not know its part, such as a guardian. STOP needs only the session
+that the answer to a greeting offers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from umo.generate.split.link_frames import FrameReader, framed
 from umo.system import calls
 
 LONGEST = 1 << 16
-"""Bytes of the longest body that is read: the part is not known."""
+"""Largest number of bytes of a body that is read, since the part is not known."""
 
 
 def stop_controller(dial: Dial, name: str, deadline: float, retry: float) -> None:
-    """Bring the outputs of a controller to their defaults, for any part, also if another host has started it. Each
-    frame is sent again after `retry` s. DeviceTimeout, DriverError; HostRefused if it has another host for all that
-    time."""
+    """Bring the outputs of a controller to their defaults, for any part, even if another host has started it. Each
+    frame is sent again after `retry` s. Raises DeviceTimeout or DriverError; HostRefused if it has another host for all
+    that time."""
     stream: Stream | None = None
     try:
         while True:

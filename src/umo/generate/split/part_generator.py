@@ -30,8 +30,8 @@ output goes to its default, and nothing runs until the host starts it again.
 def part_files(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, name: str, target: ControllerTarget
 ) -> dict[str, str]:
-    """The files by name, for the controller of this name in the wiring. NotTranslated lists everything that is in the
-    way. No device is opened."""
+    """The files by name, for the controller of this name in the wiring. NotTranslated lists all obstacles. No device is
+    opened."""
     wired = resolve(root, wiring)
     path = next((each for each, driver in wired.controllers.items() if driver == name), None)
     if path is None:

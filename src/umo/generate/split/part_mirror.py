@@ -1,4 +1,4 @@
-"""A part on the host, kept in step with its controller: attributes, what actuators are to be, references."""
+"""A part on the host, kept equal to its controller: attributes, values of actuators, references."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PartMirror:
         self.forget()
 
     def forget(self) -> None:
-        """The state of the controller is unknown: everything must be sent."""
+        """Note that the state of the controller is unknown, so that everything must be sent."""
         self._fields: list[bytes | None] = [None] * len(self._plan.fields)
         self._pending: list[bytes | None] = [None] * len(self._outputs)
         self._known: dict[int, bytes | None] = {}
@@ -53,15 +53,16 @@ class PartMirror:
     # To the controller -----------------------------------------------------------------------------------
 
     def inhibited(self) -> list[bool]:
-        """The outputs that the host inhibits: by its interlocks, faults and clients; all in manual mode."""
+        """Return the outputs that the host inhibits because of its interlocks, faults and clients; in manual mode all
+        outputs."""
         if self._machine.is_manual:
             return [True] * len(self._outputs)
         return [self._machine.claims.inhibited(slot) is not None for slot in self._outputs]
 
     def changes(self, inhibited: list[bool], frame: int, *, all_of_it: bool = False) -> list[bytes]:
-        """The items of the frame with this number, which bring the controller to what the host has; at the start also
-        what actuators are to be is the controller's own. While a frame is not answered, its items are sent again as
-        items of that frame, because it may have been accepted and only the answer lost."""
+        """Return the items of the frame with this number, which make the controller's values equal to the host's; at
+        the start the values of actuators are those of the controller. While a frame is not answered, its items are sent
+        again as items of that frame, because it may have been accepted and only the answer lost."""
         if self._items:
             return [item(FrameItem.GIVEN, self._first), *self._items]
         found = []
@@ -106,7 +107,7 @@ class PartMirror:
         self._sent = set()
 
     def clear(self) -> None:
-        """The equipment is cleared on the host."""
+        """Note that the equipment is cleared on the host."""
         if any(self._faults):
             self._asked.add(FrameItem.CLEAR)
 
@@ -132,14 +133,15 @@ class PartMirror:
                 self._pending[place] = self._real.pack(value)
 
     def plan(self, state: ControllerState) -> None:
-        """Plan what the controller has asked for, once. The attributes that this changes go with the next frame."""
+        """Plan the motion that the controller has requested, once. The attributes that this changes go with the next
+        frame."""
         if state.asks and state.asks != self._planned:
             self._planned = state.asks
             owner, name = self._calls[state.call]
             getattr(owner, name)(*state.numbers)
 
     def new_faults(self, state: ControllerState) -> Iterator[tuple[Compound, int]]:
-        """The equipment that has come into fault on the controller, and the number of its fault."""
+        """Return the equipment that has entered a fault on the controller, and the number of its fault."""
         for number, fault in enumerate(state.equipment):
             if fault and not self._faults[number]:
                 yield self._equipment[number], fault

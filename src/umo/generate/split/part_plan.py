@@ -33,14 +33,14 @@ from umo.wiring.rates import NO_RATES
 from umo.wiring.wired import ProcessSettings, Wired
 
 LONGEST_HEAD = 64
-"""Bytes of a frame beside what depends on the part, at most."""
+"""Largest number of bytes of a frame, without those that depend on the part."""
 MOST_BYTES = 2**16 - 1 - CRC_BYTES
-"""Bytes of a body at most: a controller counts them in 16 bits."""
+"""Largest number of bytes of a body: because a controller counts them in 16 bits."""
 
 
 @dataclass(frozen=True)
 class PartPlan:
-    """A part as both ends of the link know it."""
+    """The data of a part that both ends of the link have."""
 
     path: str
     model: ControllerModel
@@ -51,7 +51,7 @@ class PartPlan:
     """Time in s without the host after which the controller brakes its axes, and brings its outputs to their
     defaults."""
     braking_timeout: float
-    """Time in s that the braking may take."""
+    """Longest time in s for braking."""
 
     @property
     def real_size(self) -> int:
@@ -69,7 +69,8 @@ class PartPlan:
 
     @property
     def longest(self) -> int:
-        """Bytes of the longest body of a frame: everything in one, so that what belongs together is taken at once."""
+        """Bytes of the longest body of a frame, which contains everything, so that related data are accepted at
+        once."""
         inputs, outputs = self.model.inputs, len(self.model.outputs)
         items = sum(3 + each.size for each in self.fields)
         items += outputs * (3 + self.real_size) + inputs * (4 + self.real_size) + 3 * (len(self.model.equipment) + 2)
@@ -118,7 +119,7 @@ class PartPlan:
         )
 
     def files(self) -> dict[str, str]:
-        """Return the files of the controller that its machine does not have."""
+        """Return the files of the controller that are not files of its machine."""
         header = (
             f"/* machine_link.h: what host and controller agree on of {self.path}. Made by umo new controller. */\n"
             '#ifndef MACHINE_LINK_H\n#define MACHINE_LINK_H\n\n#include "machine.h"\n\n'
@@ -140,8 +141,8 @@ class PartPlan:
 
 @contextmanager
 def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -> Iterator[ControllerModel]:
-    """The model of a part alone, on this controller with this period; its calibrations are those of the wiring, and are
-    set. The machine is not connected."""
+    """The model of a part alone, on this controller with this period; its calibrations are set to those of the wiring.
+    The machine is not connected."""
     wires = [each for each in wired.wires if bare(each.driver) is driver or each.item is wired.timer]
     alone = replace(wired, wires=wires, period=period, rates=NO_RATES, process=ProcessSettings())
     image = Image(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
@@ -176,7 +177,7 @@ def plan_of(
     host_timeout: float,
     braking_timeout: float,
 ) -> PartPlan:
-    """The plan of a part. NotTranslated with everything that is in the way."""
+    """Return the plan of a part. NotTranslated with all obstacles."""
     with part_laid_out(part, wired, driver, period) as model:
         translation = translate(part, model.conditions, model.steps, target)
         translation.problems += settings_of(translation.known, root_of(part))
@@ -199,10 +200,10 @@ def plan_of(
 
 
 def share_of(count: int) -> int:
-    """Bytes for this number of bits, as LINK_BITS."""
+    """Number of bytes for this number of bits, as LINK_BITS."""
     return count // 8 + 1
 
 
 def bits_of(count: int) -> int:
-    """Bytes for this number of bits in an answer."""
+    """Number of bytes for this number of bits in an answer."""
     return ceil(count / 8)

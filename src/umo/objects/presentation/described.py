@@ -1,7 +1,8 @@
 """The meaning of a value of a machine: its kind, unit, range, states and digits, and the value as a text.
 
-It is made from plain data, as frames and recordings have it: of an object (`umo.objects.description` makes it), a
-signal, a tunable number, an argument, the state of equipment. Nobody else asks the plain data which of these it is.
+It is made from the plain data in frames and recordings: those of an object (made by `umo.objects.description`), a
+signal, a tunable number, an argument, or the state of equipment. Only this module examines the plain data to find which
+of these it is.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 @dataclass(frozen=True)
 class Described:
-    """A value: a number with a unit, a level with two states, or one of several named states."""
+    """Describes a value: a number with a unit, a level with two states, or one of several named states."""
 
     plain: Mapping[str, Any]
     """The plain data."""
@@ -34,7 +35,8 @@ class Described:
 
     @property
     def kind(self) -> str:
-        """The class of an object, "DigitalSensor"; of an argument its type; "": a signal, a tunable number, a state."""
+        """The class of an object, "DigitalSensor"; for an argument, its type; "" for a signal, a tunable number or a
+        state."""
         return str(self.plain.get("kind", ""))
 
     @property
@@ -48,12 +50,12 @@ class Described:
 
     @property
     def is_synchronous(self) -> bool:
-        """True if its value is of its period: all but asynchronous objects."""
+        """True if its value belongs to the period, which is so for all except asynchronous objects."""
         return bool(self.plain.get("synchronous", True))
 
     @property
     def is_binary(self) -> bool:
-        """True if it is a level: 1 and 0 are its two states."""
+        """True if it is a level, whose two states are 1 and 0."""
         return "one" in self.plain
 
     @property
@@ -63,7 +65,7 @@ class Described:
 
     @property
     def wire(self) -> str:
-        """The channel on which an object is; "": it is not connected."""
+        """The channel on which an object is, or "" if it is not connected."""
         return str(self.plain.get("wire", ""))
 
     @property
@@ -88,13 +90,13 @@ class Described:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Minimum and maximum; infinite where there is none."""
+        """Minimum and maximum; infinite if there is none."""
         low, high = self.minimum, self.maximum
         return -inf if low is None else float(low), inf if high is None else float(high)
 
     @property
     def resolution(self) -> float | None:
-        """The change of the value for one bit; None: its values are not on such a scale."""
+        """The change of the value for one bit, or None if its values are not on such a scale."""
         return self.plain.get("resolution")
 
     @property
@@ -104,7 +106,7 @@ class Described:
 
     @cached_property
     def states(self) -> Mapping[int, str]:
-        """The names of its states by number; empty: it is a number."""
+        """The names of its states by number, or empty if it is a number."""
         if self.is_binary:
             return {0: str(self.plain["zero"]), 1: str(self.plain["one"])}
         states = self.plain.get("states", {})
@@ -117,13 +119,13 @@ class Described:
 
     @cached_property
     def default(self) -> float | None:
-        """The safe value of an actuator, of a state its number."""
+        """The safe value of an actuator, for a state, its number."""
         default = self.plain.get("default")
         return self.number_of(str(default)) if self.states else default
 
     @property
     def expires(self) -> float | None:
-        """Time in s without a write after which the default is sent; None: never."""
+        """Time in s without a write after which the default is sent; None means never."""
         return self.plain.get("expires")
 
     @property
@@ -135,7 +137,7 @@ class Described:
 
     @cached_property
     def digits(self) -> int | None:
-        """Digits after the point; None: it has no resolution."""
+        """Digits after the point, or None if it has no resolution."""
         return digits_of(float(self.resolution), self.zero_offset) if self.resolution else None
 
     def state(self, value: float) -> str:
@@ -149,8 +151,8 @@ class Described:
         return value if self.is_number or not isfinite(value) else self.state(value)
 
     def text(self, *values: float) -> str:
-        """The value with its unit, or the state; of a family the least to the greatest, or how many are in each state.
-        Of named values the name of each."""
+        """Return the value with its unit, or the state. For a family: the least to the greatest value, or the number of
+        objects in each state. For named values: the name of each."""
         known = [value for value in values if isfinite(value)]
         if not known:
             return NO_VALUE
@@ -165,17 +167,17 @@ class Described:
 
     @property
     def kind_text(self) -> str:
-        """`digital actuator`."""
+        """The kind in words, such as `digital actuator`."""
         return _CAPITAL.sub(" ", self.kind).lower()
 
     @property
     def range_text(self) -> str:
-        """`0 to 10 V`; `OFF or ON`."""
+        """The range in words, such as `0 to 10 V` or `OFF or ON`."""
         return " or ".join(self.states.values()) or span(self.minimum, self.maximum, self.unit)
 
     @property
     def default_text(self) -> str:
-        """The safe value of an actuator, of a number as it is declared; "": it has none."""
+        """The safe value of an actuator, or the declared value of a number, as text, or "" if it has none."""
         if (default := self.plain.get("default")) is None:
             return ""
         return measure(default, self.unit) if self.is_number else str(default)
@@ -187,12 +189,14 @@ class Described:
 
     @property
     def file_form(self) -> str:
-        """Format of its number in a file: an object's stands for one raw integer, others have all of their digits."""
+        """Format of its number in a file: that of an object stands for one raw integer; others have all of their
+        digits."""
         digits = 0 if self.is_binary else self.digits
         return "{}" if digits is None else f"{{:z.{digits}f}}"
 
     def in_unit(self, unit: str, line: tuple[float, float] | None) -> Described:
-        """The same number in another unit. `line`: factor and offset to that; None: its resolution varies there."""
+        """The same number in another unit. `line`: factor and offset of the conversion, or None if its resolution
+        varies there."""
         about = {name: fact for name, fact in self.plain.items() if name not in ("resolution", "zero_offset")}
         if line is not None and self.resolution is not None:
             factor, offset = line
@@ -201,8 +205,8 @@ class Described:
 
     @property
     def shown(self) -> dict[str, Any]:
-        """The plain data for the page: with how its unit looks (`look`), the digits of its values, its range as
-        text."""
+        """The plain data for the page: with the printed form of its unit (`look`), the digits of its values, and its
+        range as text."""
         shown = dict(self.plain)
         if "unit" in shown:
             shown |= {"look": shown_unit(self.unit), "digits": self.digits}

@@ -1,8 +1,8 @@
 """Identities: the names of a machine in the alphabet of a protocol, unique and constant, by one escape.
 
 A character that a protocol cannot have, or that means something else there, is written as `_xHHHH_`: its code point in
-four hexadecimal digits, or eight (ISO/IEC 9075-14). So is a `_` before what looks like that. Nothing is left out or
-replaced, so that two names never have one identity, and an identity depends on no other name.
+four hexadecimal digits, or eight (ISO/IEC 9075-14). A `_` before a text that looks like such a code is escaped, too.
+Nothing is left out or replaced, so that two names never have one identity, and an identity depends on no other name.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from hashlib import sha256
 Kept = Callable[[str], bool]
 """Returns True if a protocol can represent a character."""
 NO_NAME = "\0"
-"""Stands for a part without a name: nothing else has this character."""
+"""Stands for a part without a name; it occurs nowhere else."""
 DIGEST = 16
-"""Hexadecimal digits of the digest that ends an identity which is cut: 64 bits."""
+"""Number of hexadecimal digits of the digest at the end of a shortened identity: 64 bits."""
 _CODE = re.compile(r"_x([0-9A-F]{8}|[0-9A-F]{4})_")
 _LOOKS_CUT = re.compile(rf"\.[0-9a-f]{{{DIGEST}}}\Z")
 _LOOKS_CODED = re.compile(r"_x[0-9A-F]{4}")
 
 
 def is_word(character: str) -> bool:
-    """ASCII letters, digits, `_`."""
+    """True for ASCII letters, digits and `_`."""
     return character.isascii() and (character.isalnum() or character == "_")
 
 
 def is_encodable(character: str) -> bool:
-    """True if UTF-8 has the character. A folder's name may have others, which stand for bytes."""
+    """True if UTF-8 can encode the character. A folder's name may have others, which stand for bytes."""
     return not 0xD800 <= ord(character) < 0xE000
 
 
@@ -47,7 +47,7 @@ def is_topic(character: str) -> bool:
 
 
 def escaped(text: str, kept: Kept, words: Collection[str] = ()) -> str:
-    """A text in an alphabet. `words`: texts that mean something else; they get their first character escaped."""
+    """Return a text in an alphabet. `words`: texts with another meaning, whose first character is escaped."""
     text = text or NO_NAME
     first = text in words
     return "".join(
@@ -57,13 +57,13 @@ def escaped(text: str, kept: Kept, words: Collection[str] = ()) -> str:
 
 
 def unescaped(text: str) -> str:
-    """The text that was escaped."""
+    """Return the original of an escaped text."""
     return _CODE.sub(lambda found: chr(int(found[1], 16)), text).replace(NO_NAME, "")
 
 
 def shortened(identity: str, length: int) -> str:
-    """An identity with at most this number of characters. The end of a longer one is replaced by a digest of all of it,
-    and so is that of one that looks shortened, because it could equal a shortened one."""
+    """An identity with at most this number of characters. The end of a longer one is replaced by a digest of the whole.
+    The same is done to an identity that looks shortened, because it could equal a shortened one."""
     if len(identity) < length or (len(identity) == length and not _LOOKS_CUT.search(identity)):
         return identity
     return f"{identity[: length - DIGEST - 1]}.{sha256(identity.encode()).hexdigest()[:DIGEST]}"
@@ -76,10 +76,10 @@ class Identities:
     separator: str
     """Replaces the dots of a path: a character outside the alphabet, or a dot."""
     mark: str
-    """Between the kind and the path of what has its kind before it."""
+    """The text between kind and path, if the kind precedes the path."""
     kept: Kept
     words: frozenset[str] = frozenset()
-    """Paths that have another meaning there."""
+    """Paths that have another meaning in the protocol."""
 
     def of(self, path: str, kind: str = "") -> str:
         """Return the identity of the item with this path. `kind`: as in `tunable:cell.gain`; "" if the path is
@@ -98,6 +98,6 @@ class Identities:
 
 
 def coded(character: str) -> str:
-    """A character as it is escaped."""
+    """Return the escape of a character."""
     code = ord(character)
     return f"_x{code:0{4 if code < 0x10000 else 8}X}_"

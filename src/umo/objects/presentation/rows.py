@@ -1,4 +1,5 @@
-"""Objects, signals and tunable numbers as rows of a table: which like ones are one line, and the texts of the cells."""
+"""Objects, signals and tunable numbers as rows of a table: with similar ones in one line, and with the texts of the
+cells."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ INHIBITED, BY_CLIENT = "inhibited", "by client"
 ANY = "*"
 """Part of a pattern that stands for any part of a path."""
 FOLDED_FROM = 3
-"""Members from which a family is folded."""
+"""Number of members from which on a family is shown as one line."""
 
 
 def generalised(path: str) -> str:
@@ -59,7 +60,8 @@ LikeRows = Sequence[TableRow]
 
 
 def lines(paths: Sequence[str]) -> list[list[int]]:
-    """The places of each line: families together, the others one by one; parts of the machine one after another."""
+    """The places of the rows in each line: families together, the others one by one, in the order of the parts of the
+    machine."""
     parts: dict[str, list[list[int]]] = {}
     for path, places in families(paths).items():
         part = parts.setdefault(path.partition(".")[0] if "." in path else "", [])
@@ -77,19 +79,19 @@ def value_of(line: LikeRows) -> str:
 
 
 def worst_of(line: LikeRows) -> int:
-    """The number of the worst quality; 0 of what has none."""
+    """The number of the worst quality; 0 if there is none."""
     return max(row.quality or 0 for row in line)
 
 
 def quality_of(line: LikeRows) -> str:
-    """The worst one; of several how many have it."""
+    """Return the worst quality and, for several rows, how many have it."""
     found = [row.quality for row in line if row.quality is not None]
     worst = max(found, default=0)
     return quality_text(worst, found.count(worst) if worst and len(found) > 1 else None) if found else ""
 
 
 def sentence_of(row: TableRow, width: int = 0) -> str:
-    """Path, value, quality and note of one object, two blanks apart; the path as wide as this."""
+    """Path, value, quality and note of one object, separated by two blanks, with the path padded to this width."""
     cells = [f"{row.about.path:{width}}", value_of([row]), quality_of([row]), note_of([row])]
     return printable("  ".join(filter(None, cells)))
 
@@ -101,25 +103,25 @@ def raw_of(line: LikeRows) -> str:
 
 
 def note_of(line: LikeRows) -> str:
-    """Reasons why an actuator is inhibited and why a value is not good."""
+    """Return the reasons why an actuator is inhibited and why a value is not good."""
     notes = dict.fromkeys(filter(None, (row.note for row in line)))
     return "; ".join(filter(None, [*list(notes)[:2], WHY[worst_of(line)]]))
 
 
 def kind_of(line: LikeRows) -> str:
-    """`digital actuator`; `40 x digital actuator`."""
+    """Return the kind of rows, such as `digital actuator` or `40 x digital actuator`."""
     words = line[0].about.kind_text
     return words if len(line) == 1 else f"{len(line)} x {words}"
 
 
 def range_of(line: LikeRows) -> str:
-    """`0 to 10 V, default 0 V`; `OFF or ON, default OFF`."""
+    """Return range and default, such as `0 to 10 V, default 0 V` or `OFF or ON, default OFF`."""
     about = line[0].about
     return f"{about.range_text}, default {about.default_text}" if about.default_text else about.range_text
 
 
 def declared_of(line: LikeRows) -> str:
-    """`digital actuator, 0 to 10 V, default 0 V`."""
+    """Return the declaration of rows, such as `digital actuator, 0 to 10 V, default 0 V`."""
     return f"{kind_of(line)}, {range_of(line)}"
 
 

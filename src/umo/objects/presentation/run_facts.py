@@ -15,15 +15,15 @@ IN_FAULT = "in fault"
 ALARMS = "alarms"
 """Name of the fact with the alarms."""
 MAX_FAULTS = 3
-"""Largest number of equipments in fault that are listed."""
+"""Largest number of faults of equipment that are listed."""
 MAX_DRIVEN = 3
 """Number of actuators that are listed with their values; the others are counted."""
 FREE = "free"
-"""The lease that nobody has."""
+"""The text for a lease that nobody has."""
 
 
 def title(station: object, wiring: object) -> str:
-    """Station and wiring."""
+    """Return station and wiring as text."""
     return printable(f"{station} ({wiring})" if wiring else str(station))
 
 
@@ -39,7 +39,7 @@ def facts_of(
     period: float | None = None,
     faults: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, str]:
-    """Facts by name, in the order in which they are shown; empty: there is nothing to say. `holder` of the lease,
+    """Facts by name, in the order in which they are shown, or empty if there is nothing to say. `holder` of the lease,
     `driven` (`driven_text`), `time` in s on the cycle's clock, `missed` periods, `period` in s, `faults`: the reasons
     of equipment in fault by its path."""
     text, done, total = progress
@@ -57,7 +57,7 @@ def facts_of(
 
 
 def fault_texts(faults: Mapping[str, str]) -> list[str]:
-    """The first few equipments in fault with their reasons, and the number of the others."""
+    """Return the first few faults of equipment with their reasons, and the number of the others."""
     found = [printable(f"{path}: {reason}") for path, reason in faults.items()]
     more = [f"and {len(found) - MAX_FAULTS} more"] if len(found) > MAX_FAULTS else []
     return found[:MAX_FAULTS] + more
@@ -83,12 +83,12 @@ def _cause(about: Described, taken: bool, holder: str) -> str:
 
 
 def clock_text(seconds: float, period: float = 0.0) -> str:
-    """A time on the cycle's clock: with ms, and the digits that distinguish periods of this length in s."""
+    """Format a time on the cycle's clock, with ms, or with the digits that distinguish periods of this length in s."""
     return f"{number_text(seconds, max(3, digits_of(period) if period else 0))} s"
 
 
 def since(started: float, lasted: float | None) -> str:
-    """`09:14:03 (3 min)`, from the s since 1970 and the s that have passed on a monotonic clock, because the computer's
-    clock may have been set. None: it is not known how long."""
+    """Format a start time, such as `09:14:03 (3 min)`, from its time in s since 1970 and the elapsed s on a monotonic
+    clock, because the computer's clock may have been set. None if the elapsed time is not known."""
     passed = "" if lasted is None else f" ({lasting(lasted)})"
     return f"{time_of_day(started, '%H:%M:%S')}{passed}"

@@ -9,7 +9,7 @@ from math import isfinite
 from umo.digits import number_text
 
 SIGNS = "●▲◇◔✕"
-"""Signs beside the words, where colour alone would not do."""
+"""Signs next to the words, because colour alone is not sufficient."""
 WORDS = ("good", "out of range", "unreferenced", "stale", "bad")
 """The qualities of a value (`umo.Quality`) as text, and why it is not good."""
 WHY = (
@@ -34,7 +34,7 @@ SHOWN_NAMES = {
     **{f"u{unit}": f"µ{unit}" for unit in ("m", "s", "V", "A", "W", "N", "g", "F", "H", "J", "T", "L", "l", "rad")},
 }
 SILENT_UNITS = ("sampling_period", "dimensionless")
-"""Units that say nothing where they are the whole unit."""
+"""Units that are not shown if they are the whole unit."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NAME = re.compile(r"[^\W\d]\w*")
 _POWER = re.compile(r"\s*(?:\*\*|\^)\s*\+?(-?\d+)(?![.\d])")
@@ -43,7 +43,7 @@ _TIMES = re.compile(r"\s*(?<!\*)\*(?!\*)\s*")
 
 @lru_cache(maxsize=1024)
 def shown_unit(unit: str) -> str:
-    """A declared unit as in print, `mm/s²` for "mm/s**2", which can be typed; empty for one that says nothing."""
+    """Return a declared unit in its printed form, such as `mm/s²` for "mm/s**2"; empty for a unit that is not shown."""
     if unit in SILENT_UNITS:
         return ""
     text = _POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), unit)
@@ -57,7 +57,8 @@ def measure(value: float, unit: str, digits: int | None = None) -> str:
 
 
 def span(minimum: float | None, maximum: float | None, unit: str = "") -> str:
-    """`0 to 10 V`, `up to 10 V`, `0 V or more`; the unit alone where there are no bounds."""
+    """Return a range as text, such as `0 to 10 V`, `up to 10 V` or `0 V or more`; only the unit if there are no
+    bounds."""
     if minimum is None:
         return shown_unit(unit) if maximum is None else f"up to {measure(maximum, unit)}"
     if maximum is None:
@@ -66,5 +67,6 @@ def span(minimum: float | None, maximum: float | None, unit: str = "") -> str:
 
 
 def quality_text(quality: int, count: int | None = None) -> str:
-    """`● good`, `◔ 3 stale`; `count`: of how many of several."""
+    """Return a quality as text, such as `● good` or `◔ 3 stale`. `count`: the number of objects with this quality among
+    several."""
     return " ".join(filter(None, [SIGNS[quality], "" if count is None else str(count), WORDS[quality]]))

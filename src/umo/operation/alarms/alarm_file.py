@@ -1,7 +1,7 @@
 """The history of alarms over restarts: a small file of lines of JSON for each station, in the lasting state folder.
 
 It is written off the loop: never in a control process, and never in a guardian's look. Two generations are kept, each
-of at most `MAX_BYTES`. A line that is torn or foreign costs only itself.
+of at most `MAX_BYTES`. An incomplete or foreign line does not affect the other lines.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ except ImportError:  # a system without it
 FOLDER = "alarms"
 SUFFIX = ".jsonl"
 MAX_BYTES = 1 << 20
-"""Bytes of a file at most; then it becomes the older generation."""
+"""Largest number of bytes of a file; then it becomes the older generation."""
 MAX_NAME = 100
-"""Length of a station's name in the name of a file, characters."""
+"""Largest length of a station's name in the name of a file, in characters."""
 
 TRIES = 100
-"""Number of times that a file is opened again as another writer has begun a new one."""
+"""Number of times that a file is opened again because another writer has begun a new one."""
 
 
 class AlarmRecord(NamedTuple):
     """One change of an alarm."""
 
     when: float
-    """s since 1970, as far as the writer was quick: when it read the event."""
+    """Time in s since 1970 at which the writer read the event, shortly after it happened."""
     time: float
-    """s on the cycle's clock."""
+    """Time in s on the cycle's clock."""
     path: str
     text: str
     """Its new state, priority and text, as in the event."""
     who: str
-    """The client; "": the machine itself."""
+    """The client; "" means the machine itself."""
 
 
 def file_of(station: str) -> Path:
@@ -58,7 +58,8 @@ def file_of(station: str) -> Path:
 
 
 LOCK_TIMEOUT = 0.2
-"""Timeout in s for another writer of the file: another run of the station. It is tried again at the next look."""
+"""Timeout in s for another writer of the file, which is another run of the station. Writing is tried again at the next
+look."""
 
 
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
@@ -88,7 +89,7 @@ def _opened(file: Path) -> Iterator[FileIO]:
             if _is_at(file, number):
                 yield stream
                 return
-    raise OSError(errno.EBUSY, "others write to it", str(file))
+    raise OSError(errno.EBUSY, "other users may write to it", str(file))
 
 
 def _is_at(file: Path, number: int) -> bool:
@@ -116,7 +117,8 @@ def older(file: Path) -> Path:
 
 
 def read(file: Path) -> list[AlarmRecord]:
-    """The records that are kept, oldest first; UmoError if a file cannot be read. One that there is not is empty."""
+    """The records that are kept, oldest first; UmoError if a file cannot be read. A file that does not exist counts as
+    empty."""
     found: list[AlarmRecord] = []
     for each in (older(file), file):
         try:

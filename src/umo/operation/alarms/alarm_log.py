@@ -16,7 +16,7 @@ from umo.operation.alarms.declaration import Priority
 from umo.operation.alarms.engine import RESULTS
 
 KEPT_SPANS = 10_000
-"""Number of the last times for which it is kept when an alarm was active; all are counted."""
+"""Number of the last active spans of an alarm that are kept; all are counted."""
 _IS_ACTIVE = np.isin(np.arange(256), [int(state) for state in RESULTS])
 
 
@@ -29,7 +29,7 @@ class ShownStates(Protocol):
 
 @dataclass
 class ActiveSpan:
-    """A period in which an alarm was active. It ends when the alarm is shelved or put out of service."""
+    """A period in which an alarm was active. It ends when the alarm is shelved or removed from service."""
 
     path: str
     raised: float
@@ -53,7 +53,7 @@ class AlarmOfRun:
     raised: int = 0
     """Number of times that it became active."""
     cleared_s: float = 0.0
-    """s for which it was active, of the times that have ended."""
+    """Total time in s for which it was active, without a span that has not ended."""
     first: float = 0.0
     last: ActiveSpan | None = None
     was_put_away: bool = False
@@ -62,21 +62,22 @@ class AlarmOfRun:
     state: AlarmState = AlarmState.NORMAL
 
     def active_s(self, now: float) -> float:
-        """s for which it was active in all, up to a time in s on the cycle's clock."""
+        """Total time in s for which it was active, up to a time in s on the cycle's clock."""
         open_since = None if self.last is None or self.last.cleared is not None else self.last.raised
         return self.cleared_s + (0.0 if open_since is None else max(now - open_since, 0.0))
 
     def in_words(self, now: float) -> str:
-        """`the tank is too full (high): 3 times, 12.5 s in all, last from 50 s to 55 s`."""
+        """Return the history as text: `the tank is too full (high): 3 times, 12.5 s in all, last from 50 s to 55 s`."""
         times = f"{self.raised} times, {duration(self.active_s(now))} in all, last " if self.raised > 1 else ""
         return f"{self.text} ({self.priority}): {times}{self.last}"
 
 
 class AlarmLog:
-    """An observer that counts how often each alarm of a machine becomes active and for how long, and keeps when."""
+    """An observer that counts how often each alarm of a machine becomes active and for how long, and keeps the
+    times."""
 
     def __init__(self, described: Sequence[Mapping[str, Any]]) -> None:
-        """`described`: as `DeclaredAlarm.describe` does, in the order of frames."""
+        """`described`: the alarms as `DeclaredAlarm.describe` returns them, in the order of frames."""
         self.alarms = [
             AlarmOfRun(str(each["path"]), str(each["text"]), Priority[str(each["priority"]).upper()])
             for each in described
@@ -121,7 +122,7 @@ class AlarmLog:
 
     @property
     def active(self) -> list[str]:
-        """The paths of those that are active now."""
+        """The paths of the alarms that are active now."""
         return [each.path for each in self.raised if each.last is not None and each.last.cleared is None]
 
     def _raise(self, alarm: AlarmOfRun) -> None:

@@ -1,7 +1,7 @@
 """The state of an alarm (ISA-18.2, figure 3), as a table.
 
-Beside the states of the standard there are two for a condition that cannot be evaluated. It counts as true, as that of
-an interlock does. Suppressed by design is not a state here: a condition can contain what suppresses it.
+In addition to the states of the standard there are two for a condition that cannot be evaluated; it counts as true,
+like that of an interlock. "Suppressed by design" is not a state here, because a condition can contain the suppression.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class AlarmState(IntEnum):
     LATCHED_ACKNOWLEDGED = 5
     """No longer active, acknowledged; it stays until it is reset."""
     SHELVED = 6
-    """Put away by an operator, for a time."""
+    """Shelved by an operator, for a time."""
     OUT_OF_SERVICE = 7
-    """Put away for maintenance, until it is returned."""
+    """Removed from service for maintenance, until it is returned."""
     BAD_UNACKNOWLEDGED = 8
     """Its condition cannot be evaluated, and nobody has acknowledged this."""
     BAD_ACKNOWLEDGED = 9
@@ -39,7 +39,8 @@ class AlarmState(IntEnum):
 
 
 class Operation(IntEnum):
-    """The causes of a change: the first three by the alarm's condition, the others by a client or the time."""
+    """The causes of a change: the first three come from the alarm's condition, the others from a client or the end of a
+    time."""
 
     INACTIVE = 0
     ACTIVE = 1
@@ -49,7 +50,7 @@ class Operation(IntEnum):
     SHELVE = 5
     UNSHELVE = 6
     REMOVE = 7
-    """Put it out of service."""
+    """Remove it from service."""
     RETURN = 8
     """Return it to service."""
 
@@ -59,9 +60,9 @@ TO_BE_ACKNOWLEDGED = frozenset((_S.UNACKNOWLEDGED, _S.RETURNED, _S.LATCHED_UNACK
 """The states from which an acknowledgement leads on."""
 PUT_AWAY = frozenset((_S.SHELVED, _S.OUT_OF_SERVICE))
 PUTTING_AWAY = frozenset((_O.SHELVE, _O.UNSHELVE, _O.REMOVE, _O.RETURN))
-"""The operations that lead to these states, or out of them."""
+"""The operations that shelve alarms or remove them from service, or end that."""
 ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {_S.NORMAL}
-"""The states that an operator is shown."""
+"""The states that are shown to an operator."""
 
 _PLAIN: Mapping[tuple[AlarmState, Operation], AlarmState] = {
     (_S.NORMAL, _O.ACTIVE): _S.UNACKNOWLEDGED,

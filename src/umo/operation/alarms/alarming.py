@@ -1,4 +1,5 @@
-"""Alarms of a connected machine, a capability: those that the machine itself brings, and the commands of clients."""
+"""Alarms of a connected machine, as a capability: including alarms of the machine itself, and the commands of
+clients."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from umo.text import some
 from umo.wiring.patterns import places_below
 
 ALARMS = "alarms"
-"""The name of what is kept of alarms from one run to the next: their states by path (`ConnectedMachine.states`)."""
+"""The name of the alarm states that are kept from one run to the next, by path (`ConnectedMachine.states`)."""
 DONE: Mapping[Operation, str] = {
     Operation.ACKNOWLEDGE: "acknowledged",
     Operation.RESET: "reset",
@@ -33,7 +34,7 @@ DONE: Mapping[Operation, str] = {
     Operation.REMOVE: "out of service",
     Operation.RETURN: "returned to service",
 }
-"""The word for what each operation of a client has done."""
+"""The word for the result of each operation of a client."""
 
 
 def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
@@ -87,8 +88,8 @@ def engine_of(machine: ConnectedMachine) -> AlarmEngine | None:
 
 
 def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
-    """The sentence that the functions among the conditions take turns, and how long that takes; "": each is called in
-    every period. `period` in s."""
+    """Return a sentence that the functions among the conditions take turns, with the time of one turn, or "" if each is
+    called in every period. `period` in s."""
     count = sum(isinstance(each.test, FunctionCondition) for each in declared)
     if (turns := turns_of(count)) == 1:
         return ""
@@ -107,7 +108,7 @@ class Latched:
         """The interlocks of the connected machine."""
 
     def __call__(self) -> bool:
-        """True if it inhibits; UmoError while its condition cannot be evaluated."""
+        """True if the interlock inhibits; UmoError while its condition cannot be evaluated."""
         if self._number >= len(self.inhibitions):
             return False
         inhibition = self.inhibitions[self._number]
@@ -135,8 +136,9 @@ def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
 
 def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: str, seconds: float = 0.0) -> str:
     """Carry out an operation of a client for the alarms at a path: one alarm, those of an object or compound, or of a
-    pattern; "": all. `seconds`: of a shelf, up to `LONGEST_SHELF`. Returns what it did. CommandRefused if the machine
-    has no alarms, or one that is named by its own path is in no state for it; PathError if there is none."""
+    pattern; "" means all. `seconds`: the shelving time, up to `LONGEST_SHELF`. Returns its result as text.
+    CommandRefused if the machine has no alarms, or if an alarm named by its own path is in a state in which the
+    operation is not possible; PathError if there is none."""
     if alarms is None:
         raise CommandRefused("the machine has no alarms")
     done, words = DONE[operation], f"for {duration(seconds)}" if seconds else ""
@@ -145,7 +147,7 @@ def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: st
     if not able and path in alarms.paths:
         raise CommandRefused(f"{path} is {alarms.state_of(rows[0])}: it cannot be {done}")
     alarms.request(able, AlarmRequest(operation, who, seconds, words))
-    return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"no alarm there can be {done}"
+    return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"none of these alarms can be {done}"
 
 
 def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
@@ -154,5 +156,5 @@ def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
     if not found and is_pattern(path):
         found = places_below(path, alarms.paths)
     if not found:
-        raise PathError(f"no alarm {path!r}")
+        raise PathError(f"there is no alarm {path!r}")
     return found

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 WINDOW = 1.0
 """Time in s for which changes are counted."""
 MOST_OF_ONE, MOST_OF_ALL = 6, 200
-"""Number of changes of one alarm, and of all, that are told in this time at most. Those by clients are always told."""
+"""Largest numbers of changes of one alarm, and of all alarms, that are reported in this time. Changes by clients are
+always reported."""
 MOST_IN_A_PERIOD = 20
-"""Largest number of changes by conditions that are told in a period."""
+"""Largest number of changes by conditions that are reported in a period."""
 NOT_DUE = float("inf")
-"""Time in s of what is not due."""
+"""Time in s of an alarm that is not due."""
 LEFT_OUT = "changes before this one are left out"
 
 
@@ -39,11 +40,11 @@ class ChangeEvents:
         self._window = -NOT_DUE
         """The end of the window, s."""
         self._told_now, self._now = 0, -NOT_DUE
-        """Number of changes by conditions that were told in the present period, and its time in s."""
+        """Number of changes by conditions that were reported in the present period, and its time in s."""
         self._untold = np.zeros(count, np.int64)
         """Number of changes of each since it was told last."""
         self.due = np.full(count, NOT_DUE)
-        """The time in s from which on the state of an alarm is to be told, as far as there is room."""
+        """The time in s from which on the state of an alarm is to be reported, as far as there is room."""
         self._since = np.full(count, NOT_DUE)
         """The time in s of the first change of each that was not told."""
 

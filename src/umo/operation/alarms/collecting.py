@@ -1,4 +1,4 @@
-"""The alarms of a machine: those of its classes, and what the machine itself brings."""
+"""The alarms of a machine: those of its classes, and those of the machine itself."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from umo.user_code import raise_as
 
 @dataclass(frozen=True)
 class Threshold:
-    """`sign * value > limit`; it ends when it is not above `back` any more."""
+    """`sign * value > limit`; it ends when it is no longer above `back`."""
 
     item: Atomic
     sign: float
@@ -54,7 +54,7 @@ class FunctionCondition:
 
 Test = Threshold | BadQuality | InFault | FunctionCondition
 KINDS = (Threshold, BadQuality, InFault, FunctionCondition)
-"""The order in which alarms stand in frames."""
+"""The kinds of conditions, in the order of alarms in frames."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ def has_alarms(root: Compound) -> bool:
 
 
 def alarms_of(root: Compound, more: Callable[[], list[DeclaredAlarm]] = list) -> list[DeclaredAlarm]:
-    """Return all alarms of a machine that declares some; none of any other machine. For the machine itself these
-    include sensors that may be marked BAD, and `more`. In the order of frames. DeclarationError for an invalid
-    declaration, and for two alarms with the same path."""
+    """Return all alarms of a machine that declares some, otherwise none. They include alarms of the machine itself, for
+    sensors that may be marked BAD, and `more`. In the order of frames. DeclarationError for an invalid declaration, and
+    for two alarms with the same path."""
     if not has_alarms(root):
         return []
     compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
@@ -96,7 +96,7 @@ def alarms_of(root: Compound, more: Callable[[], list[DeclaredAlarm]] = list) ->
     found: dict[str, DeclaredAlarm] = {}
     for each in [*declared, *map(_of_marked, marked), *more()]:
         if each.path in found:
-            raise DeclarationError(f"alarm {each.path}: there are two of this path; give yours another name")
+            raise DeclarationError(f"alarm {each.path}: there are two alarms with this path; give yours another name")
         found[each.path] = each
     return sorted(found.values(), key=lambda each: KINDS.index(type(each.test)))
 

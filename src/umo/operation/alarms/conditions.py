@@ -1,4 +1,5 @@
-"""The conditions of the alarms of a machine, evaluated once a period: data as arrays, the user's functions in turn."""
+"""The conditions of the alarms of a machine, evaluated once per period: conditions as data in arrays, the user's
+functions in turn."""
 
 from __future__ import annotations
 
@@ -17,9 +18,9 @@ from umo.user_code import briefly, is_interrupt, told
 FREE_PER_PERIOD = 20
 """Largest number of the user's functions that are called in a period."""
 MAX_RESULT_TEXT = 100
-"""Length of a wrong result in its message at most, characters."""
+"""Largest length of a wrong result in its message, in characters."""
 FALSE, TRUE, BAD = 0, 1, 2
-"""The results of a condition; BAD: it cannot be evaluated."""
+"""The results of a condition; BAD if it cannot be evaluated."""
 FAULT_STATE = 1
 """Number of the state of equipment in fault (`umo.cycle.equipment`)."""
 
@@ -88,14 +89,15 @@ class Conditions:
         return turns_of(len(self._free))
 
     def hold(self, alarm: int, result: int) -> None:
-        """Its condition had this result, TRUE or BAD, before the first evaluation. A threshold ends by its deadband."""
+        """Set the result of a condition, TRUE or BAD, before the first evaluation, so that a threshold ends with its
+        deadband."""
         if alarm < len(self._limited):
             self._before[alarm], self._now[alarm] = True, self._bounds[alarm, 1]
         else:
             self.results[alarm] = result
 
     def evaluate(self) -> None:
-        """Bring `results` up to date. It raises nothing."""
+        """Bring `results` up to date. It raises no error."""
         if self._has_data and (states := self._quality.tobytes() + self._equipment.tobytes()) != self._states:
             self._states = states
             self._look_at_states()
@@ -155,5 +157,5 @@ class Conditions:
 
 
 def turns_of(count: int) -> int:
-    """Number of periods in which each of this number of functions is called once."""
+    """Return the number of periods in which each of this number of functions is called once."""
     return max(1, -(-count // FREE_PER_PERIOD))

@@ -15,11 +15,11 @@ from umo.text import did_you_mean
 from umo.user_code import check_acts_at_once
 
 MAX_TEXT = 200
-"""Length of an alarm's text at most, characters."""
+"""Largest length of an alarm's text, in characters."""
 
 
 class Priority(IntEnum):
-    """How soon an operator must respond. The numbers are stored in frames."""
+    """The urgency of an operator's response. The numbers are stored in frames."""
 
     LOW = 1
     MEDIUM = 2
@@ -34,8 +34,8 @@ class Priority(IntEnum):
 class High:
     """The value of a digital object is above a limit. `of`: its path below the compound; `limit` in its unit.
 
-    It ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition stays what it was.
-    DeclarationError for a limit that is not finite, and a negative deadband.
+    It ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change.
+    DeclarationError for a limit that is not finite, and for a negative deadband.
     """
 
     of: str
@@ -49,7 +49,7 @@ class High:
 
 @dataclass(frozen=True)
 class Low:
-    """The value of a digital object is below a limit; as `High`. It ends at `limit + deadband`."""
+    """The value of a digital object is below a limit; otherwise like `High`. It ends at `limit + deadband`."""
 
     of: str
     limit: float
@@ -103,7 +103,7 @@ class Alarm:
 
     priority: low, medium (default), high, critical. on_delay, off_delay: time on the cycle's clock for which the
     condition must be true, or false, before it counts; in s, or such as "2 s"; default 0. latch: the alarm stays after
-    its condition has ended, until it is acknowledged and reset; default False. acknowledge: whether it has to be
+    its condition has ended, until it is acknowledged and reset; default False. acknowledge: whether it must be
     acknowledged; default True. DeclarationError for options of other types or out of these ranges.
     """
 

@@ -1,4 +1,4 @@
-"""The alarms of one connected machine: their conditions with delays, their states, what clients do with them."""
+"""The alarms of one connected machine: their conditions with delays, their states, and operations of clients."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from umo.operation.alarms.collecting import DeclaredAlarm
 from umo.operation.alarms.conditions import BAD, FALSE, TRUE, AlarmImage, Conditions
 
 REQUESTS_PER_PERIOD = 20
-"""Number of operations of clients, and of shelves whose time is over, that are carried out in a period at most: the
-others follow in the next periods. What conditions do is noticed in its period, however many they are."""
+"""Largest number of operations of clients, and of shelves whose time is over, that are carried out in a period: the
+others follow in the next periods. Changes of conditions take effect in their period, regardless of their number."""
 LONGEST_SHELF = 7 * 86_400.0
 """Longest time in s for which an alarm can be shelved."""
 
@@ -38,7 +38,7 @@ UNEVALUATED = frozenset((AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLED
 Rows = NDArray[np.intp]
 """The numbers of some alarms."""
 TellChange = Callable[[str, str, str], object]
-"""Function that is called with a change: path of the alarm, text, client ("": the machine itself)."""
+"""Function that is called with a change: path of the alarm, text, client ("" for the machine itself)."""
 
 
 class AlarmRequest(NamedTuple):
@@ -47,9 +47,9 @@ class AlarmRequest(NamedTuple):
     operation: Operation
     who: str
     seconds: float = 0.0
-    """Time of a shelf, in s."""
+    """Shelving time in s."""
     words: str = ""
-    """Time of a shelf as text."""
+    """Shelving time as text."""
 
 
 class AlarmEngine:
@@ -62,7 +62,7 @@ class AlarmEngine:
         self.declared = list(declared)
         self.paths = [each.path for each in declared]
         self.below = _rows_below(self.paths)
-        """The numbers of the alarms at and below each path; "": of all."""
+        """The numbers of the alarms at and below each path; "" for all alarms."""
         self.states = image.columns.alarms
         """The number of the `AlarmState` of each alarm."""
         self._conditions = Conditions(declared, image)
@@ -81,7 +81,7 @@ class AlarmEngine:
         """The delays on and off, s."""
         count = len(self.declared)
         self.occurrences = np.full((len(OCCURRENCES), count), nan)
-        """For each alarm how often it has become active since the machine was connected, shelved or not, and when: the
+        """For each alarm, how often it has become active since the machine was connected, shelved or not, and when. The
         rows are those of `OCCURRENCES`."""
         self.raised, self.first_raised, self.last_raised = self.occurrences
         self.raised.fill(0)
@@ -92,7 +92,7 @@ class AlarmEngine:
         self._counting = np.zeros(count, np.uint8)
         """The active alarms, after their delays."""
         self._due, self._until = np.full(count, NOT_DUE), np.full(count, NOT_DUE)
-        """The times in s when a delay ends, and a shelf."""
+        """The times in s at which a delay ends, and a shelving time."""
         self._next = NOT_DUE
         """The first of these times."""
         self._requests: dict[int, tuple[AlarmRequest, ...]] = {}
@@ -106,8 +106,8 @@ class AlarmEngine:
 
     def restore(self, states: Mapping[str, int]) -> None:
         """Continue with the states of an earlier run, by path, before the first evaluation; there are no events. An
-        alarm whose path or state there is not, begins as normal; so does a shelved one: its time is not known. One that
-        was active stays so until its condition has ended."""
+        alarm without a valid state begins as normal, and so does a shelved one, because its time is not known. An
+        active alarm stays active until its condition has ended."""
         for row, path in enumerate(self.paths):
             number = states.get(path, AlarmState.NORMAL)
             reachable = {*self._table(row).values()} - {AlarmState.SHELVED}
@@ -119,7 +119,7 @@ class AlarmEngine:
                 self._conditions.hold(row, result)
 
     def look(self) -> None:
-        """Once per period, after the laws. It raises nothing."""
+        """Called once per period, after the laws. It raises no error."""
         conditions = self._conditions
         conditions.evaluate()
         changed = conditions.results.tobytes() != self._seen.tobytes()  # quicker than a comparison of arrays
@@ -181,13 +181,13 @@ class AlarmEngine:
         rows = np.flatnonzero(self._due <= now)
         self._count(rows, self._seen[rows])
         for row in np.flatnonzero(self._until <= now)[:REQUESTS_PER_PERIOD].tolist():
-            self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its time is over"))
+            self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its shelving time has ended"))
 
     # By clients ----------------------------------------------------------------------------------------
 
     def able(self, rows: Sequence[int], operation: Operation) -> list[int]:
-        """Return the alarms that an operation would change once all requests made so far are carried out; for shelving
-        also if only the time changes."""
+        """Return the alarms that an operation would change once all requests made so far are carried out; for shelving,
+        also those of which only the time changes."""
         chosen = np.asarray(rows, np.intp)
         facts = [column[chosen].tolist() for column in (self._kinds, self.states, self._counting)]
         waiting = list(map(self._requests.get, rows, repeat(())))
@@ -209,8 +209,8 @@ class AlarmEngine:
         return AlarmState(int(self.states[row]))
 
     def request(self, rows: Sequence[int], request: AlarmRequest) -> None:
-        """Carry it out with each of these alarms at the next looks, in the order asked. Of what puts an alarm away, or
-        brings it back, the last one counts."""
+        """Carry out a request for each of these alarms at the next looks, in the order of the requests. Of requests
+        that shelve an alarm, remove it from service, or end that, the last one counts."""
         joined = lru_cache(maxsize=None)(partial(_joined, request))  # many wait for the same
         waiting = map(self._requests.get, rows, repeat(()))
         self._requests.update(zip(rows, map(joined, waiting), strict=False))

@@ -8,7 +8,7 @@ from umo.objects.node import outwards
 
 
 class AttachedPart(Capability, Compound):
-    """A part that looks at the whole machine: a subclass attaches itself to its period in `attach`. The contract is
+    """A part that works on the whole machine: a subclass attaches itself to its period in `attach`. The contract is
     that of `umo.cycle.capability`."""
 
     @property

@@ -12,7 +12,7 @@ from umo.objects import Actuator, Number, atoms
 from umo.operation.capabilities.attached_part import AttachedPart
 
 HOUR = 3600.0
-"""s."""
+"""An hour in s."""
 
 
 class Meter:
@@ -20,7 +20,7 @@ class Meter:
 
     def __init__(self) -> None:
         self.hours = 0.0
-        """Time in h for which its device had another value than the default."""
+        """Time in h for which the device had another value than the default."""
 
 
 class _Branch:
@@ -49,7 +49,8 @@ class HourMeters(AttachedPart, numbers=_numbers):
     """An hour meter of each actuator of the machine: `meters: HourMeters` in its class, `meters=HourMeters()` where it
     is made. `meters.PATH.hours` is a number that is shown and kept (`docs/howto-keep-values.md`).
 
-    An actuator is at work while its device has another value than its default. The time is that of the machine's clock.
+    An actuator counts as on while its device has another value than its default. The time is that of the machine's
+    clock.
     """
 
     @cached_property
@@ -72,7 +73,7 @@ class HourMeters(AttachedPart, numbers=_numbers):
         return self._meters
 
     def __getattr__(self, name: str) -> Any:
-        """The meter of an actuator, or a step of the way there: `meters.tank.inlet`."""
+        """Return the meter of an actuator, or a part of its path: `meters.tank.inlet`."""
         if name.startswith("_"):
             raise AttributeError(name)
         if name not in vars(self._tree):

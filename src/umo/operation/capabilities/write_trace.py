@@ -17,8 +17,8 @@ class WriteTrace(AttachedPart):
     """The last writes of each actuator of the machine: `writes: WriteTrace` in its class, `writes=WriteTrace()` where
     it is made; `umo do STATION call writes.last path=tank.inlet` shows them.
 
-    A write that was refused is there too, and each default that an interlock, a fault, a reset or an expiry has sent.
-    While it is attached every write passes the command stage, as those of guarded actuators do.
+    It also has refused writes, and each default that an interlock, a fault, a reset or an expiry has sent. While it is
+    attached every write passes the command stage, as those of guarded actuators do.
     """
 
     length: Annotated[int, Number("", 1, 10_000)] = 100
@@ -45,7 +45,8 @@ class WriteTrace(AttachedPart):
 
     @action(harmless=True, count=Range("", 1, 10_000))
     def last(self, path: str, count: int = 10) -> list[dict[str, Any]]:
-        """The last writes of an actuator, the newest last: time in s, value, who wrote it, whether it was taken."""
+        """The last writes of an actuator, the newest last: time in s, value, who wrote it, and whether it was
+        accepted."""
         if path not in self._writes:
             raise PathError(f"nothing has been written to {path!r}{did_you_mean(path, self._writes)}")
         return list(self._writes[path])[-count:]

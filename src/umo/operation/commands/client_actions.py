@@ -1,4 +1,4 @@
-"""The actions of clients that run, and what clients hold: begun, advanced in each period, and ended."""
+"""The running actions and the holds of clients: they are begun, advanced in each period, and ended."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from umo.user_code import Raised, as_json, attempt
 MAX_ACTIONS = 32
 """Largest number of actions of clients that run at once."""
 PROGRESS_PAUSE = 0.5
-"""s on the cycle's clock from one event of an action's progress to the next, at least."""
+"""Shortest time in s on the cycle's clock between two events of an action's progress."""
 
 
 @dataclass(eq=False)
@@ -34,7 +34,7 @@ class _Action:
     """The object whose action it is."""
     started: Sequences
     task: Task | None = None
-    """The sequence that carries it out; None: it has ended, or it is not a sequence itself."""
+    """The sequence that carries it out, or None if it has ended, or it is not a sequence itself."""
     told: str = ""
     """Its last progress, and when it was reported."""
     told_at: float = -inf
@@ -96,7 +96,8 @@ class ClientActions:
     def begin(
         self, command: ClientCommand, action: Action, arguments: Mapping[str, Any], signed: float
     ) -> tuple[CommandState, str]:
-        """Call an action; the answer. One with a release is held; `signed`: the last sign of life for it."""
+        """Call an action, and return the answer. An action with a release is held. `signed`: the last sign of life for
+        it."""
         if len(self._running) >= MAX_ACTIONS:
             raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
         begun, path = self._new(command, action.part), action.path
@@ -129,7 +130,7 @@ class ClientActions:
         slot: int = -1,
     ) -> None:
         """Put the object at the path of the command under dead-man control: it ends `lasts` s after the last sign of
-        life. `part`: the object of the action, with the method that ends it; or the actuator, with its slot."""
+        life. `part`: the object of the action, with the method that ends it, or the actuator, with its slot."""
         before = self._held.get(command.path)
         if before is not None:
             before.before = None
@@ -155,7 +156,7 @@ class ClientActions:
         return result
 
     def within(self, sequences: Sequences, call: Callable[..., Any], *arguments: Any) -> Any:
-        """Call it; the sequences that it starts join these."""
+        """Call a function; the sequences that it starts join the given ones."""
         machine = self._machine
         before, machine.at_work = machine.at_work, sequences
         try:
@@ -166,7 +167,7 @@ class ClientActions:
     # In each period ------------------------------------------------------------------------------------
 
     def end_unsigned(self, signed: Mapping[str, float], now: float) -> None:
-        """End holds without a sign of life. `signed`: the times of the last ones by path, until now."""
+        """End holds without a sign of life. `signed`: the times of the last signs so far, by path."""
         claims = self._machine.claims
         lapsed: list[str] = []
         reset: dict[str, list[_Held]] = {}
@@ -188,7 +189,7 @@ class ClientActions:
                 self.release(path, DEAD_MAN_REASON)
 
     def advance(self) -> None:
-        """A step of each."""
+        """Advance each action by one step."""
         for each in self._running.copy():
             if each in self._running:  # or another one has cancelled it
                 self._advance(each)
@@ -227,12 +228,12 @@ class ClientActions:
     # Ended ---------------------------------------------------------------------------------------------
 
     def cancel(self, why: str, path: str = "") -> list[Raised]:
-        """Cancel the action at this path, "": all that run; the errors of their cleaning up."""
+        """Cancel the action at this path, or all running ones for "". Return the errors of their cleanup."""
         found = [each for each in self._running if path in ("", each.command.path)]
         return [error for each in found if (error := self._end(each, why)) is not None]
 
     def cancel_or_release(self, why: str, path: str) -> None:
-        """Cancel the action at this path, "": all, and release those that are held. PathError if there is none."""
+        """Cancel the action at this path, or all for "", and release held ones. PathError if there is none."""
         held = [each for each in self._held if each in self._held_actions]
         if path not in ("", *held, *(each.command.path for each in self._running)):
             raise PathError(f"no action {path} is running")
@@ -242,13 +243,13 @@ class ClientActions:
                 self.release(each, why)
 
     def drop(self, why: str) -> None:
-        """End everything."""
+        """End all actions and holds."""
         self.cancel(why)
         self._release_each(self.held, why)
 
     def end_in(self, equipment: Equipment, fault: Callable[[], BaseException]) -> list[BaseException]:
-        """End the actions of one equipment, and the sequences of it that others have started; the errors of their
-        cleaning up."""
+        """End the actions of one equipment, and sequences in it that other actions have started. Return the errors of
+        their cleanup."""
         errors: list[BaseException] = []
         if not self._running and not self._held_actions:
             return errors
@@ -282,7 +283,7 @@ class ClientActions:
             self._running.remove(action)
 
     def release(self, path: str, why: str) -> None:
-        """End a hold, if it exists. A release starts nothing; if it fails, the actuators of its part go to their
+        """End a hold, if it exists. A release starts no sequence; if it fails, the actuators of its part go to their
         defaults."""
         self._release_each([path], why)
 
@@ -319,7 +320,7 @@ class ClientActions:
     # What is told --------------------------------------------------------------------------------------
 
     def tell(self, command: ClientCommand, state: CommandState, text: str) -> None:
-        """The answer to a command."""
+        """Report the answer to a command."""
         now = self._machine.clock.now
         self._machine.events.add(Event(now, command.path, text, command.who, command.number, state, asked=str(command)))
 
@@ -335,7 +336,7 @@ class ClientActions:
             self._machine.events.add(partial(_several_ended, self._machine.clock.now, who, why, paths), needed=True)
 
     def note(self, text: str) -> None:
-        """Report a message of the machine itself."""
+        """Report an event of the machine itself."""
         self._machine.events.add(Event(self._machine.clock.now, "", text))
 
 
@@ -345,5 +346,5 @@ def _several_ended(now: float, who: str, why: str, paths: Sequence[str]) -> Even
 
 
 def plain(result: Any) -> str:
-    """A result as JSON that an event has room for; "" for None."""
+    """Return a result as JSON that fits an event; "" for None."""
     return "" if result is None else as_json(result, EVENT_TEXT_BYTES)

@@ -1,4 +1,5 @@
-"""Commands from outside as data; their two ways in, a queue and levels; the lease: who commands."""
+"""Commands from outside as data; the two ways in which they arrive, a queue and levels; and the lease, whose holder may
+command."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from umo.cycle.capability import Capability
 from umo.errors import CommandRefused, LeaseHeld
 
 DEAD_MAN_TIME = 0.5
-"""Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
+"""Time without a sign of life after which a written actuator or a jog ends, in s; shorter if the actuator expires
 sooner."""
 DEAD_MAN_REASON = "dead-man timeout"
 """The reason in the event of this end."""
@@ -50,7 +51,7 @@ class ClientCommand:
 
     @classmethod
     def parse(cls, number: int, data: bytes) -> ClientCommand:
-        """ValueError, TypeError or RecursionError if it is not one."""
+        """Make a command from a text. ValueError, TypeError or RecursionError if it is not one."""
         text = json.loads(data)
         for name in ("who", "key", "do", "path", "refused", "arguments"):
             kind = dict if name == "arguments" else str
@@ -67,19 +68,19 @@ class ClientCommand:
 
 
 class Inbox(Protocol):
-    """The commands that come in."""
+    """The incoming commands."""
 
     taken: int
-    """Number of commands that have come in, and were handed on or dropped."""
+    """Number of commands that have arrived, and were passed on or dropped."""
     dropped: int
     """The number of these that were not commands."""
 
     def get(self) -> ClientCommand | None:
-        """The next one, None if there is none now. Quick; raises nothing."""
+        """Return the next command, or None if there is none now. It is quick, and raises no error."""
 
 
 class Levels(Protocol):
-    """The levels that clients set. Quick; raises nothing."""
+    """The levels that clients set. Reading them is quick, and raises no error."""
 
     @property
     def asked(self) -> Sequence[int]:
@@ -87,31 +88,33 @@ class Levels(Protocol):
 
     @property
     def stop(self) -> tuple[int, str] | None:
-        """The stop signal that was requested, and the client that requested it; None: there is no request."""
+        """The stop signal that was requested, and the client that requested it, or None if there is no request."""
 
     def signed(self, path: str, lease: int) -> float:
         """Return the time of the last sign of life of the holder of this lease for its hold at this path, in s on the
-        clock of the clients; "" is the lease itself. 0: never. Any number is possible."""
+        clock of the clients; "" stands for the lease itself. 0 means never. Any number is possible, as clients write
+        it."""
 
 
 SHORTEST_LEASE, LONGEST_LEASE = 0.2, 60.0
-"""Durations of a lease, s."""
+"""Shortest and longest duration of a lease, in s."""
 
 
 class Lease:
-    """Times are in s on the clock of its holder's signs of life. It ends when there is none for too long."""
+    """The lease. Times are in s on the clock of its holder's signs of life. It ends if there is none for too long."""
 
     def __init__(self) -> None:
         self.holder = ""
-        """The holder's name; empty: nobody has it."""
+        """The holder's name, or empty if nobody has it."""
         self.number = 0
-        """Number of the lease: they are counted from 1."""
+        """Number of the lease, counted from 1."""
         self._key = ""
         self._seconds = 0.0
         self._signed = 0.0
 
     def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
-        """True if it was taken over from another client. LeaseHeld while another client has it, unless `over`."""
+        """Take the lease. Return True if it was taken over from another client. LeaseHeld while another client has it,
+        unless `over`."""
         others = bool(self.holder) and key != self._key
         if others and not over:
             raise LeaseHeld(f"{self.holder} has the lease")
@@ -121,14 +124,14 @@ class Lease:
         return others
 
     def check(self, key: str) -> None:
-        """CommandRefused for anybody but its holder."""
+        """Check that a client has the lease. CommandRefused if not."""
         if not self.holder:
             raise CommandRefused("nobody has the lease; take it first")
         if key != self._key:
             raise LeaseHeld(f"{self.holder} has the lease")
 
     def renew(self, then: float, now: float) -> None:
-        """Its holder was there then. A time that is still to come does not count."""
+        """Note a sign of life of its holder at a given time. A time in the future does not count."""
         if self._signed < then <= now:
             self._signed = then
 

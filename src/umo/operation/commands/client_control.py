@@ -1,13 +1,13 @@
 """Clients: commands from outside a running machine, under one lease, through the same guards as the program's.
 
-Once per period, before the sequences, `look` takes what has come in. Nothing of it can end the run: what is wrong is
-refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
-called. In manual mode the application is suspended (`umo.operation.commands.suspension`); actuators can be written and
-all actions called. What a client holds (a written actuator, a jog) is under dead-man control: it ends when the client
-gives no sign of life for it, or loses the lease.
+Once per period, before the sequences, `look` takes the arrived commands. None of them can end the run: an invalid
+command is refused, and a failure is reported in the answer. In automatic mode the application runs, numbers can be
+tuned and harmless actions called. In manual mode the application is suspended (`umo.operation.commands.suspension`);
+actuators can be written and all actions called. What a client holds (a written actuator, a jog) is under dead-man
+control: it ends when the client gives no sign of life for it, or loses the lease.
 
-Signs of life and a stop are levels, not commands: they are looked up in each period, however full the queue is, and
-their times are compared with the computer's clock, however long the period is.
+Signs of life and a stop are levels, not commands: they are read in each period, even if the queue is full, and their
+times are compared with the computer's clock, even in a long period.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ COMMANDS_PER_PERIOD = 4
 
 
 class ClientControl(Commanded):
-    """Carries out the commands of one connected machine, by `umo.operation.commands.verbs`. `clock` is that of the
-    signs of life, s."""
+    """Carries out the commands of one connected machine, by `umo.operation.commands.verbs`. `clock`: the clock of the
+    signs of life, in s."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class ClientControl(Commanded):
         super().__init__(inbox, levels, mode, clock)
         self._asked = levels.asked
         self.stopped_by = ""
-        """The client that has asked for a stop."""
+        """The client that has requested a stop."""
         self._stopping = False
         self._active = False
         self._next: ClientCommand | None = None
@@ -95,7 +95,7 @@ class ClientControl(Commanded):
             command = self.inbox.get() if room else None
 
     def look_for_stop(self) -> None:
-        """The run ends as after a signal if somebody asks for it. It needs no lease."""
+        """End the run as after a signal if a client requests it, which needs no lease."""
         asked = self.levels.stop
         if asked is not None and not self._stopping:
             self._stopping = True

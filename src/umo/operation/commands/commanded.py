@@ -31,13 +31,13 @@ from umo.operation.commands.suspension import Suspension
 log = logging.getLogger("umo")
 
 VerbAnswer = tuple[CommandState, str]
-"""The answer to a command: its state, and its content as JSON; "": none."""
+"""The answer to a command: its state, and its content as JSON, or "" if there is none."""
 DONE: VerbAnswer = CommandState.DONE, ""
 BEGUN: VerbAnswer = CommandState.BEGUN, ""
 
 
 class Commanded(Commanding):
-    """A connected machine as clients command it. `clock` is that of the signs of life, s."""
+    """A connected machine that clients command. `clock`: the clock of the signs of life, in s."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Commanded(Commanding):
         self._objects: dict[str, Atomic | Compound] = {
             node._path: node for node in (machine.root, *walk(machine.root)) if isinstance(node, Atomic | Compound)
         }
-        """By path; "": the machine."""
+        """By path; "" means the machine."""
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self.actions = ClientActions(machine)
         (
@@ -73,12 +73,12 @@ class Commanded(Commanding):
     # What a verb asks for ------------------------------------------------------------------------------
 
     def object(self, path: str) -> Atomic | Compound:
-        """PathError if there is none."""
+        """Return the object at a path. PathError if there is none."""
         found: Atomic | Compound = known(self._objects, path, "object", f" in {type(self.machine.root).__name__}")
         return found
 
     def actuator(self, path: str) -> Actuator:
-        """PathError if there is none."""
+        """Return the actuator at a path. PathError if there is none."""
         found: Actuator = known(self._actuators, path, "actuator")
         return found
 
@@ -90,8 +90,8 @@ class Commanded(Commanding):
             )
 
     def last_sign(self, path: str, lasts: float) -> float:
-        """The time of the last sign of life for it. CommandRefused if that is too long ago: in a long period its client
-        may have died since it sent the command."""
+        """Return the time of the last sign of life for the hold of a command. CommandRefused if that is too long ago,
+        because in a long period the client may have died since it sent the command."""
         signed = self.levels.signed(path, self.lease.number)
         if not 0.0 <= self.clock() - signed <= lasts:
             raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no sign of life from its client for {lasts:g} s")
@@ -107,7 +107,8 @@ class Commanded(Commanding):
             self.suspension.lease_ended()
 
     def change_mode(self, mode: Mode, command: ClientCommand) -> VerbAnswer:
-        """Begun if `on_resume` runs before the mode is automatic. CommandRefused if the application cannot continue."""
+        """Change the mode. The answer is BEGUN if `on_resume` runs before the mode is automatic. CommandRefused if the
+        application cannot continue."""
         if mode is self.mode:
             if self._changing is not None:
                 raise CommandRefused("the change to automatic mode has begun, and has not ended")
@@ -156,14 +157,15 @@ class Commanded(Commanding):
     # Ends ----------------------------------------------------------------------------------------------
 
     def cancel(self) -> None:
-        """The machine stops: cancel what runs. TaskFailed with the first error of the `finally` blocks."""
+        """Cancel running actions and sequences because the machine stops. TaskFailed with the first error of the
+        `finally` blocks."""
         self.suspension.cancel()
         self._end_change(CommandState.CANCELLED, "the machine stops")
         if errors := self.actions.cancel("the machine stops"):
             raise TaskFailed(str(errors[0]))
 
     def end_in(self, equipment: Equipment, fault: Callable[[], BaseException]) -> list[BaseException]:
-        """End the actions and sequences of one equipment; the errors of their `finally` blocks."""
+        """End the actions and sequences of one equipment, and return the errors of their `finally` blocks."""
         self.suspension.forget(equipment.compound)
         resuming = self.suspension.resuming
         errors = [] if resuming is None else resuming.end_in(equipment.nodes, fault)
@@ -173,5 +175,5 @@ class Commanded(Commanding):
 def known(table: Mapping[str, Any], path: str, what: str, where: str = "") -> Any:
     """Return the entry of a table for this path. PathError if there is none; the client suggests the nearest one."""
     if path not in table:
-        raise PathError(f"no {what} {path!r}{where}")
+        raise PathError(f"there is no {what} {path!r}{where}")
     return table[path]

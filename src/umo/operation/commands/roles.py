@@ -1,4 +1,4 @@
-"""Which user may give which command: the policy for pages, faces, fleets and all other ways in which commands arrive.
+"""Which user may give which command: the policy for pages, faces, fleets and all other ways by which commands arrive.
 
 The user who runs a machine may give every command. That a caller is this user is proved by files and sockets that only
 this user may open, or by the account of the process at the other end of a connection (`umo.system.peer_account`); never
@@ -35,16 +35,16 @@ from umo.wiring.settings import TakenBy, read_settings
 MAX_BYTES = 1 << 20
 """Largest number of bytes of the file."""
 ANYBODY = "*"
-"""The user, or the way, that stands for all that are not named."""
+"""The entry that stands for all users, or ways, that are not named."""
 ABOUT = "(docs/security.md)"
 PAGE = "page"
-"""The way of commands that come by a page."""
+"""The way of commands that arrive through a page."""
 
 
 def _role(name: Any) -> Role:
     names = {str(role): role for role in Role}
     if name not in list(names):
-        raise OptionError(f"no role {name!r}{did_you_mean(str(name), names)}; there are: {', '.join(names)}")
+        raise OptionError(f"there is no role {name!r}{did_you_mean(str(name), names)}; there are: {', '.join(names)}")
     return names[name]
 
 
@@ -85,7 +85,7 @@ class Roles:
 
     @classmethod
     def load(cls, file: Path | None = None) -> Roles:
-        """Read the file; default: that of this user. It raises nothing."""
+        """Read the file; default: that of this user. It raises no error."""
         try:
             found = read_settings(RolesFile, place() if file is None else file, MAX_BYTES)
         except OptionError as error:
@@ -109,7 +109,7 @@ class Roles:
         )
 
     def of(self, caller: Caller) -> Role:
-        """The role of a caller. A name that is not proved may take from the role of its way, and adds nothing."""
+        """The role of a caller. A name that is not proved may reduce the role of its way, but never extends it."""
         if caller.is_owner:
             return Role.MAINTAIN
         if caller.is_proved:

@@ -1,10 +1,10 @@
 """Suspension: what happens to actuators and axes while nothing controls them.
 
-It happens when the mode becomes manual, to what the application does, and when a lease ends in manual mode, to what
-its holder has left. Each suspended compound is notified (`on_suspend`), axes react as declared, and the laws run once
-more. An actuator that is then not at its default goes to it, unless a law or `on_suspend` has written it, a client
-holds it, or it is declared to hold. Back in automatic mode everything stands as the application had left it, or the
-change is refused.
+The work of the application is suspended when the mode becomes manual. The actuators and axes that the holder of a lease
+still drives are suspended when the lease ends in manual mode. Each suspended compound is notified (`on_suspend`), axes
+react as declared, and the laws run once more. An actuator that is then not at its default goes to it, unless a law or
+`on_suspend` has written it, a client holds it, or it is declared to hold. At the change back to automatic mode
+everything is restored as the application had left it, or the change is refused.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 STOPPED = "to the default"
-"""Words for actuators that nothing controls."""
+"""Text for actuators that nothing controls."""
 MANUAL = "manual mode"
-"""Words that begin the event of a suspended application."""
+"""Beginning of the event of a suspended application."""
 
 
 class Suspension:
@@ -77,7 +77,7 @@ class Suspension:
     # Nobody is in charge -------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """The mode becomes manual: suspend the application. It raises nothing."""
+        """Suspend the application, as the mode becomes manual. It raises no error."""
         self.cancel()
         self._machine.sequences.paused = True
         self._note_writes(MANUAL)
@@ -195,14 +195,15 @@ class Suspension:
                     left[slot] = self._machine.image.pending[slot]
 
     def forget(self, compound: Compound) -> None:
-        """Equipment is in fault: what the application did with its axes has ended, and is not gone on with."""
+        """Note that equipment is in fault: the motions of its axes have ended, and are not continued."""
         for axis in [each for each in self._left_motions if is_within(cast(Node, each), compound)]:
             self._lost_motions[axis] = self._left_motions.pop(axis)
 
     # The application goes on ---------------------------------------------------------------------------
 
     def check(self) -> None:
-        """CommandRefused if the application cannot continue from here."""
+        """Check a change to automatic mode. CommandRefused if the application cannot continue from the present
+        state."""
         found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
         found += [reason for left in self._left_motions.values() if (reason := left.why_not())]
         restrictions = self._machine.image.restrictions
@@ -230,8 +231,8 @@ class Suspension:
         return {slot: changed[slot] for slot in sorted(changed, key=place.__getitem__, reverse=True)}
 
     def end(self) -> bool:
-        """The mode becomes automatic: what the application has left is restored, then `on_resume` runs, then the
-        application continues. Whether there is an `on_resume` to run."""
+        """End the suspension, as the mode becomes automatic: restore the state of the application, run `on_resume`,
+        then let the application continue. Return whether there is an `on_resume` to run."""
         if self._left is None:  # it has not begun yet
             self._note_writes("automatic mode")
             self._react()
@@ -252,7 +253,7 @@ class Suspension:
         return bool(nodes)
 
     def advance(self) -> Raised | None:
-        """A step of what runs before the application continues; why it failed."""
+        """Advance the sequences of `on_resume` by one step. Return the reason if one failed."""
         assert self.resuming is not None
         _, error = attempt(self.resuming.advance, self._machine.clock)
         if error is None and not self.resuming.running:
@@ -265,7 +266,7 @@ class Suspension:
         return error
 
     def cancel(self) -> None:
-        """The application does not continue: the machine stops, or is in manual mode again."""
+        """Cancel the sequences of `on_resume`, because the machine stops or is in manual mode again."""
         resuming, self.resuming = self.resuming, None
         if resuming is not None:
             _, error = attempt(resuming.cancel)

@@ -1,7 +1,5 @@
-"""The form of a verb: what can be asked of a running machine, with its arguments, and who may ask it.
-
-The table of all verbs is `umo.operation.commands.verbs`. Every client, every face, the roles and the page of reference
-take from it what they know of verbs.
+"""The form of a verb: a command to a running machine, with its arguments and the required role. The table of all verbs
+is `umo.operation.commands.verbs`; every client, every face, the roles and the reference page use it.
 """
 
 from __future__ import annotations
@@ -37,13 +35,13 @@ class Names(Enum):
 
     NOTHING = "nothing"
     """No path: the verb concerns the run."""
-    PART = 'an object or a compound; "": the machine'
-    EQUIPMENT = 'an object or a compound, for the equipment in it and around it; "": all equipment'
+    PART = "an object or a compound; empty: the whole machine"
+    EQUIPMENT = "an object or a compound, for the equipment in it and around it; empty: all equipment"
     ACTUATOR = "an actuator"
     TUNABLE = "a tunable number"
     ACTION = "an action"
-    HELD = "a written actuator, or an action that is held"
-    ALARM = 'an alarm, an object or a compound for the alarms in it, or a pattern; "": all alarms'
+    HELD = "an actuator that a client has written, or an action that it holds"
+    ALARM = "an alarm, an object or a compound for the alarms in it, or a pattern; empty: all alarms"
 
 
 class ArgumentKind(Enum):
@@ -51,13 +49,14 @@ class ArgumentKind(Enum):
 
     NUMBER = "number"
     TIME = "time"
-    """A number of s, or a text with a unit such as "10 min"."""
+    """A number in s, or a text with a unit such as "10 min"."""
     CHOICE = "choice"
     FLAG = "bool"
     VALUE = "value"
-    """A number in the unit of what the path names, or the name of one of its states; that checks it."""
+    """A number in the unit of the object that the path names, or the name of one of its states; the object checks
+    it."""
     OF_ACTION = "arguments"
-    """The arguments of the action that the path names, by their names; the action checks them."""
+    """The arguments of the action that the path names, by name; the action checks them."""
 
 
 TAKES = {
@@ -65,9 +64,9 @@ TAKES = {
     ArgumentKind.TIME: "a time",
     ArgumentKind.FLAG: "true or false",
     ArgumentKind.VALUE: "a number in its unit, or the name of a state",
-    ArgumentKind.OF_ACTION: "those of the action",
+    ArgumentKind.OF_ACTION: "the arguments of the action",
 }
-"""The words for what an argument of each kind takes; one of choices names them."""
+"""The text for the values that an argument of each kind accepts; an argument with choices lists them."""
 OWN_FIELDS = ("seconds", "over")
 """The arguments of the lease, which have fields of their own in a command."""
 
@@ -86,7 +85,8 @@ class VerbArgument:
     required: bool = True
 
     def checked(self, value: Any) -> Any:
-        """Return the value as the verb takes it: a time in s. RangeError for a value outside its declaration."""
+        """Return the value in the form that the verb takes, such as a time in s. RangeError for a value outside its
+        declaration."""
         if self.kind is ArgumentKind.CHOICE:
             if value not in self.choices:
                 raise RangeError(f"there is no {self.name} {value!r}; there are: {', '.join(self.choices)}")
@@ -126,7 +126,8 @@ class VerbArgument:
 
 
 Work = Callable[[Commanded, ClientCommand, Mapping[str, Any]], VerbAnswer]
-"""Carries out a command with its checked arguments; the answer. Whatever it raises of umo's errors is a refusal."""
+"""Function that carries out a command with its checked arguments and returns the answer. An error of umo that it raises
+is a refusal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,15 +147,16 @@ class Verb:
     only_manual: bool = False
     """True if it is refused in automatic mode."""
     of_many: bool = False
-    """True if it may concern the whole machine: one of these is carried out in a period."""
+    """True if it may concern the whole machine; only one such command is carried out in a period."""
     is_kept_up: bool = False
-    """True if what it does lasts only while its client gives signs of life. An action says so itself."""
+    """True if its effect lasts only while its client gives signs of life. For an action, its declaration decides
+    that."""
     lasts: bool = False
     """True if it may end in a later period than it begins in."""
     ends: bool = False
-    """True if it ends something that its user has begun: of these a gateway passes on more."""
+    """True if it ends something that its user has begun: a gateway passes on more commands of this kind."""
     is_level: bool = False
-    """True if it goes by a level in shared memory, not by the queue."""
+    """True if it is sent as a level in shared memory, not through the queue."""
     is_of_lease: bool = False
     """True if it takes the lease or gives it back: clients that take the lease for each command do so themselves."""
     operation: Operation | None = None
@@ -181,7 +183,7 @@ class Verb:
         return not any(each.required for each in self.arguments)
 
     def fields(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The fields of a command with these arguments. They are checked where the machine takes the command."""
+        """The fields of a command with these arguments. They are checked when the machine takes the command."""
         if not arguments and not self.of_action:
             return {}
         if [each.name for each in self.arguments] == list(arguments) and not self.of_action and len(arguments) == 1:
@@ -189,8 +191,8 @@ class Verb:
         return {"arguments": dict(arguments)}
 
     def given(self, command: ClientCommand) -> dict[str, Any]:
-        """The arguments that a command has, checked. RangeError for one that is missing, is none of the verb's, or is
-        outside of its range."""
+        """The arguments that a command has, checked. RangeError for an argument that is missing, unknown, or outside of
+        its range."""
         if self.of_action:
             return dict(command.arguments)
         found = dict(command.arguments)
@@ -201,7 +203,7 @@ class Verb:
         known = {each.name: each for each in self.arguments}
         for name in found:
             if name not in known:
-                takes = f"it takes {', '.join(known)}" if known else "it takes none"
+                takes = f"it takes {', '.join(known)}" if known else "it takes no arguments"
                 raise RangeError(f"{self.name} has no argument {name!r}: {takes}")
         found |= {name: getattr(command, name) for name in known if name in OWN_FIELDS}
         for name, each in known.items():

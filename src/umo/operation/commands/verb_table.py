@@ -1,4 +1,4 @@
-"""The table of verbs as people read it: in a terminal, in a notebook, on the page docs/verbs.md."""
+"""The table of verbs for people: in a terminal, in a notebook, on the page docs/verbs.md."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class VerbTable(Mapping[str, Verb]):
 
 
 def row_of(verb: Verb) -> tuple[str, ...]:
-    """Name, path, arguments, role, when it is taken, help."""
+    """Return the cells of a verb: name, path, arguments, role, when it is accepted, help."""
     path = "" if verb.names is Names.NOTHING else verb.names.value
     return verb.name, path, "; ".join(map(argument_text, verb.arguments)), str(verb.role), when_of(verb), verb.help
 
 
 def argument_text(argument: VerbArgument) -> str:
-    """An argument with its range: "time: a time from 0.001 to 604800 s"."""
+    """Return an argument with its range, such as "time: a time from 0.001 to 604800 s"."""
     return f"{argument.name}: {argument.range}{'' if argument.required else ' (optional)'}"
 
 

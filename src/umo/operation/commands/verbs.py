@@ -1,7 +1,5 @@
-"""The table of verbs: all that can be asked of a running machine, each with what carries it out.
-
-A verb is added here, and nowhere else: `umo.attach`, the command line, the page, the faces, fleets, the roles and
-docs/verbs.md have it from `VERBS`.
+"""The table of verbs: all commands to a running machine, each with the function that carries it out. A verb is added
+only here: `umo.attach`, the command line, the page, the faces, fleets, the roles and docs/verbs.md use `VERBS`.
 """
 
 from __future__ import annotations
@@ -43,7 +41,7 @@ def _give_back(machine: Commanded, command: ClientCommand, given: VerbArguments)
 
 
 def _stop(machine: Commanded, command: ClientCommand, given: VerbArguments) -> VerbAnswer:
-    raise CommandRefused(f"{command.do} goes by its level, not by the queue of commands")
+    raise CommandRefused(f"{command.do} is not sent through the queue of commands, but as a level in shared memory")
 
 
 def _change_mode(machine: Commanded, command: ClientCommand, given: VerbArguments) -> VerbAnswer:
@@ -141,13 +139,13 @@ VALUE = VerbArgument("value", ArgumentKind.VALUE, "The new value.")
 TAKE_LEASE = Verb(
     "lease", "Take the right to command.", _take_lease, role=Role.TUNE, needs_lease=False, is_of_lease=True,
     arguments=(
-        VerbArgument("seconds", ArgumentKind.NUMBER, "How long it lasts without a sign of life from its holder.", "s",
-                 SHORTEST_LEASE, LONGEST_LEASE, required=False),
-        VerbArgument("over", ArgumentKind.FLAG, "Whether it is taken over from another client.", required=False),
+        VerbArgument("seconds", ArgumentKind.NUMBER, "Time for which the lease lasts without a sign of life.",
+                     "s", SHORTEST_LEASE, LONGEST_LEASE, required=False),
+        VerbArgument("over", ArgumentKind.FLAG, "Whether to take the lease over from another client.", required=False),
     ),
 )  # fmt: skip
 GIVE_BACK = Verb(
-    "give back", "Give the lease back: what was held under it ends.", _give_back, role=Role.TUNE, of_many=True,
+    "give back", "Give the lease back; all that is held with the lease ends.", _give_back, role=Role.TUNE, of_many=True,
     is_of_lease=True,
 )  # fmt: skip
 STOP = Verb(
@@ -155,7 +153,7 @@ STOP = Verb(
     needs_lease=False, is_level=True,
 )  # fmt: skip
 MODE = Verb(
-    "mode", "Change the mode: in manual mode the application waits, and clients drive.", _change_mode,
+    "mode", "Change the mode: in manual mode the application waits, and clients drive the machine.", _change_mode,
     role=Role.OPERATE, of_many=True, lasts=True,
     arguments=(VerbArgument("mode", ArgumentKind.CHOICE, "The new mode.", choices=tuple(map(str, Mode))),),
 )  # fmt: skip
@@ -165,21 +163,21 @@ WRITE = Verb(
     Role.OPERATE, only_manual=True, is_kept_up=True,
 )  # fmt: skip
 LET_GO = Verb(
-    events.LET_GO, "End what is held: a written actuator goes to its default, a jog is released.", _let_go, Names.HELD,
-    role=Role.OPERATE, ends=True,
+    events.LET_GO, "Release a held actuator, which goes to its default, or a held action, such as a jog.", _let_go,
+    Names.HELD, role=Role.OPERATE, ends=True,
 )  # fmt: skip
 CALL = Verb(
     "call", "Call an action; in automatic mode only one that is declared harmless.", _call, Names.ACTION,
-    (VerbArgument("arguments", ArgumentKind.OF_ACTION, "Those of the action, by their names."),), Role.OPERATE,
+    (VerbArgument("arguments", ArgumentKind.OF_ACTION, "The arguments of the action, by name."),), Role.OPERATE,
     lasts=True,
 )  # fmt: skip
 CANCEL = Verb(
-    "cancel", 'Cancel an action that runs; "": all of them.', _cancel, Names.ACTION, role=Role.OPERATE, of_many=True,
-    ends=True,
+    "cancel", "Cancel a running action; empty: all running actions.", _cancel, Names.ACTION, role=Role.OPERATE,
+    of_many=True, ends=True,
 )  # fmt: skip
 ACKNOWLEDGE = Verb(
-    "acknowledge", "Acknowledge latched interlocks: what they inhibit is free again.", _acknowledge, Names.PART,
-    role=Role.OPERATE, of_many=True,
+    "acknowledge", "Acknowledge latched interlocks, so that the actuators they inhibit can be written again.",
+    _acknowledge, Names.PART, role=Role.OPERATE, of_many=True,
 )  # fmt: skip
 CLEAR = Verb(
     "clear", "End the faults of equipment and initialise what had failed. In automatic mode an application that waits "
@@ -193,9 +191,9 @@ RESET_ALARM = _of_alarms(
 )
 SHELVE = _of_alarms(
     "shelve", "Hide alarms for a time.", Operation.SHELVE, Role.MAINTAIN,
-    VerbArgument("time", ArgumentKind.TIME, 'How long: a number of s, or such as "10 min".', "s", 1e-3, LONGEST_SHELF),
+    VerbArgument("time", ArgumentKind.TIME, 'The time in s, or a text such as "10 min".', "s", 1e-3, LONGEST_SHELF),
 )  # fmt: skip
-UNSHELVE = _of_alarms("unshelve", "End a shelf before its time.", Operation.UNSHELVE, Role.MAINTAIN)
+UNSHELVE = _of_alarms("unshelve", "End the shelving of alarms before its time.", Operation.UNSHELVE, Role.MAINTAIN)
 REMOVE_FROM_SERVICE = _of_alarms(
     "remove from service",
     "Remove alarms from service for maintenance, until they are returned.",
@@ -203,7 +201,7 @@ REMOVE_FROM_SERVICE = _of_alarms(
     Role.MAINTAIN,
 )
 RETURN_TO_SERVICE = _of_alarms(
-    "return to service", "Return alarms to service that were removed.", Operation.RETURN, Role.MAINTAIN
+    "return to service", "Return removed alarms to service.", Operation.RETURN, Role.MAINTAIN
 )
 
 VERBS: dict[str, Verb] = {
@@ -223,10 +221,10 @@ def verb_of(name: str) -> Verb | None:
 
 
 def naming(*names: Names) -> list[Verb]:
-    """The verbs whose paths name one of these."""
+    """The verbs whose paths name one of these kinds of objects."""
     return [each for each in VERBS.values() if each.names in names]
 
 
 def offered() -> list[Verb]:
-    """The verbs that a client passes on which takes the lease for each command."""
+    """The verbs that are offered by a client that takes the lease for each command."""
     return [each for each in VERBS.values() if not each.is_of_lease]

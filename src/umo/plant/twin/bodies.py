@@ -1,4 +1,4 @@
-"""The bodies of a twin, and the place from which it is seen."""
+"""The bodies of a twin, and the viewpoint."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Driven = Joint | Colour | Visible | Carried
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body of the machine: its shapes, and what drives it.
+    """A rigid body of the machine: its shapes, and its drives.
 
-    `parent`: the name of the body that carries it; None: it stands in the world. `position` (m) and `rotation` (as
-    `turned` gives it) are those against the parent while every joint is at 0. `drives`: joints, each acting on what
-    the one before it has moved; a colour; a state in which it is visible; loads that it carries.
+    `parent`: the name of the body that carries it, or None if it stands in the world. `position` (m) and `rotation` (as
+    `turned` gives it) are relative to the parent while every joint is at 0. `drives`: joints, each of which acts after
+    the one before it; a colour; a state in which the body is visible; loads that it carries.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Body:
         return [drive for drive in self.drives if isinstance(drive, kind)]
 
     def describe(self, values: Values) -> dict[str, Any]:
-        """The description for the page; the drives by what they do."""
+        """Return the description for the page, with the drives by their effects."""
         try:
             driven = {
                 name: [drive.describe(values) for drive in self._all(kind)]
@@ -65,7 +65,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Place from which the twin is first seen: those of the eye and of what it looks at, in m."""
+    """Place from which the twin is first seen: the positions of the eye and of its target, in m."""
 
     eye: Numbers
     target: Numbers

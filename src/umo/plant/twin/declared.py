@@ -1,4 +1,4 @@
-"""The twin of a station that runs."""
+"""The twin of a running station."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.wiring.parameters import arguments_for
 
 
 def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
-    """Description of the twin that twin.py of a station declares for its machine; None if there is none.
+    """Return the description of the twin that twin.py of a station declares for its machine; None if there is none.
 
     The description of its frames names the options of its machine. `place`: the station's folder; for a running station
     the one that its run names. StationError if twin.py cannot be imported or fails, DeclarationError if it does not fit
@@ -31,7 +31,7 @@ def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
 
 
 def place_of(layout: Layout) -> Path:
-    """The folder that a running station names; one that does not exist, if it names none."""
+    """Return the folder that a running station names, or a folder that does not exist if it names none."""
     return Path(layout.about.get("place") or "-")
 
 
@@ -41,8 +41,8 @@ def declares_twin(place: Path) -> bool:
 
 
 def declared_by(station: Station, machine: Compound | None = None) -> Twin | None:
-    """The result of `twin(machine)` in twin.py of a station, for this machine or one without options; None without the
-    file."""
+    """The result of `twin(machine)` in twin.py of a station, for this machine, or for one without options; None without
+    the file."""
     module = station.module("twin")
     if module is None:
         return None

@@ -21,9 +21,9 @@ class Values:
         self._entries = {entry.path: entry for entry in entries}
 
     def entry(self, path: str) -> Described:
-        """DeclarationError with the nearest path."""
+        """Return the entry at a path. DeclarationError with the nearest path if there is none."""
         if path not in self._entries:
-            raise DeclarationError(f"no object or signal {path!r}{did_you_mean(path, self._entries)}")
+            raise DeclarationError(f"there is no object or signal {path!r}{did_you_mean(path, self._entries)}")
         return self._entries[path]
 
     def level(self, path: str, state: str) -> float:
@@ -37,7 +37,8 @@ class Values:
         return level
 
     def line(self, path: str, unit: str, quantity: str) -> tuple[float, float]:
-        """Factor and offset from its values to a unit; a binary object counts 1 in the state declared as `one`."""
+        """Return factor and offset from an entry's values to a unit; the state declared as `one` of a binary object
+        counts as 1."""
         entry = self.entry(path)
         if entry.is_binary:
             return 1.0, 0.0
@@ -56,10 +57,10 @@ class Values:
 
 @dataclass(frozen=True)
 class Drive:
-    """A value as a motion: its number in the unit `per`, times `scale`, plus `offset`.
+    """Converts a value to a motion: its number in the unit `per`, times `scale`, plus `offset`.
 
     The result is in m for a slide and in rad for a hinge. `per`: by default m and rad, so that an object in a unit of
-    length or angle needs neither `scale` nor `per`. A binary object counts 1 in the state that is declared as `one`.
+    length or angle needs neither `scale` nor `per`. The state declared as `one` of a binary object counts as 1.
     """
 
     path: str
@@ -81,8 +82,8 @@ class Drive:
 
 @dataclass(frozen=True)
 class Joint(Drive):
-    """Base of the joints: how a body moves against its parent. `axis` is in the frame of the body. `range`: the stops;
-    the body is not drawn beyond them."""
+    """Base of the joints: how a body moves relative to its parent. `axis` is in the frame of the body. `range`: the
+    stops; the body is not drawn beyond them."""
 
     axis: Numbers = (0.0, 0.0, 1.0)
     range: tuple[float, float] | None = None
@@ -113,7 +114,7 @@ class Joint(Drive):
 
 @dataclass(frozen=True)
 class Slide(Joint):
-    """Along an axis, in m."""
+    """Motion along an axis, in m."""
 
     kind = "slide"
     unit = "m"
@@ -121,7 +122,8 @@ class Slide(Joint):
 
 @dataclass(frozen=True)
 class Hinge(Joint):
-    """About an axis, in rad; positive is counterclockwise, seen against the axis. `anchor`: a place on the axis, m."""
+    """Rotation about an axis, in rad; positive is counterclockwise, seen against the direction of the axis. `anchor`: a
+    place on the axis, m."""
 
     anchor: Numbers = HERE
     kind = "hinge"
@@ -137,9 +139,9 @@ class Hinge(Joint):
 
 @dataclass(frozen=True)
 class Colour:
-    """The colour of a body by a value: `Colour("valve", {"ON": "#2ea043", "OFF": "#555555"})`, or between numbers in
-    the object's unit: `Colour("oven", {20: "#333333", 1000: "#ff5020"})`. `shape`: the number of the one shape that
-    it colours, from 0; all of them by default."""
+    """The colour of a body that depends on a value: `Colour("valve", {"ON": "#2ea043", "OFF": "#555555"})`, or between
+    numbers in the object's unit: `Colour("oven", {20: "#333333", 1000: "#ff5020"})`. `shape`: the number of the one
+    shape that it colours, from 0; all of them by default."""
 
     path: str
     colours: Mapping[str, str] | Mapping[int, str] | Mapping[float, str]
@@ -180,11 +182,10 @@ class Visible:
 
 @dataclass(frozen=True)
 class Carried:
-    """Loads on a belt. Where a sensor is in `state`, a load passes it: it begins there at the body's origin, and
-    travels along the axis x of the body with the belt. It is drawn as a box as long as it was in front of the sensor.
-
-    `speed`: the path of the belt's speed. `over`: how far a load travels before it is no longer drawn, m. `size`: its
-    width (y) and height (z), m.
+    """Loads on a belt. While a sensor is in `state`, a load passes it; the load begins at the body's origin, and
+    travels along the axis x of the body with the belt. It is drawn as a box whose length follows from its time in front
+    of the sensor. `speed`: the path of the belt's speed. `over`: distance in m after which a load is no longer drawn.
+    `size`: its width (y) and height (z), m.
     """
 
     sensor: str

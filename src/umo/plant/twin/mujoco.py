@@ -1,4 +1,4 @@
-"""The bodies of a MuJoCo model. MuJoCo is imported here only; extra `plant`."""
+"""The bodies of a MuJoCo model. MuJoCo is imported only here; it needs the extra `plant`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from umo.text import did_you_mean
 
 WORLD = "world"
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
-"""The colour of a geom that was given none: its material's holds."""
+"""The colour of a geom without a colour of its own, which has that of its material."""
 
 
 def parts(given: Any, joints: Mapping[str, str | Drive]) -> tuple[list[Body], float | None, Viewpoint | None]:
-    """Bodies, the height of the floor, and the view."""
+    """Return the bodies, the height of the floor, and the view."""
     mj = _mujoco()
     model = _loaded(mj, given)
     moving = {name: _joint(mj, model, name, drive) for name, drive in joints.items()}
@@ -46,7 +46,7 @@ def _loaded(mj: Any, given: Any) -> Any:
         if isinstance(given, str) and given.lstrip().startswith("<"):
             return mj.MjModel.from_xml_string(given)
         if not Path(given).is_file():
-            raise DeclarationError(f"no MuJoCo model {os.fspath(given)!r}: no such file")
+            raise DeclarationError(f"there is no file {os.fspath(given)!r} of a MuJoCo model")
         return mj.MjModel.from_xml_path(os.fspath(given))
     except (ValueError, TypeError) as error:
         raise DeclarationError(f"the MuJoCo model cannot be read: {text_of(error)}") from None

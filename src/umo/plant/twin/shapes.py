@@ -1,4 +1,4 @@
-"""Shapes of a twin: what a body looks like. Lengths in m, in the frame of the body."""
+"""Shapes of the bodies of a twin. Lengths are in m, in the frame of the body."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def turned(axis: Numbers, degrees: float) -> tuple[float, float, float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """Base of the shapes. `position` of its middle in m, `rotation` as `turned` gives it, `colour` as "#rrggbb",
-    `opacity` 0 to 1."""
+    """Base of the shapes. `position`: its centre in m; `rotation`: as `turned` gives it; `colour`: "#rrggbb";
+    `opacity`: 0 to 1."""
 
     position: Numbers = HERE
     rotation: Numbers = UPRIGHT
@@ -64,7 +64,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Cuboid(Shape):
-    """`size`: its whole lengths along x, y and z."""
+    """`size`: its full lengths along x, y and z."""
 
     size: Numbers
     kind = "box"
@@ -91,7 +91,7 @@ class Sphere(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """Along z."""
+    """A cylinder along z."""
 
     radius: float
     length: float
@@ -103,14 +103,15 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True)
 class Capsule(Cylinder):
-    """Along z, with a half sphere at each end beyond its length."""
+    """A capsule along z, with a half sphere beyond each end of its length."""
 
     kind = "capsule"
 
 
 @dataclass(frozen=True)
 class Mesh(Shape):
-    """Triangles: places in m, and for each triangle the numbers of its three corners, counterclockwise from outside."""
+    """A surface of triangles: vertices in m, and for each triangle the numbers of its three vertices, counterclockwise
+    from outside."""
 
     vertices: Sequence[Numbers]
     faces: Sequence[Sequence[int]]
@@ -129,14 +130,14 @@ class Mesh(Shape):
 
 
 def number(what: str, given: Any) -> float:
-    """A finite number; DeclarationError otherwise."""
+    """Return a finite number; DeclarationError otherwise."""
     if isinstance(given, str):
         raise DeclarationError(f"{what} is a number, not {given!r}")
     return numbers(what, (given,), 1)[0]
 
 
 def numbers(what: str, given: Any, count: int) -> tuple[float, ...]:
-    """This number of finite numbers; DeclarationError otherwise."""
+    """Return the given number of finite numbers; DeclarationError otherwise."""
     try:
         found = tuple(float(x) for x in given)
     except (TypeError, ValueError):
@@ -148,7 +149,7 @@ def numbers(what: str, given: Any, count: int) -> tuple[float, ...]:
 
 
 def unit_vector(what: str, given: Any) -> tuple[float, ...]:
-    """A direction, scaled to length 1."""
+    """Return a direction, scaled to length 1."""
     found = numbers(what, given, 3)
     length = math.hypot(*found)
     if length < 1e-9:

@@ -1,4 +1,4 @@
-"""The declaration of a twin: bodies, how they hang together, and what moves them."""
+"""The declaration of a twin: its bodies, how they are connected, and the values that move them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from umo.text import did_you_mean
 
 
 class Twin:
-    """The bodies of a machine, in SI units; z is up. `floor`: the height of a floor, m; None: there is none. `view`:
-    by default everything is seen from the front, the right and above.
+    """The bodies of a machine, in SI units; z is up. `floor`: the height of a floor, m, or None if there is none.
+    `view`: by default everything is seen from the front, the right and above.
 
-    DeclarationError for two bodies of one name, a parent that is missing, and a circle of parents.
+    DeclarationError for two bodies with one name, a missing parent, and a circle of parents.
     """
 
     def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: Viewpoint | None = None) -> None:
@@ -50,13 +50,14 @@ class Twin:
     def from_mujoco(
         cls, model: str | os.PathLike[str] | Any, joints: Mapping[str, str | Drive], *, more: Iterable[Body] = ()
     ) -> Twin:
-        """The bodies, geoms and joints of a MuJoCo model: the path of its file, its XML or an `MjModel`.
+        """Make a twin from the bodies, geoms and joints of a MuJoCo model, given as the path of its file, its XML or an
+        `MjModel`.
 
         `joints`: for each joint that moves, the object that drives it: `{"z": "z.encoder"}`, or a `Drive` with scale
         and offset. The object's value in m or rad is the joint's coordinate in MuJoCo (its `qpos`). The other joints
-        stay where the model has them at first. `more`: bodies in addition; their parents are bodies of the model by
+        keep the initial position of the model. `more`: additional bodies, whose parents are bodies of the model by
         name. Its first camera is the view, its first plane the floor. DeclarationError if MuJoCo is not installed, the
-        model cannot be read, or a joint is not there.
+        model cannot be read, or a joint does not exist.
         """
         from umo.plant.twin.mujoco import parts
 
@@ -64,7 +65,7 @@ class Twin:
         return cls([*bodies, *more], floor=floor, view=view)
 
     def describe(self, machine: Compound | Layout) -> dict[str, Any]:
-        """Plain data for the page: JSON. Values are then those of frames, in the objects' units.
+        """Return plain data (JSON) for the page, with values in the units of the frames.
 
         DeclarationError, with the body and the nearest valid name, for a path that the machine does not have, a state
         that an object does not have, and a unit that does not fit.

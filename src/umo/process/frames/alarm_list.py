@@ -1,4 +1,4 @@
-"""The alarms of a running station as an operator sees them: from a frame and the events that are kept."""
+"""The alarms of a running station as an operator sees them, from a frame and the kept events."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class AlarmRow(NamedTuple):
     priority: Priority
     text: str
     since: float | None
-    """Time in s on the cycle's clock at which it came into this state; None: the event is no longer kept."""
+    """Time in s on the cycle's clock at which it entered this state, or None if the event is no longer kept."""
     who: str
-    """The client that brought it there; "": the machine itself."""
+    """The client that caused this state; "" means the machine itself."""
     note: str
-    """More words, such as why its condition cannot be evaluated."""
+    """Further text, such as why its condition cannot be evaluated."""
     raised: int = 0
     """How often it has become active in this run; 0 if not known here."""
     first: float | None = None
@@ -37,17 +37,17 @@ class AlarmRow(NamedTuple):
 
     @property
     def annunciated(self) -> bool:
-        """True if an operator should see it: it is neither shelved nor out of service."""
+        """True if an operator should see it: that is, if it is neither shelved nor out of service."""
         return self.state in ANNUNCIATED
 
     @property
     def asks(self) -> bool:
-        """True if it is to be acknowledged."""
+        """True if it must be acknowledged."""
         return self.state in TO_BE_ACKNOWLEDGED
 
     @property
     def verbs(self) -> list[str]:
-        """Names of the verbs that do something with it in its state."""
+        """Names of the verbs that have an effect on it in its state."""
         able = operations(self.state)
         return [each.name for each in naming(Names.ALARM) if each.operation is None or each.operation in able]
 

@@ -21,20 +21,20 @@ from umo.text import time_of_day
 KEPT_PERIODS = 1000
 MAX_BOXES = 10
 AFTERMATH = 0.05
-"""Time in s after a missed period that its black box holds as well."""
+"""Time in s after a missed period that its black box also contains."""
 AFTERMATH_PERIODS, LONGEST_AFTERMATH = 20, 1.0
-"""Number of later periods in the black box, if they take at most this time in s: several periods show what is always
-too slow."""
+"""Number of later periods in the black box, if they take at most the second number in s; several periods show a part
+that is always too slow."""
 SUFFIX = ".box"
 UNFINISHED_AGE = 3600.0
 """Age in s from which an unfinished file counts as abandoned."""
 MISSED_PERIOD, ON_DEMAND = "a period was missed", "on demand"
-"""Reasons for a black box that are no end of a run; any other reason is one."""
+"""Reasons for a black box other than the end of a run; any other reason is that of a failed run."""
 
 
 def folder() -> Path:
-    """The folder of this user's black boxes, for nobody else; FramesError if there can be none. All users may look into
-    the folder around it: it has records for them."""
+    """The folder of this user's black boxes, for nobody else. FramesError if it cannot be made. All users may read the
+    folder around it, which has records for them."""
     try:
         return folders.checked(folders.own(folders.lasting(), 0o755) / "blackbox")
     except OSError as error:
@@ -42,8 +42,8 @@ def folder() -> Path:
 
 
 def save(reader: Reader, path: Path, reason: str, periods: int = KEPT_PERIODS) -> None:
-    """Write the last `periods` frames of a ring, what its journal still holds of them, and why they were kept;
-    OSError where that cannot be done, and nothing is left then."""
+    """Write the last `periods` frames of a ring, their entries that are still in its journal, and the reason. OSError
+    if that fails; then no file is left."""
     content = _content(reader, reader.last(periods), reason)
     with folders.written(path, 0o600) as stream:
         stream.write(content)
@@ -86,13 +86,13 @@ def boxes(folder: Path) -> list[Path]:
 
 
 def name_for(folder: Path, station: str, now: float) -> Path:
-    """A new file, by station and local time."""
+    """Return the path of a new file, named by station and local time."""
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now))
     return folder / f"{station[:100]}-{stamp}-{int(now * 1000) % 1000:03d}{SUFFIX}"
 
 
 def station_of(path: Path) -> str:
-    """The name of the station in the name of a black box."""
+    """Return the name of the station from the name of a black box."""
     return path.name.rsplit("-", 3)[0]
 
 
@@ -102,7 +102,7 @@ def kept_at(about: Mapping[str, Any]) -> str:
 
 
 def thin(folder: Path) -> None:
-    """Remove all but the newest, and what processes that were killed meanwhile have left of theirs."""
+    """Remove all except the newest, and unfinished files of killed processes."""
     for path in boxes(folder)[:-MAX_BOXES]:
         path.unlink(missing_ok=True)
     for path in folder.glob(f".*{SUFFIX}.*"):

@@ -1,9 +1,9 @@
 """Finds the cause of a missed period from its frames.
 
-A tick is missed between one return of the timer and the next call of it: the period before the frame that reports it
-woke late, or took too long. The part of that period with the largest excess over its usual time (the median of the
-periods at hand that ended in time; 0 if none did) is where the time went; the counters of the operating system and of
-the interpreter say why.
+A tick is missed between a return of the timer and its next call: the period before the reporting frame woke late, or
+took too long. The part of that period with the largest excess over its usual time (the median of the available periods
+that ended in time; 0 if none did) shows where the time was spent; the counters of the operating system and of the
+interpreter show why.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from umo.process.frames.run_reader import Frames
 from umo.text import count_of
 
 CAUSE_SHARE = 0.5
-"""Share of the excess that a counter of time has to explain to be the cause."""
+"""Least share of the excess that a counter of time must explain to be the cause."""
 MIN_FAULT_TIME = 500.0
-"""ns that a page fault without the disk takes, at least."""
+"""Least time in ns of a page fault without the disk."""
 FAULT_SHARE = 0.1
 SOME_FAULTS = 8
 ALWAYS_SHARE = 0.5
 """Share of the periods that are late from which on the station is always too slow."""
 ALWAYS_PERIODS = 10
-"""Number of periods at least, and of late ones, for that."""
+"""Least number of periods, and of late periods, for that."""
 FULL_SHARE = 0.8
 """Share of a period from which on its usual time leaves little room."""
 NAMED_SHARE = 0.1
-"""Share of a period from which on a part is named in that case."""
+"""Share of a period from which on a part of the period is named in that case."""
 AFTER = "after"
 WAKE = "wake"
 CONTROL_CODE = "control code"
@@ -61,16 +61,16 @@ class MissCause:
     """The cause of the periods missed at one frame."""
 
     row: int
-    """Row of the frame that reports them."""
+    """The row of the frame that reports the missed periods."""
     missed: int
     cause: Cause
     text: str
     excess: float
-    """s above the usual"""
+    """Time in s above the usual one."""
 
 
 class Evidence:
-    """The parts of the time of each period, and the counts in it: found once for all verdicts on some frames."""
+    """The parts of the time of each period, and the counts in it, computed once for all verdicts on some frames."""
 
     def __init__(self, frames: Frames, layout: Layout) -> None:
         self._missed = frames["missed"].tolist()
@@ -88,8 +88,8 @@ class Evidence:
         """ns above the usual from which a period may have cost a tick."""
 
     def explain(self, row: int) -> MissCause:
-        """Explain why periods were missed at this row; UNKNOWN where the period that caused it is not at hand, or one
-        of the first two whose counts are not, unless a part of it took longer than a whole period."""
+        """Explain why periods were missed at this row; UNKNOWN if the causing period, or the counts of one of the first
+        two, are not available, unless a part of it took longer than a whole period."""
         first, excess, part = row, 0.0, ""
         while first >= 1:
             before = first - 1
@@ -119,8 +119,8 @@ def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
 
 
 def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: int) -> list[str]:
-    """Return sentences on what is always too slow, on the last verdicts (at most `most`), and on how often each cause
-    occurred.
+    """Return sentences on parts that are always too slow, on the last verdicts (at most `most`), and on the frequency
+    of each cause, such as
 
     `2 periods missed before 3.456 s (period 3456): control code took 2.1 ms`."""
     period = float(layout.about.get("period", 0.0))
@@ -137,8 +137,9 @@ def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: i
 
 
 def always_slow(frames: Frames, layout: Layout) -> str:
-    """Return what usually takes too long, if the period is too short for it: `too slow for the period of 10 ms: 98 % of
-    500 periods are late; usually control code takes 12 ms, driver io (sample) 4 ms`. Empty if the usual times fit."""
+    """Return a sentence on the parts that usually take too long, if the period is too short for them: `too slow for the
+    period of 10 ms: 98 % of 500 periods are late; usually control code takes 12 ms, driver io (sample) 4 ms`. Empty if
+    the usual times fit."""
     period, count = float(layout.about.get("period", 0.0)) * 1e9, len(frames) - 1
     late = np.append(frames["missed"][1:] > 0, False)
     is_slow = late.sum() >= max(ALWAYS_PERIODS, ALWAYS_SHARE * count)
@@ -179,8 +180,8 @@ def _driver_work(kind: str) -> str:
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
-    """The parts of each period's time in ns: waking up, the phases, what came after `update`. Tries of a driver are
-    left out where there were none."""
+    """The parts of each period's time in ns: waking up, the phases, and the work after `update`. Attempts to reach a
+    driver are left out if there were none."""
     phases = frames["phases"].astype(float)
     parts: PhaseTimes = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
     parts = {name: times for name, times in parts.items() if not name.startswith(f"{TRY} ") or times.any()}
@@ -195,8 +196,8 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
 
 
 def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
-    """The count of each counter in the period of each row. The counters are not read in every period: what is usual is
-    taken off for those between two readings. A row that has no reading of its own gets 0."""
+    """The count of each counter in the period of each row. The counters are not read in every period: the usual count
+    is subtracted for the periods between two readings. A row without a reading of its own gets 0."""
     read = np.flatnonzero(np.diff(frames["counted"])) + 1  # those with a reading of their own
     periods = np.diff(frames["counted"])[read - 1]
     found = {}

@@ -1,15 +1,15 @@
 """The cells: the memory beside the frames that clients write and the machine reads. Levels, and the queue of commands.
 
-Its size is sealed; what is in it is not: every process of the user may write anything there. So whatever the machine
-reads is checked, and at worst a command is dropped, or a lease or something held ends.
+Its size is sealed, but its content is not: every process of the user may write anything there. So the machine checks
+all that it reads, and at worst a command is dropped, or a lease or a hold ends.
 
 Layout, little-endian: at `STOP` a request to stop, `STOP_MARK` plus the number of a signal; at `WHO` a text
-(`umo.system.shared_cells.SharedText`) of the signal's number, who asks, UTF-8, up to `NAME` bytes; at `HEAD` the number
-of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each (`umo.process.frames.command_queue`);
-from `SIGNS` on the signs of life, 16 bytes each: when the holder of a lease was last there, in ns of CLOCK_MONOTONIC,
-in the second word; the first is that XOR the number of the lease, so that words of two clients are no sign of either.
-The first sign is that of the lease itself; then comes one for each object, and one for each action, in the order of the
-frames' description.
+(`umo.system.shared_cells.SharedText`) with the signal's number and the requesting client, UTF-8, up to `NAME` bytes; at
+`HEAD` the number of commands written so far; from `QUEUE` on `SLOTS` commands of `SLOT` bytes each
+(`umo.process.frames.command_queue`); from `SIGNS` on the signs of life, 16 bytes each: the time of the last sign of the
+holder of a lease, in ns of CLOCK_MONOTONIC, in the second word; the first word is that XOR the number of the lease, so
+that words of two clients together are not a valid sign. The first sign is that of the lease itself; then comes one for
+each object, and one for each action, in the order of the frames' description.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ STOP, WHO, HEAD, QUEUE = 0, 16, 104, 128
 SLOTS, SLOT = 64, 1024
 SIGNS = QUEUE + SLOTS * SLOT
 STOP_MARK = 0x756D_6F53_746F_7000
-"""Number that asks for a stop: it is not there by accident."""
+"""Number that marks the request for a stop, so that it is not there by accident."""
 SIGNALS = {int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
 LEASE = ""
 """The path of the lease's sign of life."""
 
 
 def size_of(layout: Layout) -> int:
-    """Bytes of the cells of a run."""
+    """Number of bytes of the cells of a run."""
     return SIGNS + 16 * (1 + len(layout.objects) + len(layout.actions))
 
 
 class ClientMemory:
-    """The cells as the machine or a client has them. FramesError if this memory is not what the frames describe."""
+    """The cells, for the machine or for a client. FramesError if the memory does not fit the description of the
+    frames."""
 
     def __init__(self, file: int, layout: Layout) -> None:
         self._map = mapped(file, write=True)
@@ -48,8 +49,8 @@ class ClientMemory:
         self.memory = memoryview(self._map)
         self.words = self.memory[: len(self._map) & ~7].cast("Q")
         self.asked, self.head = (self.words[at >> 3 : (at >> 3) + 1] for at in (STOP, HEAD))
-        """One number each, for the check in each period: not 0 if a stop is requested or the content is invalid; the
-        number of commands written so far."""
+        """One number each, for the check in each period: the first is not 0 if a stop is requested or the content is
+        invalid; the second is the number of commands written so far."""
         self._who = SharedText(self._map, WHO, HEAD - WHO)
         paths = [LEASE, *(str(entry["path"]) for entry in (*layout.objects, *layout.actions))]
         self._signs = {path: (SIGNS >> 3) + 2 * number for number, path in enumerate(paths)}
@@ -57,15 +58,15 @@ class ClientMemory:
     # A stop --------------------------------------------------------------------------------------------
 
     def ask_to_stop(self, number: int, who: str) -> None:
-        """Ask the run to end as after this signal. The first request stands."""
+        """Ask the run to end as after this signal. Only the first request counts."""
         if self.stop is None:
             self._who.put(number, cut(who, NAME))
             self.words[STOP >> 3] = STOP_MARK | number
 
     @property
     def stop(self) -> tuple[int, str] | None:
-        """The stop signal that was requested, and the client that requested it; None: there is no request. The client
-        is "" where two have asked at the same moment."""
+        """The stop signal that was requested, and the client that requested it, or None if there is no request. The
+        client is "" if two requested it at the same moment."""
         word = self.words[STOP >> 3]
         if not word or word ^ STOP_MARK not in SIGNALS:
             return None
@@ -76,15 +77,15 @@ class ClientMemory:
     # Signs of life -------------------------------------------------------------------------------------
 
     def sign(self, path: str, lease: int, now: int) -> None:
-        """The holder of this lease is there now (ns of CLOCK_MONOTONIC), for what is at this path. A path that has no
-        cell is passed over."""
+        """Give a sign of life of the holder of this lease, at a time in ns of CLOCK_MONOTONIC, for the hold at this
+        path. A path without a cell is ignored."""
         at = self._signs.get(path)
         if at is not None:
             self.words[at], self.words[at + 1] = lease ^ now, now
 
     def signed(self, path: str, lease: int) -> float:
-        """The time at which the holder of this lease was last there for this path, s of CLOCK_MONOTONIC; 0: never. A
-        path that has no cell, as that of an experiment, has the one of the lease."""
+        """Return the time of the last sign of life of the holder of this lease for this path, in s of CLOCK_MONOTONIC;
+        0 means never. A path without a cell, such as that of an experiment, uses the cell of the lease."""
         at = self._signs.get(path, self._signs[LEASE])
         now = self.words[at + 1]
         return now * 1e-9 if self.words[at] ^ now == lease else 0.0

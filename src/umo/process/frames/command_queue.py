@@ -1,8 +1,8 @@
 """The queue of commands in the cells (`umo.process.frames.client_memory`): clients write it, the machine reads it.
 
 Clients take turns by a lock that the machine does not take. Each of the `SLOTS` commands is, little-endian: CRC-32 of
-all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands
-written so far; the machine sets it right where it cannot be true.
+the rest, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands written
+so far; the machine corrects an impossible number.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ except ImportError:  # not on this platform: no machine runs in another process 
 
 ENTRY = struct.Struct("<IIQ")
 MAX_COMMAND_BYTES = SLOT - ENTRY.size
-"""Size of a command's text at most, bytes."""
+"""Largest size of a command's text, in bytes."""
 MAX_DROPS = 4
-"""Entries that are dropped at one look, at most."""
+"""Largest number of entries that are dropped at one look."""
 SEND_TIMEOUT = 1.0
-"""s that a client waits for room in the queue, and for its turn."""
+"""Time in s that a client waits for room in the queue, and for its turn."""
 SEND_PAUSE = 0.002
 
 
 class Receiver:
-    """The machine's end."""
+    """The machine's end of the queue."""
 
     def __init__(self, cells: ClientMemory) -> None:
         self._head, self._memory = cells.head, cells.memory
@@ -48,7 +48,7 @@ class Receiver:
         """The last command that was not whole when it was looked at."""
 
     def get(self) -> ClientCommand | None:
-        """The next command; None if there is none. Whatever is not a command is counted and dropped."""
+        """Return the next command, or None if there is none. Anything that is not a command is counted and dropped."""
         head = self._head[0]
         if head == self.taken:
             return None
@@ -83,7 +83,7 @@ def command_in(slot: bytes, number: int) -> bytes | None:
 
 
 class Sender:
-    """A client's end."""
+    """A client's end of the queue."""
 
     def __init__(self, reader: Reader, cells: ClientMemory) -> None:
         self._reader = reader
@@ -93,11 +93,13 @@ class Sender:
         try:  # opened anew: a lock belongs to whoever has opened the file, and all clients were given one and the same
             self._file = os.open(f"/proc/self/fd/{reader.ends.cells}", os.O_RDWR | os.O_CLOEXEC)
         except OSError as error:
-            raise FramesError(f"{reader.about['station']}: no queue for commands: {error.strerror}") from None
+            raise FramesError(
+                f"{reader.about['station']}: the queue for commands cannot be opened: {error.strerror}"
+            ) from None
 
     def send(self, command: dict[str, Any]) -> int:
-        """Send a command and return its number. CommandRefused if the queue stays full, or the machine would drop it:
-        there would be no answer."""
+        """Send a command and return its number. CommandRefused if the queue stays full, or if the machine would drop
+        the command, which would then have no answer."""
         text = json.dumps(command).encode()
         if _parsed(0, text) is None:
             raise CommandRefused(f"{command.get('do')} {command.get('path')}: it is not a valid command")

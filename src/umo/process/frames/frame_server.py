@@ -1,5 +1,5 @@
 """The server of a run's frames: a Unix socket at which clients get the descriptors of its memory. The folder of these
-sockets: one for each user, in shared memory where there is some.
+sockets: one for each user, in shared memory if there is any.
 
 Only processes of the same user, and root, get them; both ends ask the kernel who the other is (SO_PEERCRED, unix(7)).
 A socket without a listener belongs to a dead process: a process that finds it removes it.
@@ -29,32 +29,32 @@ GREETING = b"umo frames 6"
 MAX_ADDRESS_BYTES = 107
 """Bytes of a socket's address (unix(7), sun_path)."""
 MAX_WAITING = 64
-"""Clients that may wait for an answer at once."""
+"""Largest number of clients that wait for an answer at once."""
 ANSWER_TIMEOUT = 10.0
-"""Time in s that a client waits for the descriptors of a process that lives: a busy computer may let it wait."""
+"""Time in s that a client waits for the descriptors of a living process, which may answer late on a busy computer."""
 STOPPED_TIMEOUT = 1.0
 """Time in s that a client waits for a process that was stopped by a signal, and for one that has ended."""
 CONNECT_PAUSE = 0.005
-"""Time in s to the next try of a client while too many others wait."""
+"""Time in s to the next attempt of a client while too many others wait."""
 ANSWER_LOOK_INTERVAL = 0.1
-"""Time in s between two looks at the process that is asked."""
+"""Time in s between two looks at the process that must answer."""
 GUARDIAN_NAMES = ("umo guardian", "umo standby")
 """Names of the processes that answer for their child, which has made the socket."""
 ACCEPT_PAUSE = 0.1
-"""s from a client that could not be accepted to the next, in a thread."""
+"""Time in s to the next client after one that could not be accepted, in a thread."""
 ROOT = 0
 SUFFIX = ".sock"
 FOLDER_VARIABLE = "UMO_FRAMES"
 """Environment variable that names another folder, for containers and tests."""
 SHARED_MEMORY = Path("/dev/shm")
 MAX_NAME_LENGTH = 40
-"""Characters of a station's name in the name of a socket, whose address is short."""
+"""Largest number of characters of a station's name in the name of a socket, whose address is short."""
 _HIDDEN = re.compile(rf"\.(\d+)-[0-9a-f]+{re.escape(SUFFIX)}")
 _OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
 
 
 def folder() -> Path:
-    """The user's folder, made if need be; FramesError where that cannot be."""
+    """Return the user's folder, which is made if needed. FramesError if that fails."""
     try:
         if given := os.environ.get(FOLDER_VARIABLE):
             return folders.checked(Path(given))
@@ -64,7 +64,8 @@ def folder() -> Path:
 
 
 def new_path(station: str) -> Path:
-    """A socket for a new run, in the user's folder. What dead processes left there is removed."""
+    """Return the path of a socket for a new run, in the user's folder. Files that dead processes left there are
+    removed."""
     rings()
     name = re.sub(r"[^\w-]", "_", station, flags=re.ASCII)[:MAX_NAME_LENGTH]
     return folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{SUFFIX}"
@@ -94,7 +95,8 @@ def rings() -> list[Path]:
 
 
 def is_living(path: Path) -> bool:
-    """True if this is the socket of a living process. That of a dead one is removed; any other file stays as it is."""
+    """True if this is the socket of a living process. The socket of a dead one is removed; any other file is not
+    changed."""
     served = is_served(path) if is_socket(path) else None
     if served is False:
         _remove(path)
@@ -112,10 +114,8 @@ def _made(path: Path) -> int:
 
 
 class FrameServer:
-    """Gives clients that ask at `path` the descriptors `ends`. OSError if there can be no socket.
-
-    A process that is to be forked inherits it: one of the two may `listen`, when the memory is complete, and the other
-    answer.
+    """Gives clients that ask at `path` the descriptors `ends`. OSError if the socket cannot be made. A forked process
+    inherits it: one of the two may `listen`, when the memory is complete, and the other answers.
     """
 
     def __init__(self, path: Path, ends: RunDescriptors) -> None:
@@ -127,7 +127,8 @@ class FrameServer:
         self._socket.setblocking(False)
 
     def listen(self) -> None:
-        """Let the run be found: the socket gets its name when it listens already. FramesError if it cannot have it."""
+        """Make the run visible: the socket gets its name when it already listens. FramesError if the name cannot be
+        used."""
         hidden = self.path.with_name(f".{os.getpid()}-{time.monotonic_ns():x}{self.path.suffix}")
         try:
             with _address(hidden) as address:
@@ -140,7 +141,7 @@ class FrameServer:
             raise FramesError(f"the socket for frames {self.path} cannot be made: {error.strerror or error}") from None
 
     def leave(self) -> None:
-        """Leave it to the other process."""
+        """Leave the answers to the other process."""
         self._socket.close()
 
     def look(self) -> None:
@@ -150,7 +151,7 @@ class FrameServer:
                 self._answer(self._socket.accept()[0])
 
     def start(self) -> None:
-        """Answer in a thread, for a process that has no time to look."""
+        """Answer in a thread, for a process that cannot call `look`."""
         self._socket.setblocking(True)
         self._thread = threading.Thread(target=self._serve, name="umo frames", daemon=True)
         self._thread.start()
@@ -180,7 +181,7 @@ class FrameServer:
 
 
 def receive(path: Path) -> RunDescriptors:
-    """The descriptors of the run whose socket this is. FramesError if there are none to be had."""
+    """The descriptors of the run whose socket this is. FramesError if they cannot be received."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
         here.settimeout(STOPPED_TIMEOUT)
         try:
@@ -196,7 +197,7 @@ def receive(path: Path) -> RunDescriptors:
                 f"{path}: too many others wait for an answer of this run; its guardian may be stopped"
             ) from None
         except OSError as error:
-            raise FramesError(f"no frames at {path}: {error.strerror or error}") from None
+            raise FramesError(f"there are no frames at {path}: {error.strerror or error}") from None
     if data != GREETING or len(files) != len(RunDescriptors._fields):
         for file in files:
             os.close(file)
@@ -246,7 +247,7 @@ def _asked(maker: int) -> tuple[str, int]:
 
 
 def is_socket(path: Path) -> bool:
-    """True if this is a socket of this user's, and not a link to one."""
+    """True if this is a socket of this user, and not a link to one."""
     return is_own(path, stat.S_ISSOCK)
 
 

@@ -6,10 +6,10 @@ events and the tunable numbers (8 bytes each). A reader in another language need
 which gives the name, type (numpy's notation: "<i8" is a signed integer of 8 bytes), offset, count and unit of every
 field of a frame, an entry and an event.
 
-Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when
-it is whole. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry
-and their count. They are still there if, after they were copied, `Live.JOURNAL` is at most that first
-number + `entries`. Event number n (from 0) lies at n % `EVENTS`. Its `sequence` is n + 1 when it is whole.
+Frame number i (from 0) lies in slot i % slots. Its `sequence` is 2 i + 1 while it is being written and 2 i + 2 when it
+is complete. Entry number k (from 0) lies at k % entries of the journal; a frame gives the number of its first entry and
+their count. They are still there if, after they were copied, `Live.JOURNAL` is at most that first number + `entries`.
+Event number n (from 0) lies at n % `EVENTS`. Its `sequence` is n + 1 when it is complete.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
 SHRUNK = "shrunk_from"
-"""Key in the description of a recording that was shrunk: the number of periods it had before."""
+"""Key in the description of a shrunk recording, for the number of periods that it had before."""
 CHECKSUM = 1
-"""Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor: of `sequence` (the even
-one) and all that follows `checksum` up to the end of the last field; and one of its entries. A reader proves events by
-theirs too."""
+"""Flag: each frame carries a CRC-32, because the order of stores is not certain on this processor. It covers `sequence`
+(the even one) and all bytes after `checksum` up to the end of the last field; there is another one of its entries. A
+reader also verifies the checksums of events."""
 
 
 class Live:
     """The live numbers: the place of each, counted in numbers of 8 bytes."""
 
     HEAD, STATE, MISSED = 8, 9, 10
-    """Frames finished; state (`umo.cycle.stage`); missed periods in all."""
+    """Number of finished frames; state (`umo.cycle.stage`); total number of missed periods."""
     JOURNAL = 11
-    """Number of the next entry. It is moved on before the entries are written."""
+    """Number of the next entry. It is increased before the entries are written."""
     DESCRIBED = 12
-    """CRC-32 of the description, which stays."""
+    """CRC-32 of the description, which does not change."""
     EVENT, MODE = 13, 14
-    """Number of the next event; mode (`umo.operation.commands.client_commands`; -1: it takes no commands)."""
+    """Number of the next event; mode (`umo.operation.commands.client_commands`; -1 if it takes no commands)."""
     TAKEN, DROPPED = 15, 16
-    """Commands of clients taken, and how many of these were dropped."""
+    """Number of commands taken from clients, and of those that were dropped."""
     LEASE = 17
-    """Number of the lease: the number of the text at `LEASE_AT`."""
+    """Number of the lease, which is also the number of the text at `LEASE_AT`."""
 
 
 DESCRIPTION = 256
@@ -70,10 +70,10 @@ DESCRIPTION = 256
 NOTE = 64
 NAME = 64
 LEASE_AT, LEASE_BYTES = 8 * Live.LEASE, TEXT_HEAD.size + NAME
-"""Offset of a text (`umo.system.shared_cells.SharedText`) and the room for it: number of the lease, size of its
-holder's name, CRC-32 of both and of the name, each 8 bytes; the name, UTF-8, up to `NAME` bytes; empty: nobody."""
+"""Offset of a text (`umo.system.shared_cells.SharedText`) and its size: number of the lease, size of its holder's name,
+CRC-32 of both and of the name, each 8 bytes; the name, UTF-8, up to `NAME` bytes, or empty for nobody."""
 EVENTS = 512
-"""Number of events that are kept, the last ones."""
+"""Number of the last events that are kept."""
 
 ENTRY = ENTRIES
 """An entry of the journal (`umo.cycle.journal`)."""
@@ -91,17 +91,17 @@ EVENT_ROW = np.dtype(
         ("text", f"S{EVENT_TEXT_BYTES}"),
     ]
 )
-"""An event (`umo.cycle.events`): texts are UTF-8 and cut to their places. The checksum is the CRC-32 of its `sequence`,
-and of all that follows."""
+"""An event (`umo.cycle.events`): texts are UTF-8 and cut to the size of their fields. The checksum is the CRC-32 of its
+`sequence` and of the rest."""
 
 _TEXT_SIZES = [EVENT_ROW[name].itemsize for name in ("who", "path", "asked", "text")]
 _EVENT = struct.Struct("<dQQ" + "".join(f"{size}s" for size in _TEXT_SIZES))
 EVENT_BODY = 16
-"""Offset in a row of what follows the checksum."""
+"""Offset in a row of the part after the checksum."""
 
 
 def pack_event(memory: Any, at: int, event: Event, sequence: int) -> None:
-    """Write an event to its row at `at`, without the `sequence`, which completes it."""
+    """Write an event to its row at `at`, except the `sequence`, which completes it."""
     texts = map(cut, (event.who, event.path, event.asked, event.text), _TEXT_SIZES)
     body = _EVENT.pack(event.time, event.command, event.state, *texts)
     memory[at + 8 : at + EVENT_BODY + len(body)] = event_checksum(sequence, body).to_bytes(8, "little") + body
@@ -112,13 +112,13 @@ def event_checksum(sequence: int, body: bytes) -> int:
 
 
 def cut(text: str, size: int) -> bytes:
-    """The text cut to this number of bytes, without half a character at the end."""
+    """Return a text cut to this number of bytes, without half a character at the end."""
     found = text.encode(errors="replace")
     return found if len(found) <= size else found[:size].decode(errors="ignore").encode()
 
 
 Column = tuple[str, str, int, str]
-"""Name, numpy type, count, unit."""
+"""Name, numpy type, count and unit of a field."""
 
 USAGE: list[Column] = [
     ("minor_faults", "<i8", 1, ""),
@@ -131,8 +131,8 @@ USAGE: list[Column] = [
     ("collections", "<i8", 1, ""),
     ("collecting", "<i8", 1, "ns"),
 ]
-"""Counters of the operating system and the interpreter for the loop's thread, as they were last read: differences
-between two frames are what happened between these readings."""
+"""Counters of the operating system and the interpreter for the loop's thread, as last read; differences between two
+frames show what happened between these readings."""
 
 FIXED: list[Column] = [
     ("sequence", "<u8", 1, ""),
@@ -161,7 +161,7 @@ FIXED: list[Column] = [
 RESTRICTIONS = "0 and 254 free, 255 taken by a client, else the number of the reason of its inhibition, from 1"
 STATES = "numbers of the states that the description names"
 USAGE_PACKING = struct.Struct(f"<{len(USAGE)}q12q{NOTE}s")
-"""Packing of the fields from `USAGE` on, which change seldom."""
+"""Packing of the fields from `USAGE` on, which rarely change."""
 
 
 class DescribedValues(NamedTuple):
@@ -187,23 +187,23 @@ class Layout:
     """The origin of the frames: station, wiring, pid, start, period in s; `job`: the facts of the run
     (`umo.process.job_facts`)."""
     signals: tuple[dict[str, Any], ...] = ()
-    """Path and unit of each, of named values the names of their states."""
+    """Path and unit of each signal; for named values, the names of their states."""
     interlocks: tuple[str, ...] = ()
-    """Their reasons."""
+    """The reasons of the interlocks."""
     actions: tuple[dict[str, Any], ...] = ()
-    """Path, arguments and meaning of each (`umo.objects.action`)."""
+    """Path, arguments and meaning of each action (`umo.objects.action`)."""
     tunables: tuple[dict[str, Any], ...] = ()
-    """Path, unit and range of each."""
+    """Path, unit and range of each tunable number."""
     equipment: tuple[dict[str, Any], ...] = ()
     axes: tuple[dict[str, Any], ...] = ()
     alarms: tuple[dict[str, Any], ...] = ()
-    """For these three: the path of each, and the names of its states by number; for alarms also text, priority and
-    options, for axes also position, limits and actions."""
+    """For equipment, axes and alarms: the path of each, and the names of its states by number; for alarms also text,
+    priority and options, for axes also position, limits and actions."""
     units: tuple[dict[str, Any], ...] = ()
     """Path, states and commands of each state machine (`umo.operation`); its state is the signal `PATH.state`."""
     books: tuple[dict[str, Any], ...] = ()
     """Path, fields and recipes of each book (`umo.operation.recipe_book`). The recipe that was begun last and the one
-    that is chosen are the signals `PATH.begun` and `PATH.choice`, where it shows them."""
+    that is chosen are the signals `PATH.begun` and `PATH.choice`, if it shows them."""
 
     @cached_property
     def described(self) -> DescribedValues:
@@ -238,11 +238,11 @@ class Layout:
 
     @property
     def content(self) -> int:
-        """Bytes of a frame in use; what follows up to its size is empty."""
+        """Number of used bytes of a frame; the rest up to its size is empty."""
         return sum(np.dtype(kind).itemsize * count for _, kind, count, _ in self.columns)
 
     def describe(self) -> bytes:
-        """The header's JSON."""
+        """Return the JSON of the header."""
         dtype = self.dtype
         columns = [
             {"name": name, "type": kind, "offset": dtype.fields[name][1], "count": count, "unit": unit}  # type: ignore[index]
@@ -268,7 +268,8 @@ class Layout:
 
 
 def without_job(layout: Layout) -> Layout:
-    """The layout without what was run: paths and wiring are nobody's on another computer."""
+    """Return the layout without the facts of the run (`job`), because its paths and its wiring are not valid on another
+    computer."""
     return replace(layout, about={name: fact for name, fact in layout.about.items() if name != "job"})
 
 
@@ -277,7 +278,7 @@ class Places(NamedTuple):
     journal: int
     events: int
     alarms: int
-    """For each alarm how often it was raised, when first, and when last: three rows of `<f8`."""
+    """Place of three rows of `<f8`: for each alarm, how often it was raised, and the first and the last time."""
     tunables: int
     size: int
 
@@ -292,7 +293,7 @@ class Places(NamedTuple):
 
 
 def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[bytes, Places]:
-    """Header, live numbers (all 0) and description of a ring with these numbers of frames and entries; and its
+    """Return header, live numbers (all 0) and description of a ring with these numbers of frames and entries, and its
     places."""
     description, slot = layout.describe(), layout.dtype.itemsize
     first = -(-(DESCRIPTION + len(description)) // mmap.PAGESIZE) * mmap.PAGESIZE
@@ -325,8 +326,8 @@ def _describe_row(row: np.dtype[Any]) -> dict[str, Any]:
 def describe_signals(
     signals: Sequence[Signal], kept: Mapping[str, Any] = MappingProxyType({})
 ) -> tuple[dict[str, Any], ...]:
-    """Path and unit of each signal, in the order of the frame's; of a named value the names of its states, of one that
-    is kept its type."""
+    """Path and unit of each signal, in the order of the frame; for a named value, the names of its states; for a kept
+    one, its type."""
     return tuple(
         {"path": each.path, "unit": each.unit}
         | ({"states": {str(n): s for n, s in each.states.items()}} if each.states else {})

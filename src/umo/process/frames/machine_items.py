@@ -1,4 +1,4 @@
-"""The declaration of a running machine for faces: everything that has a value, as one list of items."""
+"""The declaration of a running machine for faces: all its values as one list of items."""
 
 from __future__ import annotations
 
@@ -50,9 +50,11 @@ up, and from there to the end of the period."""
 
 
 QUIET = tuple(str(each) for each in AlarmState if each is AlarmState.NORMAL or each in PUT_AWAY)
-"""Names of the states of an alarm, or of equipment, in which nothing is wrong, or an operator has put it away."""
+"""Names of the states of an alarm, or of equipment, in which nothing is wrong, or which an operator has shelved or
+removed from service."""
 DIGITS, MAX_DIGITS = 6, 15
-"""Significant digits of the greatest value, where no resolution tells digits; digits after the point at most."""
+"""Number of significant digits of the greatest value, if no resolution gives the digits; largest number of digits after
+the point."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +72,11 @@ class MachineItem:
     minimum: float | None = None
     maximum: float | None = None
     states: Mapping[int, str] = field(default_factory=dict)
-    """Names of the values of an item that has states; empty: it is a number."""
+    """Names of the values of an item that has states, or empty if it is a number."""
 
     @property
     def name(self) -> str:
-        """Unique among all items: its path, or with the kind before it where a path may have several items."""
+        """Its name, unique among all items: the path, preceded by the kind if a path may have several items."""
         return self.path if self.kind.value in PLAIN else f"{self.kind.value}:{self.path}"
 
     def identity(self, names: Identities) -> str:
@@ -83,7 +85,7 @@ class MachineItem:
 
     @property
     def look(self) -> str:
-        """Its unit as in print."""
+        """Its unit in printed form."""
         return shown_unit(self.unit)
 
     def state_of(self, value: float) -> str | None:
@@ -92,7 +94,8 @@ class MachineItem:
 
     @property
     def digits(self) -> int | None:
-        """Digits after the point: of the resolution, else six of the greatest value; None: nothing tells them."""
+        """Digits after the point: from the resolution, otherwise six significant digits of the greatest value, or None
+        if nothing gives them."""
         if (digits := Described(self.about).digits) is not None:
             return min(digits, MAX_DIGITS)
         ends = [abs(end) for end in (self.minimum, self.maximum) if end is not None and isfinite(end)]
@@ -101,12 +104,12 @@ class MachineItem:
 
     @property
     def resolution(self) -> float:
-        """The change of its value for one bit; 0: its values are not on such a scale."""
+        """The change of its value for one bit, or 0 if its values are not on such a scale."""
         return abs(float(Described(self.about).resolution or 0.0))
 
     @property
     def verb(self) -> Verb | None:
-        """The verb that sets it; None: it is only read."""
+        """The verb that sets it, or None if it is only read."""
         if self.kind is ItemKind.RUN:
             return MODE if self.path == MODE_ITEM else None
         return {ItemKind.ACTUATOR: WRITE, ItemKind.TUNABLE: TUNE}.get(self.kind)
@@ -118,7 +121,7 @@ class MachineItem:
 
 
 PLAIN = ("sensor", "actuator", "signal")
-"""Kinds whose paths are unique together."""
+"""Kinds of items that never share a path."""
 
 
 @dataclass(frozen=True)
@@ -130,12 +133,12 @@ class Declaration:
     run: str
     """Identifies the run on this computer: pid and start."""
     period: float
-    """s; 0: it has none."""
+    """The period in s, or 0 if there is none."""
     started: float
-    """s since 1970."""
+    """Start of the run in s since 1970."""
     items: tuple[MachineItem, ...]
     actions: tuple[Mapping[str, Any], ...]
-    """Path, help, arguments of each (`umo.objects.action`)."""
+    """Path, help and arguments of each action (`umo.objects.action`)."""
     axes: tuple[Mapping[str, Any], ...]
     """The objects of each axis, and its limits (`umo.control.axis_state`)."""
     units: tuple[Mapping[str, Any], ...]
@@ -168,7 +171,7 @@ def declaration_of(reader: RunReader) -> Declaration:
 
 
 def items_of(layout: Layout) -> tuple[MachineItem, ...]:
-    """Everything that has a value: objects, signals, tunable numbers, states, the run."""
+    """Return all items that have a value: objects, signals, tunable numbers, states, the run."""
     objects = layout.described.objects
     found = [(ItemKind.ACTUATOR if each.is_actuator else ItemKind.SENSOR, each) for each in objects]
     groups: Sequence[tuple[ItemKind, Iterable[Mapping[str, Any]]]] = (

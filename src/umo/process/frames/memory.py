@@ -1,8 +1,8 @@
-"""Memory that processes share and that nobody can cut: memfds with seals (memfd_create(2), fcntl(2)).
+"""Memory that processes share and that no process can truncate: memfds with seals (memfd_create(2), fcntl(2)).
 
-A mapping of a file that another process cuts short ends the reader by SIGBUS. A sealed memfd cannot be truncated, so a
-process that has mapped one cannot crash because of that. Frames can be written by nobody but the process that mapped
-them before the seal.
+If another process truncates a mapped file, the reader is killed by SIGBUS. A sealed memfd cannot be truncated, so a
+process that has mapped one cannot crash because of that. Only the process that mapped the memory before it was sealed
+can write frames.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ except ImportError:  # not on this platform: nothing is published there
 
 F_ADD_SEALS, F_GET_SEALS = 1033, 1034
 SEAL, SHRINK, GROW, FUTURE_WRITE = 0x1, 0x2, 0x4, 0x10
-"""Seals: no more of them, no cutting, no growing, no new way to write (Linux 5.1)."""
+"""Seals: no further seals, no truncating, no growing, no new writable mapping (Linux 5.1)."""
 SIZE_SEALS = SHRINK | GROW
 MADV_POPULATE_WRITE = 23
 
@@ -32,12 +32,12 @@ class RunDescriptors(NamedTuple):
     frames: int
     cells: int
     alive: int
-    """A pipe that carries nothing. The writer of the frames holds its writing end, readers hold its reading end: it
-    hangs up when the writer is gone."""
+    """A pipe without data. The writer of the frames holds its writing end, and readers hold its reading end, so that it
+    hangs up when the writer has ended."""
 
     @classmethod
     def pair(cls) -> tuple[RunDescriptors, RunDescriptors]:
-        """Empty memory: the writer's descriptors and the readers'. FramesError if there can be none."""
+        """Make empty memory, and return the descriptors for the writer and for readers. FramesError if that fails."""
         if not hasattr(os, "memfd_create"):
             raise FramesError("frames can be published on Linux only; reading black boxes works everywhere")
         opened: list[int] = []
@@ -54,7 +54,7 @@ class RunDescriptors(NamedTuple):
         return cls(frames, cells, pipe[1]), readers
 
     def again(self) -> RunDescriptors:
-        """Other descriptors of the same memory; OSError if there are no more."""
+        """Return further descriptors of the same memory. OSError if there are no more descriptors."""
         opened: list[int] = []
         try:
             for file in self:
@@ -71,10 +71,9 @@ class RunDescriptors(NamedTuple):
 
 
 def fill(file: int, head: bytes, size: int, *, private: bool) -> mmap.mmap:
-    """Give empty memory its size and its beginning, and seal it; the mapping to write by. `private`: from then on
-    nobody else can write to it, where the kernel has this seal. FramesError if there is not enough memory.
-
-    Every page is in place before: the first lap of the ring would pay for it otherwise.
+    """Give empty memory its size and its initial content, and seal it. Return the writable mapping. `private`: from
+    then on no other process can write to it, if the kernel has this seal. FramesError if there is not enough memory.
+    All pages are allocated before, which would otherwise slow the first lap of the ring.
     """
     try:
         os.posix_fallocate(file, 0, size)
@@ -92,7 +91,7 @@ def fill(file: int, head: bytes, size: int, *, private: bool) -> mmap.mmap:
 
 
 def mapped(file: int, *, write: bool = False) -> mmap.mmap:
-    """Memory that somebody else has made. FramesError if it can be cut."""
+    """Map memory that another process has made. FramesError if it can be truncated."""
     try:
         seals = fcntl.fcntl(file, F_GET_SEALS)
         if seals & SIZE_SEALS != SIZE_SEALS:

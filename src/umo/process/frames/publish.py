@@ -1,4 +1,4 @@
-"""Publishing the frames of a connected machine, and the last event of its run: why it ends."""
+"""Publishing the frames of a connected machine, and the last event of its run, with the reason of its end."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from umo.user_code import attempt
 from umo.wiring.wired import Wire
 
 PLAIN_TYPES = (str, int, float, bool, type(None))
-"""Types of arguments of exceptions whose text is umo's or Python's own work."""
+"""Types of arguments of exceptions whose text is made by umo or Python alone."""
 
 
 @contextmanager
@@ -56,10 +56,10 @@ def published(
             ...
 
     `umo show stations` and `umo show values press` then find it: a thread of this process answers them. `place` is the
-    station's folder, `options` those with which its machine was made, `job` all that is needed to run the same again
-    (plain data). With `ends`, the writer's descriptors of empty memory, this process only writes: who has given them
-    answers those who look for the station. FramesError if there is not enough memory, or if this connection is already
-    published.
+    station's folder, `options` are the options with which its machine was made, `job` the plain data to repeat the run.
+    With `ends`, the writer's descriptors of empty memory, this process only writes, and the process that made them
+    answers clients that look for the station. FramesError if there is not enough memory, or if this connection is
+    already published.
     """
     if connection.image.transfer.journal is not None:
         raise FramesError(f"{station} is already published; a connection can publish only one ring of frames")
@@ -169,7 +169,7 @@ def _end(connection: connect[Any], ring: Ring, memory: ExitStack, error: BaseExc
 
 
 def tell_end(connection: connect[Any], error: BaseException | None) -> None:
-    """Add the last event, unless the run has one already. `error` is what ended the run, if it failed."""
+    """Add the last event, unless the run has one already. `error`: the error that ended the run, if it failed."""
     machine = connection.machine
     if machine.events and machine.events[-1].is_end:
         return

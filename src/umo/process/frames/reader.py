@@ -47,9 +47,9 @@ Entries = npt.NDArray[Any]
 
 
 LEASE_TRIES = 100
-"""Looks at the lease while it changes."""
+"""Number of attempts to read the lease while it changes."""
 MAX_COUNT = 1 << 62
-"""The largest count of frames, entries or events that is taken for sound."""
+"""The largest count of frames, entries or events that counts as valid."""
 
 
 STAGES, MODES, WORST = {int(each): each for each in Stage}, {int(each): each for each in Mode}, max(Quality)
@@ -60,10 +60,10 @@ FRAME_HEAD = struct.Struct("<QQqd")
 class Reader(RunReader):
     """Reads one ring, or a file that holds one (a black box), from its oldest frame on.
 
-    `read` returns every new frame, `latest` the last one. If the reader is too slow, frames are overwritten before
-    they are read; `lost` counts them. `path` is the socket of a running station (`rings`) or a file; of memory that was
-    handed over (`ends`, which it closes in the end) it is only a name. The memory of a run is sealed, and a file is
-    read as a whole: whatever others do to them, a reader gets FramesError here or fewer frames later, and no more.
+    `read` returns every new frame, `latest` the last one. If the reader is too slow, frames are overwritten before they
+    are read; `lost` counts them. `path` is the socket of a running station (`rings`) or a file; for passed memory
+    (`ends`, which the reader closes at its end) it is only a name. The memory of a run is sealed, and a file is read as
+    a whole. Whatever other processes do to them, the worst for a reader is a FramesError here, or fewer frames later.
     """
 
     def __init__(self, path: Path | str, ends: RunDescriptors | None = None) -> None:
@@ -120,13 +120,13 @@ class Reader(RunReader):
         try:
             return Reader(self.path, None if self.ends is None else self.ends.again())
         except OSError as error:
-            raise FramesError(f"no frames at {self.path}: {error.strerror}") from None
+            raise FramesError(f"there are no frames at {self.path}: {error.strerror}") from None
 
     # What the ring says of itself ----------------------------------------------------------------------
 
     @property
     def head(self) -> int:
-        """Frames finished so far."""
+        """Number of frames finished so far."""
         return self._count(Live.HEAD)
 
     @property
@@ -167,12 +167,12 @@ class Reader(RunReader):
 
     @property
     def taken(self) -> int:
-        """Commands from outside that the machine has taken from its queue."""
+        """Number of commands from outside that the machine has taken from its queue."""
         return self._count(Live.TAKEN)
 
     @property
     def dropped(self) -> int:
-        """The number of these that were not commands."""
+        """Number of entries of the queue that were not commands."""
         return self._count(Live.DROPPED)
 
     def tunables(self) -> dict[str, float]:
@@ -181,7 +181,7 @@ class Reader(RunReader):
         return {entry["path"]: value for entry, value in zip(self.layout.tunables, numbers, strict=True)}
 
     def live_bytes(self, start: int, stop: int) -> bytes:
-        """The live numbers as they stand in the ring."""
+        """The live numbers as stored in the ring."""
         return self._memory[start:stop]
 
     def told_bytes(self) -> bytes:
@@ -191,7 +191,7 @@ class Reader(RunReader):
     # Frames --------------------------------------------------------------------------------------------
 
     def read(self, most: int | None = None) -> Frames:
-        """The frames finished since the last call (at most `most`), oldest first; those lost are counted."""
+        """Return the frames finished since the last call (at most `most`), oldest first. Lost frames are counted."""
         head = self.head
         self.next = min(self.next, head)  # it was damaged
         oldest = max(self.next, head - self.slots)
@@ -202,7 +202,7 @@ class Reader(RunReader):
         return frames
 
     def skip_older_half(self) -> None:
-        """Read on from the newer half of the ring: the older frames may be written over while they are read."""
+        """Continue with the newer half of the ring, because the older frames may be overwritten while they are read."""
         self.next = max(self.next, self.head - self.slots // 2)
 
     def latest(self) -> Any | None:
@@ -214,12 +214,12 @@ class Reader(RunReader):
         return None
 
     def last(self, count: int) -> Frames:
-        """Up to the last `count` frames. Leaves `next` and `lost` alone."""
+        """Return up to `count` of the last frames. `next` and `lost` do not change."""
         head = self.head
         return self._copy(max(0, head - min(count, self.slots)), head)
 
     def frame_bytes(self, number: int) -> bytes | None:
-        """The bytes of a frame in the ring; None: it was overwritten, or is incomplete."""
+        """The bytes of a frame in the ring, or None if it was overwritten, or is incomplete."""
         size, content, quality, count = self._sizes
         at = self._places.first + number % self.slots * size
         data = self._memory[at : at + size]
@@ -248,7 +248,7 @@ class Reader(RunReader):
         return None if torn or (start, len(entries)) != (first, count) else entries
 
     def entries_of(self, frames: Frames) -> tuple[int, Entries]:
-        """The entries of consecutive frames that are still there and whole, and the number of the first of them.
+        """Return the entries of consecutive frames that are still complete, and the number of the first of them.
         Entries before an incomplete one are left out."""
         last = frames[-1]
         there, entries = self.entries(int(frames["journal"][0]), int(last["journal"]) + int(last["entries"]))
@@ -261,7 +261,7 @@ class Reader(RunReader):
         return first, entries[first - there :]
 
     def entries(self, start: int, stop: int) -> tuple[int, Entries]:
-        """The entries of these numbers that are still there, and the number of the first of them."""
+        """Return the entries with these numbers that are still available, and the number of the first of them."""
         if not 0 <= start <= stop <= MAX_COUNT:  # of a damaged frame
             return max(start, stop), self._journal[:0]
         capacity = len(self._journal)
@@ -343,7 +343,7 @@ def _read(path: Path) -> bytes:
     try:
         file = folders.open_own(path, follow=True)
     except OSError as error:
-        raise FramesError(f"no frames at {path}: {error.strerror}") from None
+        raise FramesError(f"there are no frames at {path}: {error.strerror}") from None
     with os.fdopen(file, "rb") as stream:
         return stream.read()
 

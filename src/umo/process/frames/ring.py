@@ -50,14 +50,15 @@ MIN_SLOTS = 16
 ENTRY_BYTES = ENTRY.itemsize
 MAX_INTEGER = (1 << 63) - 1
 COUNTER_PERIODS = 32
-"""Periods after which the counters of the system are read in any case; this takes as long as the rest of a frame."""
+"""Number of periods after which the counters of the system are always read, which takes as long as the rest of a
+frame."""
 UTC_PAUSE = 1_000_000_000
-"""ns after which UTC is compared with the monotonic clock again."""
+"""Time in ns after which UTC is compared with the monotonic clock again."""
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
 LATE_SHARE = 0.5
 """Share of the period that waking up and execution take, above which the counters are read."""
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
-"""True if stores become visible in program order: a sequence counter is enough then."""
+"""True if stores become visible in program order: so that a sequence counter is sufficient."""
 BODY = 16
 """Offset of the body in a frame."""
 
@@ -67,7 +68,7 @@ Write = Callable[[int, int, float, int, int, int, int, bytes, list[int], list[fl
 
 
 def writer(image: Image, layout: Layout, file: mmap) -> Write:
-    """The quickest one. It may hold the file's memory as long as it exists."""
+    """Return the quickest function for writing. It may hold the file's memory as long as it exists."""
     shown = image.columns.shown
     if conversion.extension is not None:
         write: Write = conversion.extension.Body(file, shown, layout.content - BODY).write
@@ -103,7 +104,7 @@ class _Packed:
 
 
 class Ring:
-    """An observer that publishes every frame, in memory that nobody else can write or cut.
+    """An observer that publishes every frame, in memory that no other process can write or truncate.
 
     The constructor reserves the memory; FramesError if there is not enough. `ends` are the writer's descriptors of
     empty memory. Call `close` at the end.
@@ -132,7 +133,7 @@ class Ring:
         self.phases = phases
         self.layout = layout
         self.path = Path()
-        """The socket at which it is found, where this process serves it."""
+        """The socket at which the run is found, if this process serves it."""
         self.checksum = checksum
         self.index = 0
         self.missed = 0
@@ -142,7 +143,7 @@ class Ring:
         self.slots = max(min(MAX_BYTES // self.slot_bytes, MAX_SLOTS), MIN_SLOTS)
         capacity = CAPACITY + len(image.items)
         self.journal_entries = max(2 * capacity, self.slots * len(image.items))
-        """Capacity of the journal: the entries of every frame that is kept, also where all objects fail for long."""
+        """Capacity of the journal: the entries of every frame that is kept, even if all objects fail for long."""
         head, places = arrange(layout, self.slots, self.journal_entries, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
@@ -288,7 +289,7 @@ class Ring:
         return zlib.crc32(entries) if self.checksum else 0
 
     def close(self) -> None:
-        """End the ring: readers see the end, the last frames and events."""
+        """End the ring; readers see the end, and the last frames and events."""
         self._events.tell_all()
         if self._told != self._events.told:
             self._tell()

@@ -1,4 +1,4 @@
-"""A ring that is written from what another ring holds, on another computer: for readers of this process."""
+"""A copy of a ring on another computer, for readers in this process."""
 
 from __future__ import annotations
 
@@ -50,7 +50,8 @@ class RingCopy:
             self._words[place] = number
 
     def lease(self, number: int, holder: bytes) -> None:
-        """Set the number of the lease and its holder. A number below 0: it is not known, as if nobody had it."""
+        """Set the number of the lease and its holder. A number below 0 means unknown, and counts as if nobody had the
+        lease."""
         self._lease.put(max(number, 0), holder[:NAME])
 
     def tunables(self, numbers: bytes) -> None:
@@ -60,7 +61,7 @@ class RingCopy:
             self._map[at : self._places.size] = numbers
 
     def event(self, number: int, event: Event) -> None:
-        """Set the event of this number, from 0; they come in order."""
+        """Set the event of this number, from 0; events arrive in order."""
         at = self._places.events + number % EVENTS * EVENT_ROW.itemsize
         self._words[at >> 3] = 0
         pack_event(self._map, at, event, number + 1)
@@ -68,7 +69,7 @@ class RingCopy:
         self._words[Live.EVENT] = number + 1
 
     def close(self) -> None:
-        """The run has ended: readers see it, and the last frames."""
+        """Close the copy when the run has ended; readers see the end, and the last frames."""
         self._words[Live.STATE] = Stage.ENDED
         self._words.release()
         self._map.close()

@@ -2,7 +2,7 @@
 
 A source implements the eight abstract functions of `RunReader`; all others follow from them.
 `umo.process.frames.reader.Reader` reads the ring of a run, or of the mirror of one;
-`umo.process.frames.shown_run.ShownRun` has what it is given, by a recording or a replay.
+`umo.process.frames.shown_run.ShownRun` shows frames of a recording or a replay.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from umo.wiring.patterns import chosen
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
 SILENCE = 1.0
-"""s without a frame, and 10 periods, after which a running station is said to be silent."""
+"""Time in s without a frame, and at least 10 periods, after which a running station counts as silent."""
 
 
 class NumberedEvent(NamedTuple):
@@ -52,18 +52,18 @@ class NumberedEvent(NamedTuple):
 
 
 class RunNow(NamedTuple):
-    """The data of a run beside its frames."""
+    """The data of a run in addition to its frames."""
 
     mode: Mode | None = None
     """Mode of the machine; None if it takes no commands from outside."""
     lease: int = 0
-    """The number of the last lease; -1: its writer was killed while it wrote it."""
+    """The number of the last lease; -1 if its writer was killed while writing it."""
     holder: str = ""
-    """Name of the holder of the lease; "" if nobody has it any more."""
+    """Name of the holder of the lease; "" if nobody has it."""
     missed: int = 0
-    """Periods that were missed."""
+    """Number of missed periods."""
     periods: int = 0
-    """Frames so far."""
+    """Number of frames so far."""
     next_event: int = 0
     """The number of the next event."""
 
@@ -76,7 +76,7 @@ class RunReader(ABC):
     layout: Layout
     """The description, which does not change during the run: facts (`about`), objects, signals, alarms, actions."""
     lost = 0
-    """Frames that could not be read any more."""
+    """Number of frames that were overwritten before they were read."""
     closed = False
 
     # Functions of the source -------------------------------------------------------------------------------
@@ -84,11 +84,11 @@ class RunReader(ABC):
     @property
     @abstractmethod
     def state(self) -> Stage:
-        """The stage of the run; ENDED also if its processes are gone."""
+        """The stage of the run; also ENDED if its processes no longer exist."""
 
     @abstractmethod
     def now(self) -> RunNow:
-        """Return the data of the run beside its frames."""
+        """Return the data of the run other than its frames."""
 
     @abstractmethod
     def tunables(self) -> dict[str, float]:
@@ -100,11 +100,11 @@ class RunReader(ABC):
 
     @abstractmethod
     def read(self, most: int | None = None) -> Frames:
-        """The frames since the last call (at most `most`), oldest first; those lost are counted."""
+        """Return the frames since the last call (at most `most`), oldest first. Lost frames are counted."""
 
     @abstractmethod
     def events(self, start: int = 0) -> list[NumberedEvent]:
-        """The events from this number on that are still there, oldest first."""
+        """Return the events from this number on that are still available, oldest first."""
 
     @abstractmethod
     def again(self) -> Self:
@@ -122,7 +122,7 @@ class RunReader(ABC):
 
     @property
     def about(self) -> dict[str, Any]:
-        """Station, wiring, pid, when it started, the period in s."""
+        """Facts of the run: station, wiring, pid, start, and the period in s."""
         return self.layout.about
 
     @property
@@ -152,7 +152,9 @@ class RunReader(ABC):
     def index(self, path: str) -> int:
         """The index of an object in a frame's `values`; PathError with the nearest path otherwise."""
         if path not in self._index:
-            raise PathError(f"no object {path!r}{did_you_mean(path, self._index)} in {self.about.get('station')}")
+            raise PathError(
+                f"there is no object {path!r}{did_you_mean(path, self._index)} in {self.about.get('station')}"
+            )
         return self._index[path]
 
     @cached_property
@@ -161,7 +163,7 @@ class RunReader(ABC):
         return [each for group in self.layout.described for each in group]
 
     def values(self, frame: Any) -> dict[str, float | str]:
-        """The value of every object by path: a number in its unit, or the name of a state; NaN: it was never read."""
+        """The value of every object by path: a number in its unit, or the name of a state; NaN if it was never read."""
         numbers = frame["values"].tolist()
         objects = self.layout.described.objects
         return {each.path: each.value(value) for each, value in zip(objects, numbers, strict=True)}
@@ -176,7 +178,8 @@ class RunReader(ABC):
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
     def claims(self, frame: Any, faults: Mapping[str, str]) -> dict[int, Claim]:
-        """Return the claim on each actuator at a frame that the program did not drive. `faults`: those of the frame."""
+        """Return the claims at a frame on the actuators that the program did not drive. `faults`: those of the
+        frame."""
         restrictions = frame["restrictions"]
         numbers = np.flatnonzero((restrictions != FREE) & (restrictions != ASKED)).tolist()
         return {number: self._claim(frame, number, faults) for number in numbers}
@@ -210,8 +213,8 @@ class RunReader(ABC):
         return {path: told.get(path, "its reason is no longer kept") for path in paths}
 
     def alarms(self, frame: Any, raised: bool = False, every: bool = False) -> list[AlarmRow]:
-        """The alarms that are not normal at a frame: what is to be acknowledged first, then by priority. `raised`: also
-        those that are normal and were raised in this run, if this is known (`occurrences`). `every`: all others."""
+        """The alarms that are not normal at a frame: unacknowledged ones first, then by priority. `raised`: also those
+        that are normal and were raised in this run, if this is known (`occurrences`). `every`: all alarms."""
         if frame is None or not (raised or every or frame["alarms"].any()):
             return []
         events = (each.event for each in self.events())
@@ -231,8 +234,8 @@ class RunReader(ABC):
 
     @property
     def lasted(self) -> float | None:
-        """s of this computer's steady clock since the run was connected; None if it runs, or ran, elsewhere, or before
-        the computer was started."""
+        """Time in s of this computer's monotonic clock since the run was connected; None if it runs, or ran, elsewhere,
+        or before the computer was started."""
         begun = self.about.get("started_monotonic")
         passed = None if begun is None or "site" in self.about else (time.monotonic_ns() - int(begun)) * 1e-9
         return None if passed is None or passed < 0 else passed
@@ -242,7 +245,7 @@ class RunReader(ABC):
         return title(self.about["station"], self.about.get("wiring"))
 
     def facts(self, frame: Any) -> dict[str, str]:
-        """Facts of the run at a frame (None: it has none yet), by name, in the order in which they are shown."""
+        """Facts of the run at a frame (None if there is none yet), by name, in the order in which they are shown."""
         state, period = self.state, self.about.get("period") or None
         moment = None if frame is None else float(frame["time"])
         now, driven = self.now(), self.driven(frame)
@@ -267,7 +270,8 @@ class RunReader(ABC):
         return facts | {"kept because": self.about.get("reason", "")}
 
     def driven(self, frame: Any) -> str:
-        """The actuators that are away from their defaults in manual mode, and why; "": none, or another mode."""
+        """The actuators that are away from their defaults in manual mode, and why, or "" if there is none or the mode
+        is not manual."""
         if frame is None or (now := self.now()).mode is not Mode.MANUAL:
             return ""
         taken = (frame["restrictions"] == TAKEN_BY_CLIENT).tolist()
@@ -275,7 +279,7 @@ class RunReader(ABC):
         return driven_text(zip(objects, frame["values"].tolist(), taken, strict=True), now.holder)
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
-        """Objects, signals, tunable numbers at a frame (None: without values), or those at these places."""
+        """Objects, signals, tunable numbers at a frame (None for rows without values), or those at these places."""
         numbers = self.tunables()
         return [self._row(frame, place, numbers) for place in (range(len(self._known)) if places is None else places)]
 
@@ -293,7 +297,8 @@ class RunReader(ABC):
         return TableRow(about, float(value), int(quality), int(raw), note)
 
     def html(self, wanted: Sequence[str] = (), more: Mapping[str, str] = MappingProxyType({})) -> str:
-        """A table of the last frame: everything, or what is at paths and patterns. `more`: facts for the heading."""
+        """Return a table of the last frame, with all values, or those at paths and patterns. `more`: facts for the
+        heading."""
         if self.closed:
             raise FramesError(f"{self.title} is detached")
         frame = self.latest()

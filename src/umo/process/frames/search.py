@@ -15,14 +15,14 @@ from umo.system.packages import how_to_install, registered
 from umo.text import did_you_mean
 
 FINDERS = "umo.finders"
-"""Entry points that find the frames of stations elsewhere: each takes a name, and gives a `Reader`, or None if the name
-is not one of its kind."""
+"""Entry points that find the frames of stations elsewhere: each takes a name, and returns a `Reader`, or None if the
+name is not of its kind."""
 
 
 def frames_at(path: Path) -> Reader:
-    """The frames of a running station or a black box; FramesError whatever is wrong with the file."""
+    """Return the frames of a running station or a black box. FramesError for any defect of the file."""
     if not (path.is_file() or path.is_socket()):
-        raise FramesError(f"{path} is not a file" if path.exists() else f"no frames at {path}: no such file")
+        raise FramesError(f"{path} is not a file" if path.exists() else f"there are no frames at {path}: no such file")
     with reading(path):
         reader = Reader(path)
         _check(reader.about)
@@ -51,7 +51,7 @@ def reading(path: Path) -> Iterator[None]:
 
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
     """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
-    is told of a ring that cannot be read beside others that can."""
+    is called for a ring that cannot be read while others can."""
     if name is not None and (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     unread: list[str] = []
@@ -94,8 +94,9 @@ def find_elsewhere(name: str) -> Reader | None:
 
 
 def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
-    """The runs that a name means, in every command and for `umo.attach`: the run of this pid; else those of the station
-    in this folder; else, unless it is a path, those of the stations of this name, wherever their folders are."""
+    """Return the runs that a name means, for all commands and for `umo.attach`: the run with this pid; otherwise the
+    runs of the station in this folder; otherwise, unless the name is a path, the runs of stations with this name in any
+    folder."""
     if name.isdigit() and not os.path.isdir(name):
         return [reader for reader in found if str(reader.about["pid"]) == name]
     place = real_path(name)
@@ -106,7 +107,7 @@ def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
 
 
 def is_path(name: str) -> bool:
-    """True if a name can be nothing but a folder's: `.`, `./tank`, `/srv/tank`."""
+    """True if a name can only be that of a folder: `.`, `./tank`, `/srv/tank`."""
     return name in (os.curdir, os.pardir) or any(each in name for each in (os.sep, os.altsep) if each)
 
 
@@ -117,12 +118,12 @@ def several_runs(name: str, fitting: Sequence[Reader]) -> str:
 
 
 def station_name(text: str) -> str:
-    """The name of a station in a folder, also where that is a link that leads nowhere."""
+    """The name of a station in a folder, even if that is a broken link."""
     return os.path.basename(real_path(text))
 
 
 def real_path(text: str) -> str:
-    """The path without links. It is unchanged if the working directory was removed."""
+    """Return the path without links. It is unchanged if the working directory was removed."""
     try:
         return os.path.realpath(text)
     except FileNotFoundError:

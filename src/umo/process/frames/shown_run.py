@@ -1,4 +1,4 @@
-"""A run of which one frame after another is shown, in any order: of a recording at a time, of a replay."""
+"""A run of which one frame after another is shown, in any order: of a recording at a chosen time, or of a replay."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.process.frames.run_reader import Frames, NumberedEvent, RunNow, RunRead
 
 
 class ShownRun(RunReader):
-    """It runs until it is closed."""
+    """A shown run, which counts as running until it is closed."""
 
     def __init__(self, layout: Layout, path: Path) -> None:
         self.layout, self.path = layout, path
@@ -46,7 +46,7 @@ class ShownRun(RunReader):
         return self._shown[-1] if len(self._shown) else None
 
     def read(self, most: int | None = None) -> Frames:
-        """The frame that is shown, if it was not read yet; those between two calls were not read."""
+        """Return the shown frame, if it was not read yet; frames shown between two calls are not read."""
         count = self._unread if most is None else min(most, self._unread)
         self._unread -= count
         return self._shown[:count]

@@ -1,8 +1,8 @@
 """Shrinking a run in closed loop: the fewest faults, options and commands with which a station and its plant still give
 the same error.
 
-The station runs again with its plant, in virtual time, in a process of its own for each trial. Clients always give
-signs of life.
+For each trial the station runs again with its plant, in virtual time, in a separate process. Clients always give signs
+of life.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from umo.recording.replay.tape import NotReplayable, Tape, events_of
 from umo.system.processes import Child
 
 MORE = 1.25
-"""Times the recorded duration after which a trial ends: the error may come later."""
+"""Factor of the recorded duration after which a trial ends, because the error may come later."""
 CHILD_TIMEOUT = 120.0
-"""Wall-clock time in s of a trial at most."""
+"""Longest wall-clock time in s of a trial."""
 MAX_LEVELS = 50
-"""Lists and tables in each other in a command, at most: a test that is written has it as a text of Python."""
+"""Largest depth of nested lists and tables in a command, which becomes Python code in a written test."""
 FAULT = "fault"
 """The option that injects faults."""
 
@@ -54,8 +54,8 @@ class Trial:
     """Facts that are not left out: `seed`, `fault_seed`, `kept`, `alarms`, `manual`, `until` in s."""
 
     def ending(self) -> ReplayedError | None:
-        """Return the error that ends it, or None without one. It runs in a separate process; one that does not reach
-        its end has no error."""
+        """Return the error that ends the trial, or None if there is none. It runs in a separate process; a trial that
+        does not reach its end has no error."""
         ready, told = os.pipe()
         child = os.fork()
         if child == 0:
@@ -83,7 +83,7 @@ class Trial:
             return text_of(error)
 
     def run(self) -> list[str] | None:
-        """The same in this process, as class, place and text of the error."""
+        """Run the trial in this process, and return class, place and text of the error."""
         fixed = self.fixed
         options = dict(self.options) | ({FAULT: list(self.faults)} if self.faults else {})
         if self.faults and fixed.get("fault_seed") is not None:
@@ -120,8 +120,8 @@ class Trial:
 
 
 def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
-    """The run of a recording with the code that is `given`; NotReplayable if that is not a station, or if the recorded
-    wiring has drivers that no wiring of the station has."""
+    """Return the run of a recording as a trial, with the code `given`. NotReplayable if that is not a station, or if
+    the recorded wiring has drivers that no wiring of the station has."""
     job, about = tape.job, tape.layout.about
     made = job_of(job, given, runs=True)
     if made.station is None:
@@ -140,7 +140,8 @@ def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
 
 
 class ClosedShrinking:
-    """The search for the fewest faults, options and commands. `go_on` is called before each trial."""
+    """The search for the fewest faults, options and commands. `go_on` is called before each trial, and returns False to
+    end the search."""
 
     def __init__(self, trial: Trial) -> None:
         """NotReplayable if the trial ends without an error."""
@@ -151,7 +152,7 @@ class ClosedShrinking:
         self.ending = trial_error
 
     def run(self, go_on: Callable[[], bool] = lambda: True) -> Trial:
-        """Leave out what the error does not need."""
+        """Leave out everything that the error does not need."""
         for name in ("commands", "faults", "options"):
             self._fewest(name, go_on)
         return self.trial
@@ -226,8 +227,8 @@ def _taken(tape: Tape) -> Iterator[tuple[int, bytes]]:
 
 
 def _content(tick: int, data: bytes) -> Mapping[str, Any] | None:
-    """The content of a command that was taken at a tick; None: it was none. NotReplayable of one that is nested too
-    deeply to be written into a test."""
+    """The content of a command that was taken at a tick, or None if it was not a command. NotReplayable of one that is
+    nested too deeply to be written into a test."""
     try:
         found = json.loads(data)
         level = [found]

@@ -1,5 +1,5 @@
-"""The code of a replay. A recording is data: it names the station that it is of, and what of it may be looked up is a
-station that ships with umo or is installed. Any other code is named by the command line, or by the caller."""
+"""The code of a replay. A recording is only data. It names its station, but only a station that ships with umo or is
+installed is found by that name. Any other code must be named on the command line, or by the caller."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class CodeGiven:
 
     station: str | None = None
     """A station by folder or name, or functions as `FILE.py:MACHINE:APPLICATION` (or `MODULE:...`; without an
-    application `control` is run). None: the station that ships or is installed under the recorded name."""
+    application `control` is run). None means the station that ships or is installed under the recorded name."""
     wiring: str | None = None
-    """A wiring of the station by name, or a file; None: the recorded one, as data."""
+    """A wiring of the station by name, or a file; None means the recorded one, as data."""
 
     @property
     def is_program(self) -> bool:
@@ -43,9 +43,9 @@ NOTHING_GIVEN = CodeGiven()
 
 
 def job_of(recorded: Mapping[str, Any], given: CodeGiven, *, runs: bool = False) -> Job:
-    """The recorded job with the code that is given. `runs`: with its drivers, in closed loop. NotReplayable where the
-    recording is of other code than a station that ships or is installed and none is given, or where it names code or
-    files of its own."""
+    """Return the recorded job with the given code. `runs`: its drivers are run, in closed loop. NotReplayable if no
+    code is given and the recorded station neither ships with umo nor is installed, or if the recording names other code
+    or files."""
     options = recorded.get("options")
     job = Job(options=dict(options.get("given", {})) if isinstance(options, Mapping) else {}, path=[])
     job.options = {name: value for name, value in job.options.items() if name not in WIRING_OPTIONS}
@@ -117,7 +117,7 @@ def _wiring(job: Job, station: Station | None) -> Any:
 
 
 def other_code(recorded: Mapping[str, Any], place: Path) -> str:
-    """A remark if the files of the code are others than in the recorded run; "": they are the same."""
+    """Return a remark if the files of the code differ from those of the recorded run, or "" if they are the same."""
     others = other_files(recorded, place)
     if others is None:
         return "whether the code is that of the recorded run is not known: it has no hashes of its files"

@@ -22,9 +22,9 @@ from umo.recording.replay.result import Difference, Replayed
 from umo.recording.replay.tape import JournalEntry, TapedPeriod
 
 MAX_SIGNALS = 8
-"""Signals that a difference names at most."""
+"""Largest number of signals that a difference names."""
 UNORDERED = (Kind.RESET, Kind.FAILED_RESET, Kind.INITIALIZE)
-"""Entries whose order depends on the wall clock: who does not answer is reset last."""
+"""Entries whose order depends on the wall clock, because objects that do not answer are reset last."""
 WORDS = {
     Kind.READ: "read",
     Kind.WRITE: "written",
@@ -54,13 +54,13 @@ class Comparison:
         self.on_difference: Callable[[], object] = lambda: None
         """Function that is called at the first difference."""
         self.compares = True
-        """True if it compares at all: else it only counts."""
+        """True if it compares; otherwise it only counts."""
         image = machine.image
         self._paths = [str(each["path"]) for each in layout.objects]
         slot_of = {item.path: slot for slot, item in enumerate(image.items)}
         order = np.array([slot_of[path] for path in self._paths], np.int64)
         self._order = None if (order == np.arange(len(order))).all() else order
-        """Today's slot of each recorded one; None: they are the same."""
+        """Today's slot of each recorded one, or None if they are the same."""
         self._slot_of = order.tolist()
         self._recorded_slot = np.argsort(order)
         self._raws = image.columns.raws
@@ -93,7 +93,7 @@ class Comparison:
             self.on_difference()
 
     def tell(self, slot: int, recorded: str, replayed: str) -> None:
-        """A call differs from the recording: it may be the first difference."""
+        """Report a call that differs from the recording, which may be the first difference."""
         period = self._player.period
         if self._result.difference is None and period is not None:
             path = self._paths[slot] if slot >= 0 else ""

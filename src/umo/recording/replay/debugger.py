@@ -1,8 +1,7 @@
-"""The debugger of a replay: it stops in the control code of a period, with the machine as it was, and goes back and
-forth.
-
-A period stops after its `sample`: sensors are those of the period, and the control code is about to act. The prompt
-opens in the first line of the user's code that follows, in a sequence where one is waiting.
+"""The debugger of a replay: it stops in the control code of a period, with the machine in its state of that time, and
+goes back and forth. It stops after the `sample` of a period: the sensors have the values of the period, and the control
+code is about to act. The prompt opens in the first line of the user's code that follows, in a sequence where one is
+waiting.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class DebuggedReplay:
         self.clear: Callable[[], object] = lambda: None
         """Function that clears the line of the progress."""
         self.has_stopped = False
-        """True if it has stopped at all."""
+        """True if it has stopped at least once."""
         self._found: FirstDifference | None = None
         """The first difference, where it is known."""
         self._interrupted = self._in_prompt = False
@@ -152,7 +151,7 @@ class DebuggedReplay:
     # Stopping ------------------------------------------------------------------------------------------
 
     def arrive(self) -> None:
-        """The prompt opens."""
+        """Note that the prompt opens."""
         self._stop, self._interrupted, self.has_stopped = Stop(), False, True
         self.clear()
         self._say()
@@ -213,7 +212,7 @@ class DebuggedReplay:
 
     @property
     def around(self) -> CodeType:
-        """The code that calls the program."""
+        """The file and function that call the program."""
         return type(self)._drive.__code__
 
     def in_prompt(self, yes: bool) -> None:
@@ -233,7 +232,7 @@ class DebuggedReplay:
         self._stop = Stop(period=self.replay.player.shown + max(count, 1))
 
     def to(self, place: str) -> None:
-        """To a time, a period, the first difference or the end. OptionError for any other text."""
+        """Go to a time, a period, the first difference or the end. OptionError for any other text."""
         stop, player = Stop.parse(place), self.replay.player
         if stop.difference and self._found is not None:
             stop = Stop(period=self._found.period)

@@ -1,4 +1,4 @@
-"""pdb with commands that go through the periods of a replay."""
+"""pdb with commands to move through the periods of a replay."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ step [N]      N periods on (1)        continue                              on t
 where         where the sequences stand; m and the names of its parts are known everywhere
 The rest is pdb's: p m.z.encoder.read(), b FILE:LINE, n, s (a line), w (the stack), q"""
 MAX_HISTORY = 500
-"""Lines of the history that go along to another period."""
+"""Number of lines of the history that are passed on to another period."""
 
 
 class Debugged(Protocol):
-    """The replay that the prompt is for (`umo.recording.replay.debugger.DebuggedReplay`)."""
+    """The interface of the replay that the prompt uses (`umo.recording.replay.debugger.DebuggedReplay`)."""
 
     replay: Replay
 
@@ -37,7 +37,7 @@ class Debugged(Protocol):
         """The code that calls the program."""
 
     def arrive(self) -> None:
-        """The prompt opens."""
+        """Note that the prompt opens."""
 
     def in_prompt(self, yes: bool) -> None:
         """Set whether the prompt waits for a line."""
@@ -52,20 +52,20 @@ class Debugged(Protocol):
         """Go forward by this number of periods."""
 
     def to(self, place: str) -> None:
-        """To a place as text."""
+        """Go to a place, given as text."""
 
     def quit(self) -> None:
         """End the replay."""
 
 
 def stand_in(m: Compound, period: int, time: float, replay: Debugged, begin: Callable[[], object]) -> None:
-    """The place at which a replay stops in no code of the user's: `m` is the machine, `replay` has `back`, `step` and
-    `to`."""
+    """The function in which a replay stops if no code of the user is running: `m` is the machine, `replay` has `back`,
+    `step` and `to`."""
     begin()
 
 
 class ReplayPdb(pdb.Pdb):
-    """The prompt. It stops in the user's code alone."""
+    """The prompt. It stops only in the user's code."""
 
     def __init__(self, debugged: Debugged) -> None:
         stdin = None if sys.stdin.isatty() else _Lines()
@@ -111,7 +111,7 @@ class ReplayPdb(pdb.Pdb):
             self.interaction(frame, None)
 
     def interaction(self, frame: FrameType | None, traceback: Any) -> None:
-        """Reading values in the prompt is not a part of the replay."""
+        """Run the prompt; values read in it do not affect the replay."""
         self.seeking, self._waiting = False, []
         self._debugged.arrive()
         with self._debugged.replay.paused():
@@ -175,33 +175,33 @@ class ReplayPdb(pdb.Pdb):
         return True
 
     def do_back(self, arg: str) -> bool | None:
-        """back [N]: N periods back."""
+        """back [N]: go back by N periods."""
         return self._go(lambda: self._debugged.back(_count(arg)), straight=True)
 
     def do_step(self, arg: str) -> bool | None:
-        """step [N]: N periods on."""
+        """step [N]: go forward by N periods."""
         return self._go(lambda: self._debugged.step(_count(arg)))
 
     def do_to(self, arg: str) -> bool | None:
-        """to TIME|PERIOD|first-difference|end."""
+        """to TIME|PERIOD|first-difference|end: go to this place."""
         return self._go(lambda: self._debugged.to(arg), straight=True)
 
     def do_s(self, arg: str) -> Any:
-        """s: a line on, into functions."""
+        """s: go to the next line, into functions."""
         return super().do_step(arg)
 
     def do_next(self, arg: str) -> Any:
-        """n: a line on."""
+        """n: go to the next line."""
         return self.do_s(arg) if self.curframe and self.curframe.f_code is stand_in.__code__ else super().do_next(arg)
 
     do_n = do_next
 
     def do_where(self, arg: str) -> None:
-        """where: the places of the sequences."""
+        """where: print the places of the sequences."""
         self._debugged.say_places()
 
     def do_help(self, arg: str) -> bool | None:
-        """h [COMMAND]: what a command does."""
+        """h [COMMAND]: print what a command does."""
         if arg:
             return super().do_help(arg)
         self.message(HELP)

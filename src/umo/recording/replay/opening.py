@@ -23,7 +23,7 @@ MAX_HASH_SEED = 4_294_967_295
 
 @contextmanager
 def opened(path: Path | str) -> Iterator[Recording]:
-    """A recording. NotReplayable, in one line, if it is none, or cannot be replayed."""
+    """Open a recording. NotReplayable, with a text in one line, if it is not one, or cannot be replayed."""
     try:
         from umo.recording.recording import Recording
     except ImportError as error:
@@ -45,13 +45,13 @@ def opened(path: Path | str) -> Iterator[Recording]:
 
 
 def other_hash_seed(about: Mapping[str, object]) -> str | None:
-    """The hash seed of a recorded run, if this process has another one: it can be set only where a process starts.
-    NotReplayable if it is none that Python takes."""
+    """The hash seed of a recorded run, if this process has another one: it can be set only at the start of a process.
+    NotReplayable if Python does not accept it."""
     initial = about.get("initial")
     seed = str(initial.get("hash_seed", "")) if isinstance(initial, dict) else ""
     if seed in ("", "random") or seed == os.environ.get(HASH_SEED):
         return None
     is_number = seed.isascii() and seed.isdigit() and len(seed) <= len(str(MAX_HASH_SEED))
     if not is_number or int(seed) > MAX_HASH_SEED:
-        raise NotReplayable(f"the order of hashes of the recording, {printable(in_a_line(seed))[:50]!r}, is none")
+        raise NotReplayable(f"the order of hashes of the recording, {printable(in_a_line(seed))[:50]!r}, is not valid")
     return seed

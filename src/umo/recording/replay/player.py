@@ -1,7 +1,6 @@
-"""The player of a tape: at which period and at which entry of its journal a replay stands, and what was recorded there.
-
-A replay keeps a journal of its own. As long as nothing differs, the number of entries in it is the place in the
-recorded one: what the transfer stage notes by itself (a driver that is away, an expiry) needs no answer.
+"""The player of a tape: the period and the journal entry at which a replay is, and the recorded values there. A replay
+keeps a journal of its own. As long as nothing differs, its number of entries is the place in the recorded one. Entries
+that the transfer stage makes by itself (a driver that is away, an expiry) need no answer.
 """
 
 from __future__ import annotations
@@ -26,30 +25,30 @@ class Player:
     """The position of a replay. Slots are those of the recording."""
 
     def __init__(self, periods: Periods, initial: Sequence[int]) -> None:
-        """`initial`: the raw integers when the recording began."""
+        """`initial`: the raw integers at the beginning of the recording."""
         self._periods = periods
         self._coming: Iterator[TapedPeriod] = iter(periods)
         self.raws: Any = list(initial)
         """The raw integers of the last period that was played; at first those of the beginning."""
         self.period: TapedPeriod | None = None
-        """The period that is being played; None: before the first and after the last one."""
+        """The period that is being played, or None before the first and after the last period."""
         self._begun: TapedPeriod | None = None
         """The period that has begun, while the one before was not shown yet."""
         self.next: TapedPeriod | None = next(self._coming, None)
-        """The period that comes after that; None: the tape ends."""
+        """The period after that, or None if the tape ends."""
         self.journal: Journal | None = None
-        """The journal of the replay; None: it has not begun."""
+        """The journal of the replay, or None if it has not begun."""
         self.lenient = False
-        """True if calls that were not recorded are answered too: in a replay with other settings."""
+        """True if calls that were not recorded are also answered, as in a replay with other settings."""
         self.wrong: Callable[[int, str, str], object] = lambda slot, recorded, replayed: None
         """Function that is called for a call that differs from the recording: with its object, the recorded value, and
         the requested one."""
         self.paused = False
         """True if calls of drivers come from an observer of the machine and are not a part of the replay."""
         self.over = self.next is None
-        """True if nothing more was recorded."""
+        """True if the recording has no further data."""
         self.skipped = 0 if self.next is None else self.next.number - max(self.next.missed, 1)
-        """Ticks that the recorded run has skipped before its first period."""
+        """Number of ticks that the recorded run skipped before its first period."""
         self.whole: Any = None
         """The channels of the block whose first transfer of this period is in progress, or None if there is none."""
         self.seen: set[int] = set()
@@ -57,21 +56,21 @@ class Player:
         self._used: set[int] = set()
         """The entries that were used out of turn."""
         self.shown = 0
-        """Number of the periods that are over."""
+        """Number of the completed periods."""
 
     # Periods -------------------------------------------------------------------------------------------
 
     def connect(self, journal: Journal | None, first: TapedPeriod) -> None:
-        """The first sample is made, while connecting."""
+        """Begin the first sample, while connecting."""
         self.journal, self.period = journal, first
 
     def connected(self, journal: Journal) -> None:
-        """Periods follow, with this journal of the replay."""
+        """Note that the machine is connected. The periods follow, with this journal of the replay."""
         self.journal = journal
         self._begin(None)
 
     def tick(self) -> TapedPeriod:
-        """The timer is read: the period that begins. WaitEnded at the end of the tape."""
+        """Read the timer, and return the period that begins. WaitEnded at the end of the tape."""
         if self.journal is None:
             raise WaitEnded
         period, self._begun = self.next, None
@@ -91,7 +90,7 @@ class Player:
         self.seen.clear()
 
     def finish(self) -> None:
-        """The period was shown."""
+        """Finish a period that was shown."""
         shown, begun, self._begun = self.period, self._begun, None
         if shown is not None:
             self.raws = shown.raws
@@ -136,7 +135,7 @@ class Player:
                 _raise_if_failed(entry)
 
     def bring_to_default(self, slot: int, kind: Kind) -> None:
-        """`initialize` or `reset` of one object. Their order may be another one: it depends on the wall clock."""
+        """`initialize` or `reset` of one object. Their order may differ, as it depends on the wall clock."""
         if self.period is None or self.paused:
             return
         kinds = kind, Kind.FAILED_RESET
@@ -148,7 +147,7 @@ class Player:
 
     @property
     def resets_again(self) -> bool:
-        """True if a reset was recorded that is still to come."""
+        """True if another reset was recorded."""
         entries = [] if self.period is None else self.period.entries
         kinds = (Kind.RESET, Kind.FAILED_RESET)
         return any(entry[1] in kinds and number not in self._used for number, entry in enumerate(entries))
@@ -166,8 +165,8 @@ class Player:
     # Drivers off the cycle -------------------------------------------------------------------------------
 
     def arrivals(self, slots: Collection[int], in_blocks: Collection[int]) -> list[JournalEntry]:
-        """The entries of what a driver off the cycle has brought at this place: of the objects that arrive in each of
-        its transfers, and that it was initialised again. It is looked for before the tick of its period."""
+        """Return the entries of a driver off the cycle at this place: readings of objects in each of its transfers, and
+        repeated initialisations. Called before the tick of the period."""
         period = self.period or self.next
         if period is None or self.journal is None or self.paused:
             return []
@@ -194,7 +193,7 @@ class Player:
         return entry if entry is not None and entry[:2] == (slot, Kind.CONFIRMED) else None
 
     def readings(self, slots: Sequence[int]) -> list[tuple[JournalEntry | None, float]]:
-        """Readings of single sensors of a driver off the cycle, each with the time in s at which it was read."""
+        """Return readings of single sensors of a driver off the cycle, each with the time in s at which it was read."""
         found: dict[int, JournalEntry] = {}
         times: dict[int, float] = {}
         for entry in self.period.entries[self.at :] if self.period is not None and not self.paused else ():
@@ -212,7 +211,7 @@ class Player:
     # Blocks and groups -----------------------------------------------------------------------------------
 
     def read_group(self, slots: Sequence[int], texts: Sequence[str], out: IntArray) -> None:
-        """Some sensors in one transfer, each with an entry of its own."""
+        """Read some sensors in one transfer, each with its own entry."""
         if self.period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots]
             return
@@ -226,7 +225,7 @@ class Player:
             _raise_for(found.values(), slots, texts)
 
     def read_block(self, slots: IntArray, texts: Sequence[str], out: IntArray) -> None:
-        """The block of a driver, the first time in this period: only what has failed has entries."""
+        """Read the block of a driver for the first time in this period; only failures have entries."""
         period = self.period
         if period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots.tolist()]
@@ -251,7 +250,7 @@ class Player:
         return entries[at] if at < len(entries) else None
 
     def _entry(self, slot: int, kinds: Collection[int], asked: str) -> JournalEntry | None:
-        """The entry of a call for one object; None: there is none, which is reported."""
+        """The entry of a call for one object, or None if there is none, which is reported."""
         entry = self._next()
         if self.lenient:
             return self._search(slot, kinds)

@@ -27,17 +27,17 @@ class Program:
     machine: Compound
     wired: Wired
     drive: Callable[[Any], Any]
-    """The loop: it is called with the connected machine, and returns when the work is done."""
+    """The loop, which is called with the connected machine, and returns when the work is done."""
     name: str = ""
     manual: bool = False
     """True if the run began in manual mode."""
 
     code: str = ""
-    """A remark if its code is another than that of the recorded run; "": it is the same."""
+    """A remark if its code is another than that of the recorded run, or "" if it is the same."""
 
     @classmethod
     def of(cls, tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Program:
-        """The recorded run with the code that is `given`; NotReplayable if it cannot be made."""
+        """Return the recorded run with the code `given`. NotReplayable if it cannot be made."""
         try:
             job = job_of(tape.job, given)
             plan = Plan(job)
@@ -50,13 +50,13 @@ class Program:
         return cls(plan.machine, plan.wired, loop, plan.name, job.manual, other_code(tape.job, plan.place))
 
     def set(self, settings: Mapping[str, object]) -> None:
-        """Let numbers have other values than in the recording. OptionError for an unknown number, or a value that it
-        cannot have."""
+        """Let numbers have other values than in the recording. OptionError for an unknown number, or an invalid
+        value."""
         known = {path: each for path, each in numbers_of(self.machine).items() if each.settable}
         parameters = [each for each in self.wired.parameters if each.number.path not in settings]
         for path, value in settings.items():
             if path not in known:
-                raise OptionError(f"--set {path}: no such number{did_you_mean(path, known)}")
+                raise OptionError(f"--set {path}: there is no such number{did_you_mean(path, known)}")
             number = known[path]
             try:
                 parameters.append(

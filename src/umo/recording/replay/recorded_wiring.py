@@ -1,4 +1,4 @@
-"""The wiring of a recording as data: its numbers are taken over; code and files are those that the station has today.
+"""The wiring of a recording as data: its numbers are taken over, but code and files are those of the present station.
 
 A driver is imported only if an installed package registers it by this name, or if a wiring of the station that the
 command line names has the same type. A file is opened only if such a wiring names the same one.
@@ -22,7 +22,7 @@ from umo.wiring.run_options import RESERVED
 from umo.wiring.source import WiringSource, read
 
 WITHOUT_DEVICE = ("simulated", "timerfd")
-"""Types of drivers that may be run in closed loop whatever the wirings of the station have."""
+"""Types of drivers that may always be run in closed loop, regardless of the wirings of the station."""
 HOW = "name a wiring: --wiring NAME|FILE"
 
 
@@ -36,8 +36,8 @@ class RecordedDriver(NamedTuple):
 def recorded_wiring(
     job: Mapping[str, Any], station: Station | None, *, runs: bool = False
 ) -> str | dict[str, Any] | None:
-    """The wiring of a recorded job: a file of the station if one has the recorded text, otherwise the recorded table.
-    `runs`: its drivers will be run, in closed loop, so that they must be those of a wiring of the station.
+    """Return the wiring of a recorded job: a file of the station if one has the recorded text, otherwise the recorded
+    table. `runs`: its drivers will be run, in closed loop, so that they must be those of a wiring of the station.
     NotReplayable if it names code or files that neither the station nor an installed package has."""
     wiring = job.get("wiring")
     wiring = wiring if isinstance(wiring, Mapping) else {}

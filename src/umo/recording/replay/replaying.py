@@ -1,4 +1,4 @@
-"""Replaying a recorded run: its drivers, its clients and its time are the tape; the rest is the program of today."""
+"""Replaying a recorded run: a tape replaces its drivers, its clients and its time; the rest is the present program."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from umo.recording.replay.tape_driver import count_as_hardware, taped, watch_blo
 from umo.system.processes import HASH_SEED
 
 MAX_COMPARED = 100
-"""Characters of an error's text that are compared."""
+"""Number of characters of an error's text that are compared."""
 SHORT = 20
-"""The same where numbers may differ."""
+"""The same number if numbers in the text may differ."""
 RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
 
 
@@ -47,9 +47,9 @@ class Replay:
         program: Program | None = None,
         settings: Mapping[str, object] = MappingProxyType({}),
     ) -> None:
-        """`program`: default is the station of the recording. `settings`: other values of numbers by path; the replay
-        continues beyond differences then: open loop, as the recorded sensors do not answer to what is written.
-        NotReplayable, in one line."""
+        """`program`: default: the station of the recording. `settings`: other values of numbers by path; then the
+        replay continues after differences, in open loop, as the recorded sensors do not react to the new commands.
+        NotReplayable, with a text in one line, if it cannot be replayed."""
         self._tape = tape
         _check(tape)
         self.program = program or Program.of(tape)
@@ -189,10 +189,10 @@ class Replay:
             if end is not None and not _same_error(result.error, text, recorded):
                 result.difference = self._end_difference(recorded or "no error", text)
             elif self.player.next is not None:
-                result.difference = self._end_difference("it went on", text)
+                result.difference = self._end_difference("the run continued", text)
         elif self.player.next is not None and not self.player.ended:
             period, moment = self.player.shown, self.player.next.time  # the first one that is missing
-            result.difference = Difference(period, moment, "", "it went on", "the program has ended")
+            result.difference = Difference(period, moment, "", "the run continued", "the program has ended")
 
     def _compare_errors(self, end: Any) -> None:
         """Compare the error of a recording that was shrunk: only the same error can be expected."""
@@ -235,7 +235,7 @@ def _play_time(clock: WallClock, player: Player) -> None:
 
 
 def _end_of(tape: Tape) -> Any:
-    """The last event of the run; None: the recording has none, because the run was killed."""
+    """The last event of the run, or None if the recording has none, because the run was killed."""
     ends = [event for event in events_of(tape) if event.is_end]
     return ends[-1] if ends else None
 

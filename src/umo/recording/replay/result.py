@@ -20,14 +20,14 @@ class Difference:
     time: float
     """Its time in s on the cycle's clock."""
     path: str
-    """The object; "" where it is none."""
+    """The object; "" if it is not an object."""
     recorded: str
     replayed: str
     """The recorded and the replayed value as text: with unit and raw integer."""
     places: Sequence[str] = ()
-    """The place of each sequence: file:line."""
+    """The place of each sequence, as file:line."""
     signals: Sequence[str] = ()
-    """The signals that differed in this period too: path, recorded and replayed value."""
+    """The signals that also differed in this period: path, recorded and replayed value."""
 
     def __str__(self) -> str:
         what = f"{self.path}: " if self.path else ""
@@ -59,7 +59,7 @@ class Replayed:
     settings: dict[str, Any] = field(default_factory=dict)
     """The numbers that were set to other values (`umo recording replay --set`), by path."""
     open_loop: bool = False
-    """True if the recording was shrunk: its error alone was compared."""
+    """True if the recording was shrunk, so that only its error was compared."""
     hashes: str = ""
     """A remark on the order of hashes, if it was not fixed."""
     code: str = ""

@@ -1,8 +1,8 @@
 """Shrinking a recording: the fewest of its periods that still give the same error, or the same first difference.
 
-The periods that are left out are left out as inputs too: what remains is open loop. It proves that the error follows
-from these inputs, not that a machine would give them. Of a difference the periods before it are still the recorded ones
-to the bit, so that both programs would have come there.
+The inputs of the left-out periods are missing, so the remaining replay is in open loop. It proves that the error
+follows from these inputs, not that a machine would produce them. Before a first difference the remaining periods equal
+the recorded ones bit by bit, so that both programs would reach it.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class WholeRecording:
     """A whole recording in memory, from which periods are chosen."""
 
     def __init__(self, tape: Tape) -> None:
-        """NotReplayable if parts of it are lost."""
+        """Read a recording. NotReplayable if parts of it are lost."""
         blocks = list(tape.blocks())
         if any(block.lost or block.entries_lost or block.commands_lost or block.events_lost for block in blocks):
             raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
@@ -75,7 +75,7 @@ class WholeRecording:
         self.damaged_end = str(getattr(tape, "damaged_end", ""))
         """The reason why its end may be missing, as text; empty if nothing indicates that."""
         self.compared = True
-        """True if what the periods command is compared when the chosen ones are replayed, and not the error alone."""
+        """True if the commands of the chosen periods are compared in the replay, and not only the error."""
         self._frames = np.concatenate([block.frames for block in blocks])
         self._entries = np.concatenate([block.entries for block in blocks])
         self._ends = np.cumsum(self._frames["entries"])
@@ -88,7 +88,7 @@ class WholeRecording:
         return len(self._frames)
 
     def chosen(self, places: PeriodNumbers) -> ShrunkTape:
-        """The recording with these periods only, in order."""
+        """Return the recording with only these periods, in order."""
         frames = self._frames[places]
         ticks = np.maximum(frames["missed"], 1)
         times = frames["time"].tolist()
@@ -166,7 +166,8 @@ class ReplayedDifference:
 
 
 class Shrinking:
-    """The search for the fewest periods. `go_on` is called before each replay; it ends when that is false."""
+    """The search for the fewest periods. `go_on` is called before each replay; the search ends when that returns
+    False."""
 
     def __init__(
         self, tape: Tape, given: CodeGiven = NOTHING_GIVEN, program: Callable[[Tape], Program] | None = None
@@ -176,7 +177,7 @@ class Shrinking:
         self._program = program or (lambda each: Program.of(each, given))
         self.replays = 0
         self.places: PeriodNumbers = np.arange(self.source.count)
-        """The periods that are left."""
+        """The remaining periods."""
         self.ending: ReplayedError | ReplayedDifference
         """The result that they give."""
         result = self._replayed(self.places)
@@ -195,7 +196,7 @@ class Shrinking:
             )
 
     def run(self, go_on: Callable[[], bool] = lambda: True) -> ShrunkTape:
-        """Leave out periods as long as the error or difference stays."""
+        """Leave out periods as long as the error or difference remains."""
         size = max(len(self.places) // 2, 1)
         while go_on():
             before = len(self.places)
@@ -230,7 +231,7 @@ class Shrinking:
 
 
 def periods_left(places: Sequence[int]) -> str:
-    """The periods as text: `3 to 17, 40`."""
+    """Return the periods as text, such as `3 to 17, 40`."""
     runs: list[list[int]] = []
     for place in places:
         if runs and place == runs[-1][1] + 1:

@@ -1,4 +1,4 @@
-"""Snapshots of a replay: processes that were forked and wait. To go back one of them forks, and the copy runs on.
+"""Snapshots of a replay, which are forked processes that wait. To go back, one of them forks, and the copy continues.
 
 Only a fork carries coroutines, laws and profiles. One process keeps the list (`SnapshotList`) and holds no replay; it
 lets one runner run at a time. A runner forks a snapshot now and then. Each process has one connection to the list: a
@@ -25,15 +25,15 @@ from umo.system.processes import Child, wait_for_any
 from umo.system.realtime import adopt_orphans
 
 POSSIBLE = sys.platform.startswith("linux") and hasattr(os, "fork")
-"""True if this platform has what they need: forks, and processes that end with their parents."""
+"""True if this platform supports them: it needs forks, and processes that end with their parents."""
 START = -1
 """The period of the snapshot before the first one."""
 EVERY = 2000
-"""Periods between two snapshots."""
+"""Number of periods between two snapshots."""
 MOST = 15
-"""Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
+"""Number of snapshots that are kept besides the first one, each of some MB, for the last 30,000 visited periods."""
 BEGIN_TIMEOUT = 5.0
-"""Timeout in s for a process to take its place in the list: for a snapshot that was forked, and for who has come."""
+"""Timeout in s for a process to register in the list: for a forked snapshot, and for a new connection."""
 CHILD_END_TIMEOUT = 2.0
 """Time in s for the processes to end."""
 Orders = dict[str, Any]
@@ -78,7 +78,7 @@ class Link:
 
 
 class Runner:
-    """The end of a replay's process: `orders` are what it is to do, `known` the times in s of the periods that have
+    """The end of a replay's process: `orders`: the orders that it received; `known`: the times in s of the periods with
     snapshots."""
 
     def __init__(self, address: str) -> None:
@@ -96,8 +96,8 @@ class Runner:
         return link
 
     def snapshot(self, period: int, time: float) -> None:
-        """Fork a snapshot of this moment, the end of a period. It returns in the runner, and again, with other orders,
-        in each process that continues from here. There is none where the computer has no room for it."""
+        """Fork a snapshot of this moment, the end of a period. The call returns in the runner, and again, with other
+        orders, in each process that continues from here. If the computer has no memory for it, no snapshot is made."""
         self._children = [each for each in self._children if not each.ended]
         ready, told = os.pipe()
         try:
@@ -153,7 +153,7 @@ class Runner:
         os._exit(0)
 
     def end(self, status: int) -> NoReturn:
-        """The replay is over."""
+        """End the replay."""
         self._link.send(kind="end", status=status)
         os._exit(0)
 
@@ -181,8 +181,8 @@ class SnapshotList:
         """The periods of the snapshots, those that were made or used last at the end."""
 
     def run(self, begin: Callable[[Runner], int]) -> int:
-        """Let `begin` replay in processes of their own, until one of them ends; the exit status. It returns an exit
-        status, and may be left by `Runner.go` and `Runner.end` instead."""
+        """Let `begin` replay in separate processes until one of them ends, and return the exit status. `begin` returns
+        an exit status, or ends through `Runner.go` or `Runner.end`."""
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the runner
         adopt_orphans(True)
         try:

@@ -45,7 +45,7 @@ class Stop:
 
     @classmethod
     def parse(cls, text: str) -> Stop:
-        """`12.3s`, `500`, `first-difference`, `end`; OptionError for anything else."""
+        """Parse a place such as `12.3s`, `500`, `first-difference` or `end`. OptionError for anything else."""
         word = text.strip()
         if word in (FIRST_DIFFERENCE, END):
             return cls(difference=word == FIRST_DIFFERENCE, end=word == END)
@@ -58,7 +58,7 @@ class Stop:
             raise OptionError(f"{text!r} is not a place in a replay; write {forms}") from None
 
     def is_at(self, period: int, time: float, last: bool = False) -> bool:
-        """True if a period is at this place or after it; `last`: it is the last one."""
+        """True if a period is at this place or after it. `last`: whether it is the last period."""
         return (
             (self.period is not None and period >= self.period)
             or (self.time is not None and time >= self.time - TIME_TOLERANCE)
@@ -66,7 +66,8 @@ class Stop:
         )
 
     def nearest(self, snapshots: Mapping[int, float]) -> int:
-        """The last period that lies before this place; `snapshots`: their times, s. -2: there is none."""
+        """Return the number of the last snapshot before this place, or -2 if there is none. `snapshots`: their times in
+        s."""
         before = (period for period, time in snapshots.items() if not self.is_at(period, time))
         return max(before, default=-2)
 
@@ -74,10 +75,10 @@ class Stop:
 class BreakCondition:
     """An expression over the machine, such as `z.servo.error > 50`: names are its parts, `m`, `period` and `time`.
 
-    It reads, and changes nothing: functions that it calls are those of NAMES, `math`, and READING methods."""
+    It only reads: it may call the functions of NAMES and `math`, and READING methods."""
 
     def __init__(self, text: str) -> None:
-        """OptionError if it is no such expression."""
+        """OptionError if it is not such an expression."""
         self.text = text
         try:
             tree = ast.parse(text.strip(), "--break", "eval")
@@ -98,8 +99,8 @@ class BreakCondition:
         """The reason why the last evaluation failed; "" if it did not."""
 
     def becomes_true(self, machine: Compound, period: int, time: float) -> bool:
-        """True if it is true now, and was not in the period before. OptionError if it names, the first time, what there
-        is not."""
+        """True if it is true now, and was not in the period before. OptionError if it contains an unknown name, at the
+        first evaluation."""
         tried, self._tried = self._tried, True
         try:
             parts = {name: getattr(machine, name) for name in self._parts}
@@ -118,7 +119,7 @@ class BreakCondition:
 def _refused(node: ast.AST) -> str:
     """Return why a part of an expression is not evaluated; "" if it is."""
     if isinstance(node, ast.Lambda | ast.Await | ast.Yield | ast.YieldFrom | ast.NamedExpr):
-        return "only what reads is evaluated"
+        return "only expressions that read are evaluated"
     if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
         return f"{node.attr} is internal"
     if isinstance(node, ast.Call):
@@ -129,7 +130,7 @@ def _refused(node: ast.AST) -> str:
         of_math = isinstance(function, ast.Attribute) and ast.unparse(function.value) == "math"
         if not of_math and (name not in READING or not isinstance(function, ast.Attribute)):
             known = [*(each for each, what in NAMES.items() if callable(what)), *READING]
-            return f"{name}() is not called in a condition{did_you_mean(name, known)}"
+            return f"{name}() cannot be called in a condition{did_you_mean(name, known)}"
     return ""
 
 

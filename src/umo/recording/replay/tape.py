@@ -1,4 +1,4 @@
-"""The parts of a recorded run that a replay needs: frames, journal, commands, in their order of arrival."""
+"""The parts of a recorded run that a replay needs: frames, journal and commands, in the order of arrival."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from umo.errors import UmoError
 from umo.process.frames.layout import ENTRY, Layout
 
 MOVING = {Kind.READ, Kind.WRITE, Kind.RESET, Kind.INITIALIZE, Kind.ARRIVED, Kind.CONFIRMED}
-"""Entries of the journal after which an object has another raw integer than before."""
+"""Entries of the journal that change the raw integer of an object."""
 OPEN_LOOP = "open_loop"
-"""The fact about a recording of which periods were left out (`umo.recording.replay.shrinking`): only its error is
-compared."""
+"""The fact that marks a recording from which periods were left out (`umo.recording.replay.shrinking`), so that only its
+error is compared."""
 JournalEntry = tuple[int, int, int, int, int, float]
 """Slot, kind, error, raw, raw before, time."""
 
 
 class NotReplayable(UmoError):
-    """A recording that cannot be replayed, in one line."""
+    """A recording cannot be replayed; the text has one line."""
 
 
 class TapeCommand(Protocol):
-    """A command of a client, as it came."""
+    """A received command of a client."""
 
     @property
     def number(self) -> int: ...
@@ -45,7 +45,7 @@ class TapeBlock(Protocol):
 
     @property
     def entries(self) -> npt.NDArray[Any]:
-        """Their entries of the journal (`umo.process.frames.layout.ENTRY`)."""
+        """The entries of their journal (`umo.process.frames.layout.ENTRY`)."""
 
     @property
     def commands(self) -> Sequence[TapeCommand]:
@@ -53,19 +53,19 @@ class TapeBlock(Protocol):
 
     @property
     def lost(self) -> int:
-        """Frames that are missing before it."""
+        """Number of frames that are missing before it."""
 
     @property
     def entries_lost(self) -> int:
-        """Entries of the journal that are missing in it."""
+        """Number of missing entries of its journal."""
 
     @property
     def commands_lost(self) -> int:
-        """Commands that are missing in it."""
+        """Number of missing commands."""
 
     @property
     def events_lost(self) -> int:
-        """Events that are missing in it."""
+        """Number of missing events."""
 
 
 class Tape(Protocol):
@@ -124,7 +124,7 @@ class TapedPeriod:
 
     @property
     def entries(self) -> list[JournalEntry]:
-        """Its entries of the journal."""
+        """The entries of its journal."""
         if self._entries is None:
             self._entries = self._rows.tolist()
         return self._entries
@@ -136,7 +136,7 @@ class TapedPeriod:
 
     @property
     def signals(self) -> list[float]:
-        """The values of its signals; none where they were not recorded."""
+        """The values of its signals; none if they were not recorded."""
         frames, number = self._place
         signals: list[float] = frames["signals"][number].tolist() if self._full else []
         return signals
@@ -164,12 +164,13 @@ def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> TapedPeriod
 
 
 class Periods:
-    """The periods of a tape one after another; `ended` says where exactness ended, "" where the record is whole."""
+    """The periods of a tape one after another; `ended` is the reason why the replay is no longer exact, or "" if the
+    record is complete."""
 
     def __init__(self, tape: Tape) -> None:
         self._tape = tape
         self.commands: dict[int, bytes] = {}
-        """The commands that were taken and are still to be handed on, by number."""
+        """The commands that were taken and must still be passed on, by number."""
         self.ended = ""
 
     def __iter__(self) -> Iterator[TapedPeriod]:

@@ -23,8 +23,8 @@ from umo.wiring.wired import Wired
 
 
 class TapeDriver(Driver[Any], Looks):
-    """Answers the calls for one driver as they were answered in the recording. It looks in any case, as a driver with
-    injected faults does."""
+    """Answers the calls for one driver with the recorded answers. Like a driver with injected faults, it always has
+    `look`."""
 
     def __init__(self, driver: Driver[Any], player: Player, slots: Mapping[int, int]) -> None:
         """`slots`: the recorded slot of each channel, by its id. They may still be filled in."""
@@ -97,7 +97,8 @@ class TapeTimer(TapeDriver):
 
 
 class TapeInjection(Injection):
-    """Replaces injected faults: none is active. At the end the actuators may have been reset once more."""
+    """Replaces injected faults; none is active. At the end of the recorded run the actuators may have been reset once
+    more because of them."""
 
     def __init__(self, texts: Sequence[str], player: Player) -> None:
         super().__init__(texts, 0, False)
@@ -109,8 +110,8 @@ class TapeInjection(Injection):
 
 
 def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Sequence[str] = ()) -> Wired:
-    """The wiring with tapes instead of its drivers; no device is used. `recorded`: the slot of each path;
-    `faults`: those that were injected in the recorded run."""
+    """The wiring with tapes instead of its drivers; no device is used. `recorded`: the slot of each path; `faults`: the
+    injected faults of the recorded run."""
     timer = wired.timer_wire
     slots = {id(wire.channel): recorded[wire.path] for wire in wired.wires}
     tapes: dict[int, TapeDriver | TapeOffCycle] = {}
@@ -135,8 +136,8 @@ def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Seq
 
 
 def count_as_hardware(transfer: Transfer, wired: Wired, tapes: Mapping[str, Driver[Any]]) -> None:
-    """Drivers that used devices in the recorded run count as hardware: a failed write may be carried out later, so
-    everything is reset twice."""
+    """Let drivers that used devices in the recorded run count as hardware, whose failed writes may be carried out
+    later, so that everything is reset twice."""
     transfer._real = {id(tapes[name]) for name in wired.hardware}
 
 
@@ -149,7 +150,8 @@ def _tape_of(
 
 
 def watch_blocks(transfer: Transfer, player: Player) -> None:
-    """Let the player know which transfer is the first of a block in a period: this one has no entries of its own."""
+    """Let the player know which transfer is the first one of a block in a period, because this one has no entries of
+    its own."""
     inner = transfer.callees.watched
 
     def watched(block: Block, call: BlockTransfer) -> BlockTransfer:

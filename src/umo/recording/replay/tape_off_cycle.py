@@ -1,7 +1,7 @@
 """Replaces a driver off the cycle in a replay: its values arrive in the recorded periods, without a worker.
 
-The image is untouched: it posts, orders and looks at ages as ever. What a worker process has decided is in the journal:
-which values have arrived and when they were read, that outputs were initialised again, which orders were carried out.
+The image works as usual: it posts, orders and checks ages. The journal has the decisions of the worker process: which
+values have arrived and when they were read, when outputs were initialised again, and which orders were carried out.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from umo.recording.replay.player import CAUSE, Player
 
 
 class TapeOffCycle(OffCycle, Looks):
-    """Answers for one driver off the cycle as it was in the recording. Stamps are numbers in order here; the times that
-    they stand for are those of the recording, to the bit."""
+    """Answers for one driver off the cycle as in the recording. Stamps are consecutive numbers here, for exactly the
+    times of the recording."""
 
     shared = False  # a snapshot of the debugger keeps the values of its moment
 
@@ -111,7 +111,7 @@ class TapeOffCycle(OffCycle, Looks):
         super().reset(channel, default)
 
     def bring(self) -> None:
-        """Deliver what has arrived at this place of the recording."""
+        """Deliver the values that arrived at this place of the recording."""
         entries = self._player.arrivals(self.mine, self.in_blocks)
         if not entries:
             return

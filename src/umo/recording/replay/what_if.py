@@ -13,7 +13,7 @@ from umo.recording.replay.replaying import Replay
 from umo.recording.scope.history import ThinnedHistory
 
 MAX_POINTS, MAX_NUMBERS = 20_000, 1 << 25
-"""Points, and numbers in them, that are kept at most: beyond these every second one is dropped."""
+"""Largest numbers of points, and of numbers in them, that are kept; beyond these every second point is dropped."""
 
 
 @dataclass
@@ -23,13 +23,13 @@ class TwoCurves:
     path: str
     unit: str
     times: FloatArray
-    """s."""
+    """Times in s."""
     recorded: FloatArray
     replayed: FloatArray
 
 
 class RawCurves:
-    """An observer of a replay: the raw integers of the actuators, recorded and replayed."""
+    """An observer of a replay that collects the raw integers of the actuators, recorded and replayed."""
 
     def __init__(self, replay: Replay) -> None:
         self._replay = replay
@@ -48,7 +48,7 @@ class RawCurves:
             history.add(time, raws[np.newaxis, comparison.outputs])
 
     def different(self) -> list[TwoCurves]:
-        """The actuators that were commanded otherwise, those that differ most often first."""
+        """The actuators with other commands than recorded, those that differ most often first."""
         if self._histories is None:
             return []
         outputs = self._replay.comparison.outputs

@@ -1,7 +1,6 @@
-"""The values of a run against time, whatever its source: one that runs here, or elsewhere, a recording, a replay.
-
-`ValueHistory` is what all of them offer. Those in memory are filled with frames, of the ring of a run or of the mirror
-of one (`History`, `ThinnedHistory`), or with what a replay commands; of a file it is
+"""The values of a run against time, from any source: a run on this computer or another one, a recording, or a replay.
+`ValueHistory` is their common interface. Histories in memory are filled with frames from the ring of a run or of its
+mirror (`History`, `ThinnedHistory`), or with the commands of a replay; the history of a file is
 `umo.recording.recorded_history.RecordedHistory`.
 """
 
@@ -22,23 +21,23 @@ from umo.recording.scope.reduction import Points, reduced
 MAX_SECONDS = 300.0
 MAX_BYTES = 128 << 20
 MIN_SAMPLES = 1024
-"""Samples that are kept of the largest station."""
+"""Number of samples that are kept even for the largest station."""
 BLOCKS = 64
-"""Blocks that the samples are kept in; the oldest is dropped as a whole."""
+"""Number of blocks in which the samples are kept; the oldest block is dropped as a whole."""
 
 
 class KeptSamples(NamedTuple):
     """Consecutive samples."""
 
     times: FloatArray
-    """s."""
+    """Times in s."""
     values: FloatArray
     """One row per column."""
 
 
 class ValueHistory(ABC):
-    """Columns of samples, oldest first; of a run one for each object, then one for each signal. NaN: the value was BAD,
-    or there is none. Times are in s on the cycle's clock."""
+    """Columns of samples, oldest first; for a run one column for each object, then one for each signal. NaN if the
+    value was BAD, or if there is none. Times are in s on the cycle's clock."""
 
     def __init__(self, columns: int) -> None:
         self._columns = columns
@@ -55,11 +54,11 @@ class ValueHistory(ABC):
 
     @abstractmethod
     def parts(self, start: float, stop: float) -> Iterator[KeptSamples]:
-        """The samples from `start` to `stop`, both included, of all columns, in parts. What there is at the call stays
-        there until the parts are read."""
+        """The samples from `start` to `stop`, both included, of all columns, in parts. The samples that exist at the
+        call remain until the parts are read."""
 
     def between(self, start: float, stop: float, columns: Sequence[int]) -> KeptSamples:
-        """The samples from `start` to `stop`, both included: times, and one row for each of these columns."""
+        """Return the samples from `start` to `stop`, both included: times, and one row for each of these columns."""
         chosen = list(columns)
         parts = [KeptSamples(times, values[chosen]) for times, values in self.parts(start, stop)]
         if len(parts) == 1:
@@ -73,26 +72,26 @@ class ValueHistory(ABC):
         return reduced(*self.between(start, stop, columns), step, period)
 
     def is_short(self, start: float, stop: float) -> bool:
-        """True if `between` takes no long time."""
+        """True if `between` is quick."""
         return True
 
 
 class MemoryHistory(ValueHistory):
-    """The samples that were added. Only one thread adds."""
+    """A history of added samples. Only one thread may add."""
 
     @abstractmethod
     def add(self, times: FloatArray, rows: FloatArray) -> None:
-        """Some samples: a time (s, not before the last one) and a row of values for each."""
+        """Add samples: for each a time in s, not before the last one, and a row of values."""
 
     def add_frames(self, frames: Frames, columns: Sequence[int] | None = None) -> None:
-        """The `samples` of some frames, or these columns of them."""
+        """Add the `samples` of some frames, or these columns of them."""
         rows = samples(frames)
         self.add(frames["time"], rows if columns is None else rows[:, columns])
 
 
 class History(MemoryHistory):
-    """The last minutes: it holds at least `capacity` samples, then drops the oldest. Any thread may read: samples do
-    not move, and do not change once they are there."""
+    """The last minutes: it holds at least `capacity` samples, then drops the oldest. Any thread may read, because
+    samples do not move or change once they are added."""
 
     def __init__(self, columns: int, period: float, seconds: float = MAX_SECONDS, most: int = MAX_BYTES) -> None:
         super().__init__(columns)
@@ -135,7 +134,7 @@ class History(MemoryHistory):
 
 
 class ThinnedHistory(MemoryHistory):
-    """The whole run, thinned: above `most` samples, every second one is removed. One thread adds and reads."""
+    """The whole run, thinned: above `most` samples, every second one is removed. Only one thread may add and read."""
 
     def __init__(self, columns: int, most: int) -> None:
         super().__init__(columns)
@@ -174,14 +173,14 @@ class ThinnedHistory(MemoryHistory):
 
 def last_good(frames: Frames, before: FloatArray) -> FloatArray:
     """The time in s on the cycle's clock at which each object was read last, neither STALE nor BAD: in these frames, or
-    else `before`. NaN: never."""
+    otherwise `before`. NaN if never."""
     usable = frames["quality"] < Quality.STALE
     last = len(frames) - 1 - np.argmax(usable[::-1], axis=0)
     return np.where(usable.any(axis=0), frames["time"][last], before)
 
 
 def samples(frames: Frames) -> FloatArray:
-    """A row for each frame: objects, then signals. NaN: the value was BAD, or there is none."""
+    """Return a row for each frame: objects, then signals. NaN if the value was BAD, or if there is none."""
     values, quality = frames["values"], frames["quality"]
     if quality.size and quality.max() >= Quality.BAD:
         values = np.where(quality >= Quality.BAD, np.nan, values)

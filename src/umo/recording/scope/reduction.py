@@ -12,12 +12,13 @@ from umo.objects.scaling import FloatArray
 HYSTERESIS = 0.1
 """Share of the peak-to-peak value: half the band around the middle in which no crossing is counted."""
 MIN_SAMPLES_PER_PIXEL = 2.0
-"""Samples per pixel from which they are reduced."""
+"""Number of samples per pixel from which on they are reduced."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """The points of a drawing: for each a time, and per trace the least and the greatest value; NaN: no value."""
+    """The points of a drawing: for each a time, and per trace the least and the greatest value; NaN if there is no
+    value."""
 
     times: FloatArray
     low: FloatArray
@@ -26,7 +27,7 @@ class Points:
 
 
 def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -> Points:
-    """Samples (one row per trace) as one point per `step` s that has a sample. No minimum or maximum is lost.
+    """Reduce samples (one row per trace) to one point per `step` s with a sample. No minimum or maximum is lost.
 
     The time of a point is that of its first sample. Every sample is a point if `step` is below two periods.
     """
@@ -39,7 +40,7 @@ def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -
 
 
 def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> float | None:
-    """The time of the first sample that fulfils a trigger; None if there is none.
+    """Return the time of the first sample that fulfils a trigger; None if there is none.
 
     `rising`, `falling`: the first sample beyond the level after one that was not. `above`, `below`: the first one
     beyond the level.
@@ -53,8 +54,8 @@ def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> 
 
 
 def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
-    """Minimum, maximum, mean and root mean square of all samples that have a value, in their unit, and the frequency in
-    Hz, None if it cannot be determined; None without a value."""
+    """Return minimum, maximum, mean and root mean square of all samples that have a value, in their unit, and the
+    frequency in Hz, None if it cannot be determined; None without a value."""
     known = np.isfinite(values)
     if not known.all():
         times, values = times[known], values[known]
@@ -67,7 +68,8 @@ def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
 
 
 def measured_state(values: FloatArray) -> dict[str, Any] | None:
-    """The share of samples of a state that are the electrical 1, and how often it changed; None without a value."""
+    """Return the share of a state's samples that are the electrical 1, and the number of changes; None without a
+    value."""
     on = values[np.isfinite(values)] > 0.5
     if not len(on):
         return None
@@ -75,7 +77,8 @@ def measured_state(values: FloatArray) -> dict[str, Any] | None:
 
 
 def frequency(times: FloatArray, values: FloatArray, low: float, high: float) -> float | None:
-    """Rising crossings of the middle in Hz, counted with a hysteresis; None for less than one whole period."""
+    """Return the frequency in Hz from the rising crossings of the middle, with a hysteresis; None for less than one
+    full period."""
     middle, band = (low + high) / 2, (high - low) * HYSTERESIS
     outside = np.flatnonzero(np.abs(values - middle) > band)
     above = values[outside] > middle

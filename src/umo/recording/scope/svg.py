@@ -20,15 +20,15 @@ from umo.recording.scope.reduction import Points, reduced
 from umo.wiring.patterns import chosen
 
 MAX_TRACES, MAX_SPAN = 16, 300.0
-"""Traces, and s of the span, at most."""
+"""Largest number of traces, and longest span in s."""
 LEFT, PIXELS, LANE, BAR, LINE, AXIS = 76, 820, 120, 24, 17, 26
 """Widths of the scale and of the traces; heights of a lane, a bar, a line of the legend, the time axis."""
 LEGEND_COLUMNS, MAX_NAME_LENGTH = 3, 36
-"""Traces in a line of the legend; characters of a name, at most."""
+"""Number of traces in a line of the legend; largest number of characters of a name."""
 COLOURS = ("#3b82d6", "#d97706", "#16a34a", "#a855f7", "#e0457b", "#0e9aa7", "#b08900", "#8593a3")
 """Colours of the traces, each readable on black and on white."""
 DASHES = ("", "7 3", "2 2", "9 3 2 3")
-"""Dashes of the traces in a lane, one after another: colour is not the only difference."""
+"""Dashes of the traces in a lane, in their order, so that colour is not the only difference."""
 
 
 class Scope:
@@ -53,7 +53,7 @@ class Scope:
         """The last value of each trace; no value before the first frame."""
 
     def draw(self, more: Mapping[str, str]) -> str:
-        """Take all new frames; the picture with a heading."""
+        """Take all new frames, and return the picture with a heading."""
         frames = self._reader.read()
         if len(frames):
             self._frame = frames[-1]

@@ -58,7 +58,7 @@ QUALITY = {
 
 
 def attributes(about: Described) -> dict[str, Any]:
-    """Units, range and states of an object or a signal, as CF has them where it can say it."""
+    """Return units, range and states of an object or a signal, according to the CF conventions where they apply."""
     found = {name: about.plain[key] for key, name in ATTRIBUTES.items() if about.plain.get(key) not in (None, "")}
     if about.states:
         meanings = " ".join(name.replace(" ", "_") for name in about.states.values())

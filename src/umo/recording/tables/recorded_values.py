@@ -1,4 +1,4 @@
-"""The values of a recording: which objects and signals, from when to when, one block after another."""
+"""The values of a recording: of chosen objects and signals in a span of time, one block after another."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ TellTime = Callable[[float], None]
 
 
 class RecordedColumns(NamedTuple):
-    """What frames have in a table, a row for each: copies, so that the frames are not held."""
+    """The columns of frames in a table, with a row for each frame. They are copies, so that the frames are not kept in
+    memory."""
 
     time: FloatArray
-    """s on the machine's clock."""
+    """Times in s on the machine's clock."""
     utc: Any
-    """ns since 1970, <i8."""
+    """UTC in ns since 1970, <i8."""
     number: Any
-    """Ticks since connecting."""
+    """Number of ticks since connecting."""
     missed: Any
     execution: FloatArray
-    """us."""
+    """Execution times in us."""
     values: FloatArray
-    """A column for each of the chosen. NaN: the value was BAD, or there is none."""
+    """A column for each chosen object and signal. NaN if the value was BAD, or if there is none."""
     quality: Any
     """A column for each chosen object."""
 
@@ -49,8 +50,8 @@ class RecordedPart(NamedTuple):
 
 
 class RecordedValues:
-    """The chosen objects and signals of a recording. PathError for a path that names nothing, RangeError for times in
-    the wrong order."""
+    """The chosen objects and signals of a recording. PathError for an unknown path, RangeError for times in the wrong
+    order."""
 
     def __init__(
         self,
@@ -59,7 +60,8 @@ class RecordedValues:
         start: float | None = None,
         stop: float | None = None,
     ) -> None:
-        """`only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded."""
+        """`only`: paths or patterns; default: all. `start`, `stop`: times in s on the machine's clock, `stop`
+        excluded."""
         if start is not None and stop is not None and not start < stop:
             raise RangeError(f"the values from {start:g} s to {stop:g} s: the second time must be later")
         self.recording = recording
@@ -73,12 +75,12 @@ class RecordedValues:
         self.objects = [place for place in self.places if place < objects]
         """The places of the chosen objects."""
         self.bare = 0
-        """Periods that were passed over, as the file has only what replay needs of them."""
+        """Number of skipped periods, of which the file has only the data that replay needs."""
         self.lost, self.damage = 0, list[str]()
-        """Number of periods that are missing in the recording, and what is damaged in it (`look_for_damage`)."""
+        """Number of periods that are missing in the recording, and sentences on its damage (`look_for_damage`)."""
 
     def look_for_damage(self) -> None:
-        """Reads the whole recording once more, where that was not done yet."""
+        """Find the damage, for which the whole recording is read once more if that was not done yet."""
         self.lost = self.recording.lost
         self.damage = self.recording.damage
 
@@ -88,7 +90,7 @@ class RecordedValues:
 
     @property
     def names(self) -> list[str]:
-        """The paths as names beside those of `OWN_NAMES`."""
+        """The paths as names of columns, which differ from `OWN_NAMES`."""
         return [f"{path}.value" if path in OWN_NAMES else path for path in self.paths]
 
     def parts(self) -> Iterator[RecordedPart]:
@@ -110,7 +112,7 @@ class RecordedValues:
         return [f"{self.layout.objects[place]['path']}.quality" for place in self.objects]
 
     def columns(self, frames: Frames) -> RecordedColumns:
-        """What every export has of some frames."""
+        """Return the columns of some frames, as every export contains them."""
         return RecordedColumns(
             frames["time"].copy(),
             utc_of(self.layout, frames),
@@ -122,19 +124,21 @@ class RecordedValues:
         )
 
     def of(self, frames: Frames) -> FloatArray:
-        """A row for each frame, a column for each of the chosen. NaN: the value was BAD, or there is none."""
+        """Return the values with a row for each frame, and a column for each chosen object and signal. NaN if the value
+        was BAD, or if there is none."""
         return samples(frames)[:, self.places]
 
     @property
     def periods(self) -> int:
-        """Number of the periods between the times, a block more at most at each end: counted without reading them."""
+        """Number of the periods between the times, with at most one further block at each end, counted without reading
+        them."""
         times, counts = self.recording.block_starts
         ends = np.append(times[1:], np.inf)
         low, high = -np.inf if self.start is None else self.start, np.inf if self.stop is None else self.stop
         return int(counts[(times < high) & (ends > low)].sum())
 
     def share(self, time: float) -> float:
-        """Return how much lies before a time, 0 to 1."""
+        """Return the share of the span before a time, 0 to 1."""
         first, last = self.recording.span
         first = first if self.start is None else max(first, self.start)
         last = last if self.stop is None else min(last, self.stop)

@@ -1,4 +1,4 @@
-"""A recording as a file of another kind: Parquet, CSV or NumPy. It is there whole, or not at all."""
+"""A recording as a file of another kind: Parquet, CSV or NumPy. The file is written completely, or not at all."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SUFFIXES = (".parquet", ".csv", ".npz")
 BEFORE = ("time_s", "utc", "missed", "execution_us")
 """Columns of a CSV file before those of objects and signals."""
 PIECE_ROWS = 4096
-"""Rows that are formatted at once."""
+"""Number of rows that are formatted at once."""
 
 
 def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
     """Write the values in the format of the suffix. Return the number of periods. FramesError if it cannot be written;
     ImportError for Parquet without pyarrow."""
     if path.suffix not in SUFFIXES:
-        raise OptionError(f"{path.name}: the suffix says what is written: {', '.join(SUFFIXES)}")
+        raise OptionError(f"{path.name}: the suffix must be one of {', '.join(SUFFIXES)}")
     if path.exists() and path.samefile(values.recording.path):
         raise OptionError(f"{path} is the recording itself")
     write = _write_csv if path.suffix == ".csv" else _write_npz if path.suffix == ".npz" else _write_parquet
@@ -38,8 +38,8 @@ def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Return a context with a new file beside a path, which replaces it once all is written. FramesError if it cannot
-    be made."""
+    """Return a context with a new file next to a path, which replaces that path when it is complete. FramesError if it
+    cannot be made."""
     try:
         with _renamed(path) as file:
             yield file

@@ -1,7 +1,7 @@
 """A recording in Parquet: the rows of a fleet's history (`umo.recording.tables.value_tables`), one for each value of
 each frame.
 
-The file is the table `values`; with it go the descriptions of what has a value, as JSON in the metadata `umo`.
+The file is the table `values`; its metadata `umo` have the descriptions of all items with values, as JSON.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from umo.recording.tables.recorded_values import RecordedValues, TellTime
 from umo.recording.tables.value_tables import VALUES, RunValues
 
 ROWS = 1 << 20
-"""Rows of a group of rows, about."""
+"""Approximate number of rows of a row group."""
 
 
 def write_parquet(values: RecordedValues, file: Path, progress: TellTime) -> int:
-    """Write the file; how many periods."""
+    """Write the file, and return the number of periods."""
     about, count, waiting, size = values.layout.about, 0, [], 0
     items = _items(values)
     rows = RunValues(run_name(about), values.layout, items)
@@ -57,13 +57,13 @@ def _write(out: Any, waiting: list[pa.Table]) -> None:
 
 
 def run_name(about: dict[str, Any]) -> str:
-    """The run, as a short text that no other run has."""
+    """Return a short text that identifies the run."""
     return f"{about.get('pid', 0)}-{about.get('started_monotonic', 0)}"
 
 
 def _items(values: RecordedValues) -> Sequence[int] | None:
-    """The places of the chosen among all items, objects and signals first; None: all, with states, tunable numbers and
-    the run itself."""
+    """The places of the chosen among all items, objects and signals first; None means all, with states, tunable numbers
+    and the run itself."""
     every = len(values.layout.objects) + len(values.layout.signals)
     return None if len(values.places) == every else values.places
 

@@ -13,7 +13,7 @@ from umo.text import count_of
 from umo.wiring.parameters import option_words
 
 MAX_DAMAGE = 5
-"""Number of damaged places that are listed, the last ones."""
+"""Number of the last damaged places that are listed."""
 NAMED = ("umo", "python", "numpy", "platform")
 
 
@@ -58,7 +58,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
 
 
 def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Facts as text, each with its name."""
+    """Return the facts as text, each with its name."""
     started = facts["started"]
     when = "" if started is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(started)))
     kind = "in real time" if facts["realtime"] else "in virtual time"
@@ -93,7 +93,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _shrunk(periods: object) -> str:
-    """The text with the number of periods that the recording had; empty: it was not shrunk."""
+    """The text with the number of periods that the recording had, or empty if it was not shrunk."""
     if periods is None:
         return ""
     whole = count_of(periods, "period") if isinstance(periods, int) else "a longer one"

@@ -24,12 +24,12 @@ async def main(m: BatchPlant, recipe: Sequence[Name] = (), batches: int = 2, pat
     Options:
         recipe: one or several, in the order in which they are made; they replace what a client chose in an earlier
             run. Default: glue, then soap, or what a client chose.
-        batches: how many each reactor makes.
+        batches: number of batches of each reactor.
         patience: time in which a fault must be cleared, s; then the batches of this reactor are not made.
 
-    A batch that was broken off by a fault is dumped and made again when the fault is cleared; one that an operator has
-    stopped, when the operator resets the reactor. BatchesLost at the end if
-    a fault was not.
+    A batch that a fault has interrupted is dumped and made again when the fault is cleared; a batch that an operator
+    has stopped is made again when the operator resets the reactor. BatchesLost at the end if a fault was not cleared in
+    time.
     """
     m.book.begin()
     if recipe:
@@ -50,7 +50,7 @@ async def main(m: BatchPlant, recipe: Sequence[Name] = (), batches: int = 2, pat
 
 
 async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: float, done: Counter[str]) -> str:
-    """Make the batches of one reactor, by the plan or by what a client has chosen; they are counted.
+    """Make the batches of one reactor, by the plan or by the choice of a client, and count them.
 
     Returns why some were not made; empty if all were."""
     for number, planned in enumerate(plan):

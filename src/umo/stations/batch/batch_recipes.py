@@ -31,5 +31,5 @@ AMOUNT_TOLERANCE, TEMPERATURE_TOLERANCE, STIRRING_TOLERANCE = 0.5, 2.0, 5.0
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """Return how many batches of which recipe, as text: "glue 2, soap 1"."""
+    """Return the number of batches of each recipe as text, such as "glue 2, soap 1"."""
     return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))

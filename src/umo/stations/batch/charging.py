@@ -1,4 +1,4 @@
-"""The charging line: it weighs what goes into the reactors."""
+"""The charging line, which weighs the raw materials for the reactors."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ MATERIALS = "AB"
 
 
 class ChargingLine(Compound, equipment=True, max_period="200 ms"):
-    """A hopper on a scale. An inlet for each raw material, an outlet to each reactor, one to the waste.
-
-    It is used by one reactor at a time, which holds `lock` meanwhile.
+    """A hopper on a scale. It has an inlet for each raw material, an outlet to each reactor, and one to the waste. One
+    reactor uses it at a time, and holds `lock` during that.
     """
 
     inlets: Sequence[Valve]
@@ -29,7 +28,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     tolerance: Annotated[float, Number("kg", 0.05, 5.0, tunable=True)] = 0.4
     """Largest deviation of a weighed amount, kg."""
     overrun: Annotated[float, Number("kg", 0.0, 5.0)] = 0.7
-    """Amount that still flows when an inlet is closed, kg: to begin with, as the line learns it."""
+    """Initial amount in kg that still flows after an inlet is closed; the line learns the actual one."""
     capacity: float = 100.0
     """Load from which on the inlets are inhibited, kg."""
     empty: float = 0.3
@@ -37,7 +36,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     settling_time: float = 2.0
     """Time that the scale takes to come to rest, s."""
     least_flow: float = 0.2
-    """Flow below which nothing flows, kg/s."""
+    """Flow below which a material counts as not flowing, kg/s."""
 
     def setup(self) -> None:
         self.lock = Lock()
@@ -49,8 +48,8 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
         yield Interlock(lambda: any_open(exits), self.inlets, "the hopper is being emptied")
 
     async def weigh(self, amounts: Sequence[float]) -> list[float]:
-        """Weigh the amounts of the raw materials into the hopper, kg. Returns those that the scale shows. What is left
-        of a charge that was broken off goes to the waste first."""
+        """Weigh the amounts of the raw materials into the hopper, kg. Returns the amounts that the scale shows. The
+        remains of an interrupted charge go to the waste first."""
         if value_of(self.scale) > self.empty:
             await self._let_out(self.waste)
         return [await self._let_in(number, amount) for number, amount in enumerate(amounts)]

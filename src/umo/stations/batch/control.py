@@ -1,7 +1,6 @@
-"""The control of the batch plant: a reactor makes batches, the charging line weighs what goes into them (charging.py).
-
-Each is equipment: it fails alone. What a reactor does in the charging line is a sequence of the line, which the reactor
-awaits: if the line fails, the line is in fault, and so is the reactor whose batch it has broken.
+"""The control of the batch plant: a reactor makes batches, the charging line weighs their raw materials (charging.py).
+Each is equipment, and fails alone. The work for a reactor in the charging line is a sequence of the line, which the
+reactor awaits. If the line fails, both the line and the reactor whose batch is interrupted are in fault.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ class Making(Procedure):
     line: ChargingLine
     recipe: BatchRecipe
     making = 0
-    """The number of its recipe (`RecipeBook.number_of`); 0: it has made nothing."""
+    """The number of its recipe (`RecipeBook.number_of`), or 0 if it has made nothing."""
 
     def take(self, recipe: BatchRecipe, number: int) -> None:
         """Make the next batch by this recipe, which has this number."""
@@ -95,7 +94,7 @@ class Reactor(
     rise_time: Annotated[float, Number("s", 10.0, 600.0)] = 60.0
     """Time in which the temperature must rise by `least_rise` while it is further below its setpoint, s."""
     least_rise: Annotated[float, Number("K", 0.5, 20.0)] = 5.0
-    """Rise of the temperature in `rise_time` that shows that it is heated, and measured, K."""
+    """Rise of the temperature in `rise_time` that shows that the reactor is heated and its temperature measured, K."""
     line_time: Annotated[float, Number("s", 0.0, 36_000.0)] = 600.0
     """Time for which a batch waits for a charging line in fault, s."""
     draining_time: float = 120.0
@@ -119,7 +118,7 @@ class Reactor(
         self.begin()
 
     def begin(self) -> None:
-        """Begin a run: the content belongs to no batch."""
+        """Begin a run, in which the present content belongs to no batch."""
         self._before = self.unit.produced, self.unit.rejected  # the counts are kept over a restart
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
@@ -140,7 +139,7 @@ class Reactor(
         return self.unit.rejected - self._before[1]
 
     def interlocks(self) -> Iterator[Interlock]:
-        """The level and the temperature that cannot be read count as the dangerous ones."""
+        """Return the interlocks. A level or a temperature that cannot be read counts as dangerous."""
         dry = Interlock(lambda: value_of(self.level) < self.covered, [self.heater], "the level is low")
         hot = Interlock(lambda: value_of(self.temperature) > self.hottest, [self.heater], "too hot")
         full = Interlock(lambda: value_of(self.level) > self.full, [self.feed], "the reactor is full")
@@ -181,7 +180,7 @@ class Reactor(
             self.rest()
 
     def rest(self) -> None:
-        """Neither heated nor stirred."""
+        """Switch heater and stirrer off."""
         self.setpoint = nan
         self.heater.write(0.0)
         self.stirrer.write(0.0)

@@ -11,7 +11,7 @@ REACTORS = 2
 
 
 KEPT: Any = {"max_age": "1 s"}
-"""The time for which a value that was not read or not accepted is kept."""
+"""The time for which the last value is kept after a failed transfer."""
 
 
 def machine() -> BatchPlant:
@@ -29,7 +29,7 @@ def machine() -> BatchPlant:
 
 
 def reactor() -> Reactor:
-    """Heater and stirrer off and valves closed are the safe values."""
+    """Make a reactor. Its safe values are heater and stirrer off, and valves closed."""
     return Reactor(
         feed=valve(),
         drain=valve(),
@@ -41,17 +41,17 @@ def reactor() -> Reactor:
 
 
 def sensor(units: str, minimum: float, maximum: float, resolution: float, **more: Any) -> DigitalSensor:
-    """A lost answer of its box is no failure: the last value holds."""
+    """Make a sensor. A lost answer of its box is not a failure: the last value is held."""
     limits: Any = {"minimum": minimum, "maximum": maximum, "resolution": resolution}
     return DigitalSensor(units, on_error="hold", **limits, **KEPT, **more)
 
 
 def drive(units: str, maximum: float, **more: Any) -> DigitalActuator:
-    """A lost answer of its box is no failure: the value is sent again."""
+    """Make an actuator. A lost answer of its box is not a failure: the value is sent again."""
     limits: Any = {"minimum": 0.0, "maximum": maximum, "resolution": 0.1}
     return DigitalActuator(units, default=0.0, on_error="retry", **limits, **KEPT, **more)
 
 
 def valve() -> BinaryActuator[OpenClosed]:
-    """Return a valve that is driven like a motor. Its action can be awaited for longer."""
+    """Return a valve that is driven like a motor. Its effect may take longer."""
     return BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED, on_error="retry", max_age="3 s")

@@ -1,6 +1,5 @@
-"""The twin of the batch plant: the hopper above, two reactors below it, what is in them, and every valve.
-
-The content of a vessel is a column that rises out of its base, which hides what is not there.
+"""The twin of the batch plant: the hopper above, two reactors below it, their contents, and every valve. The content of
+a vessel is a column that rises out of its base, which hides the unfilled part.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""A reactor as it really is: what is in it, how warm that is, and what has become of the batch."""
+"""A simulated reactor: its content, its temperature, and the quality of the batch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DENSITIES = (1.0, 0.9)
 VALVE_LAG, STIRRER_LAG, HEATER_LAG, THERMOMETER_LAG = 0.15, 1.0, 8.0, 4.0
 """Time constants, s."""
 DRAIN, LAST = 4.0, 0.5
-"""Flow through the drain, kg/s, and time constant with which the last of it flows, s."""
+"""Flow through the drain, kg/s, and time constant of the flow when the vessel is nearly empty, s."""
 TRACE = 0.3
 """Content below which it is empty, kg."""
 
@@ -38,12 +38,12 @@ class Vessel:
     charged: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
     """Amounts that came in since it was empty, kg."""
     held: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
-    """Longest time at the temperature and speed of each recipe since then, s."""
+    """Longest time at the temperature and speed of each recipe since it was empty, s."""
     holding: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
 
     @property
     def content(self) -> float:
-        """kg."""
+        """Mass of its content, kg."""
         return self.amounts[0] + self.amounts[1]
 
     @property
@@ -52,7 +52,7 @@ class Vessel:
         return self.amounts[0] / DENSITIES[0] + self.amounts[1] / DENSITIES[1]
 
     def move(self, *, feed: int, drain: int, stirrer: float, heater: float, dt: float) -> None:
-        """Valves, stirrer (rpm) and heater (0 to 1) follow their levels for a time in s."""
+        """Let valves, stirrer (rpm) and heater (0 to 1) follow their levels for a time in s."""
         share = valve_share(dt)
         self.feed += (feed - self.feed) * share
         self.drain += (drain - self.drain) * share
@@ -60,7 +60,7 @@ class Vessel:
         self.heat += (self.power * min(heater, 1.0) - self.heat) * dt / HEATER_LAG
 
     def charge(self, amounts: Sequence[float]) -> None:
-        """Raw materials at the temperature of the ambience come in, kg."""
+        """Add raw materials in kg, at the temperature of the ambience."""
         before = WALL + HEAT * self.content
         held, charged = self.amounts, self.charged
         for number, amount in enumerate(amounts):
@@ -70,7 +70,8 @@ class Vessel:
         self.temperature = AMBIENCE + (self.temperature - AMBIENCE) * before / after
 
     def warm(self, dt: float) -> None:
-        """The heat balance of a time in s; it counts for the recipes whose temperature and speed it has."""
+        """Compute the heat balance for a time in s, which counts for the recipes with the present temperature and
+        speed."""
         flow = self.heat - LOSS * (self.temperature - AMBIENCE)
         self.temperature += flow * dt / (WALL + HEAT * self.content)
         self.sensed += (self.temperature - self.sensed) * dt / THERMOMETER_LAG
@@ -92,7 +93,7 @@ class Vessel:
         return had >= TRACE > self.content
 
     def made(self) -> BatchRecipe | None:
-        """The recipe of which its content is a good batch."""
+        """The recipe for which its content is a good batch."""
         for recipe in BOOK.values():
             if self.deviation(recipe) <= AMOUNT_TOLERANCE and self.held[recipe.name] >= recipe.hold:
                 return recipe
@@ -103,7 +104,7 @@ class Vessel:
         return max(abs(had - wanted) for had, wanted in zip(self.charged, recipe.amounts, strict=True))
 
     def begin(self) -> None:
-        """Begin another batch: what comes in from now on belongs to it."""
+        """Begin another batch, to which all material from now on belongs."""
         self.charged = [0.0] * MATERIALS
         self.held, self.holding = dict.fromkeys(BOOK, 0.0), dict.fromkeys(BOOK, 0.0)
 
@@ -114,7 +115,8 @@ def valve_share(dt: float) -> float:
 
 
 def let_out(amounts: list[float], flow: float, dt: float) -> list[float]:
-    """Return what leaves at a flow (kg/s) in a time (s): its share of each raw material, slower when little is left."""
+    """Return the amounts of each raw material that leave at a flow (kg/s) in a time (s); the flow is slower when little
+    is left."""
     first, second = amounts
     content = first + second
     share = min(flow * dt / content, flow / (DRAIN * LAST) * dt, 1.0) if content > 0.0 else 0.0

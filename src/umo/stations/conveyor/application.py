@@ -9,7 +9,7 @@ from .control import Conveyor, Lot
 from .errors import PartsLost
 
 STANDING = (PackMLState.STOPPED, PackMLState.IDLE, PackMLState.SUSPENDED, PackMLState.ABORTED)
-"""The states in which the sorter waits for an operator; in Held it does so because he has chosen that."""
+"""The states in which the sorter waits for an operator; in Held because the operator has requested that."""
 RESTING = (*STANDING, PackMLState.COMPLETE)
 
 
@@ -22,17 +22,17 @@ async def main(
     patience: float = 60.0,
 ) -> dict[str, object]:
     """Sort parts by length: those within the tolerance stay on the belt, the others are pushed onto the chute. Returns
-    how many of each, and the lengths in mm.
+    the numbers of both, and the lengths in mm.
 
     Options:
-        parts: how many.
-        speed: of the belt, m/s.
-        nominal: length, mm.
+        parts: number of parts.
+        speed: speed of the belt, m/s.
+        nominal: nominal length, mm.
         tolerance: largest deviation of an accepted part from it, mm.
-        patience: time in which an operator must have the sorter go on after a fault, a stop, or without parts, s.
+        patience: time in s within which an operator must continue after a fault, a stop, or a lack of parts.
 
-    RangeError if the drive has no such speed, or the belt moves by more than half of the tolerance in a period: a
-    length is measured no better. PartsLost if not all parts were sorted.
+    RangeError if the drive does not have this speed, or if the belt moves by more than half of the tolerance in a
+    period, which limits the accuracy of a measured length. PartsLost if not all parts were sorted.
     """
     Range.of(m.sorter.belt.setpoint).check("speed", speed)
     step = 1000.0 * speed * m.cycle.period
@@ -48,14 +48,14 @@ async def main(
 
 
 def report(lot: Lot) -> dict[str, object]:
-    """Return what was sorted so far."""
+    """Return the results of the sorting so far."""
     accepted = sum(part.accepted for part in lot.measured)
     lengths = [round(part.length, 1) for part in lot.measured]
     return {"accepted": accepted, "rejected": lot.done - accepted, "lengths_mm": lengths}
 
 
 async def start(m: Conveyor) -> None:
-    """Reset and start the sorter, as an operator would. What refuses that is left to an operator."""
+    """Reset and start the sorter, as an operator would. If that is refused, the operator must act."""
     unit = m.sorter.unit
     try:
         unit.reset()

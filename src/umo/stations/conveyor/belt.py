@@ -1,4 +1,4 @@
-"""The belt of the conveyor, and what its light barriers see."""
+"""The belt of the conveyor, and its light barriers."""
 
 from __future__ import annotations
 

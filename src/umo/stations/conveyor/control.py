@@ -36,10 +36,9 @@ class Lot:
 
 
 class Sorting(PackML):
-    """Sorts the parts of its lot, and is complete then. Without parts, or with a full bin, it suspends itself.
-
-    While it is held or suspended, the belt stands, and its parts stay known. After a stop or a fault they are not
-    known."""
+    """Sorts the parts of its lot, and then is complete. Without parts, or with a full bin, it suspends itself. While it
+    is held or suspended, the belt stands still, and the positions of the parts remain known. After a stop or a fault
+    they are not known."""
 
     part: Sorter
 
@@ -92,7 +91,7 @@ class Sorter(
     bin at the end of the chute."""
 
     bin_capacity: Annotated[int, Number(minimum=1, maximum=100_000, tunable=True)] = 200
-    """Number of parts in the reject bin with which it is full; those that are on the belt then must fit in, too."""
+    """Number of parts with which the reject bin counts as full; the parts then on the belt must still fit in."""
 
     def setup(self) -> None:
         super().setup()
@@ -124,7 +123,7 @@ class Sorter(
 
     @action(harmless=True)
     def bin_emptied(self) -> None:
-        """The reject bin was emptied."""
+        """Note that the reject bin was emptied."""
         self.in_bin = 0
 
     def accepts(self, length: float) -> bool:

@@ -1,4 +1,4 @@
-"""The 8 objects of the conveyor. How they group and act is in `control.py`."""
+"""The 8 objects of the conveyor. Their groups and their control are in `control.py`."""
 
 from umo import BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
 from umo.states import OnOff, OpenClosed

@@ -36,7 +36,7 @@ CHANNELS |= {text: Channel(text, Direction.INPUT, bits, signed=bits == 16) for t
 
 @dataclass(eq=False)
 class Workpiece:
-    """A part as it really is, in mm."""
+    """A simulated part, with lengths in mm."""
 
     length: float
     good: bool
@@ -54,11 +54,11 @@ class Plant(Driver, Reports):
 
     Options:
         seed: decides the lengths of the parts and the gaps between them.
-        parts: how many come.
-        nominal: length, mm.
-        tolerance: in mm.
-        faults: what fails.
-        fault_at: from when on, s.
+        parts: number of parts.
+        nominal: nominal length, mm.
+        tolerance: tolerance of the length, mm.
+        faults: kinds of failures.
+        fault_at: beginning of the failures, s.
     """
 
     simulates_time = True
@@ -180,8 +180,8 @@ class Plant(Driver, Reports):
         return False
 
     def report(self) -> dict[str, Any]:
-        """The parts delivered to the end of the belt or the chute, how many of them wrongly, and the largest deviation
-        of an accepted part from the nominal length."""
+        """The parts delivered to the end of the belt or the chute, the number of wrongly sorted ones, and the largest
+        deviation of an accepted part from the nominal length."""
         return {
             "parts_delivered": len(self.accepted) + len(self.rejected),
             "wrongly_sorted": sum(not item.good for item in self.accepted) + sum(item.good for item in self.rejected),

@@ -1,7 +1,7 @@
 """The tracking of parts: they are measured at the entry barrier, expected at the exit barrier, and sorted.
 
 Everything is measured in mm of belt travel, the integral of the belt's actual speed, and not in time. So nothing
-depends on the speed, and it may change at any moment, also in the middle of a part.
+depends on the speed, which may change at any moment, even in the middle of a part.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
     window: Annotated[float, Number("mm", 1.0, 100.0, tunable=True)] = 20.0
     """Distance that a part may slip on the belt from one barrier to the other, mm."""
     push_time: Annotated[float, Number("s", 0.01, 0.2, tunable=True)] = 0.05
-    """Time from the command to the diverter until it reaches a part, s."""
+    """Time from the command until the diverter reaches a part, s."""
 
     def setup(self) -> None:
         self._tasks: list[Task] = []  # those that watch; none: where the parts are is not known
@@ -75,7 +75,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         raise NotImplementedError
 
     def passed(self, part: Part) -> None:
-        """A part has passed the diverter."""
+        """Note that a part has passed the diverter."""
 
     def control(self) -> None:
         if (barriers := (covered(self.entry), covered(self.exit))) != self._barriers:
@@ -86,7 +86,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self._unwatched_from = self.belt.position, self._edges
 
     async def on_resume(self) -> None:
-        """PartMissing if parts cannot be where they are taken to be."""
+        """Called before the belt runs again. PartMissing if parts cannot be at their assumed positions."""
         position, edges = self._unwatched_from
         moved = self.belt.position - position
         if self.tracked and (self._edges != edges or (moved > self.window and self.on_belt)):
@@ -96,7 +96,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     @property
     def tracked(self) -> bool:
-        """True if it is known where the parts are."""
+        """True if the positions of the parts are known."""
         return any(not task.done for task in self._tasks)
 
     @property
@@ -106,12 +106,12 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     @property
     def starved(self) -> bool:
-        """True if no part is on the belt, and none came on `distance` and `spacing` of it."""
+        """True if no part is on the belt, and none came while it moved by `distance` plus `spacing`."""
         return self.belt.position > self.fed_at + self.distance + self.spacing and not self.on_belt
 
     def track(self) -> None:
-        """Measure, track and sort parts from now on, unless that is under way. Parts that lie on the belt at the
-        beginning were not measured: they are pushed onto the chute."""
+        """Measure, track and sort parts from now on, unless that is already being done. Parts that lie on the belt at
+        the beginning were not measured: they are pushed onto the chute."""
         self.fed_at = self.belt.position
         if not self.tracked:
             self._between.clear()
@@ -174,7 +174,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     @action
     async def push(self) -> None:
-        """Push whatever is before the diverter onto the chute."""
+        """Push anything in front of the diverter onto the chute."""
         await self._push(wait(1.5 * self.push_time))
 
     async def _push(self, time: Coroutine[Any, Any, None]) -> None:

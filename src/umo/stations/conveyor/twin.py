@@ -1,4 +1,4 @@
-"""The twin of the conveyor: parts on the belt as the entry barrier saw them, barriers, diverter and lamps.
+"""The twin of the conveyor: parts on the belt as detected by the entry barrier, barriers, diverter and lamps.
 
 Places along x are those of `tracking.Tracking`, from the entry barrier, in m. A part that the diverter pushes off is
 drawn up to the diverter, because no object shows which part it was.

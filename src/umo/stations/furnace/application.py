@@ -1,4 +1,4 @@
-"""Heat the tunnel to its profile of temperatures, keep it, report."""
+"""Heats the tunnel to its profile of temperatures, keeps it, and reports."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ async def main(m: Furnace, peak: float = 850.0, soak: float = 120.0, ramp: float
     Options:
         peak: highest temperature of the profile, degC.
         soak: time for which it is kept, s.
-        ramp: K/s.
+        ramp: rate of heating, K/s.
     """
     await m.heat_up(peak, ramp)
     await m.soak(soak)

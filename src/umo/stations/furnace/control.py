@@ -81,13 +81,13 @@ class Furnace(
     tolerance: Annotated[float, Number("K", 1.0, 20.0, tunable=True)] = 5.0
     """Distance from its set temperature within which a zone has arrived, K."""
     following_error: Annotated[float, Number("K", 20.0, 200.0, tunable=True)] = 60.0
-    """Distance below its setpoint from which on a zone does not heat, K."""
+    """Distance below its setpoint from which on a zone counts as not heating, K."""
     margin: float = 25.0
-    """Distance above its limit from which on a zone cannot be switched off, K."""
+    """Distance above its limit from which on a zone counts as impossible to switch off, K."""
     frozen_after: int = 300
-    """Equal readings in a row after which a converter stands still: it has noise when it works."""
+    """Number of equal readings in a row after which a converter counts as frozen, because a working one has noise."""
     most_faulted: float = 0.1
-    """Share of the zones that may be faulted; one of several may be in any case."""
+    """Largest share of the zones that may be faulted; one of several zones may always be."""
 
     def setup(self) -> None:
         self.heaters = Vector(zone.heater for zone in self.zones)
@@ -150,13 +150,13 @@ class Furnace(
             raise TooManyFaults(f"{self.faulted_zones} of {len(self.zones)} zones are faulted: {_named(self.faulted)}")
 
     def say(self, phase: str, done: int | None = None) -> None:
-        """Report the phase, and which zones are faulted."""
+        """Report the phase, and the faulted zones."""
         self.phase = phase
         self.cycle.progress(phase + (f", {_named(self.faulted)} faulted" if self.faulted_zones else ""), done, 2)
 
     @property
     def hottest(self) -> float:
-        """The highest temperature that `heat_up` takes, degC."""
+        """The highest temperature that `heat_up` accepts, degC."""
         return float(self.limits.min()) - self.margin
 
     @action(peak=lambda furnace: Range("degC", 100.0, furnace.hottest), ramp=Range("K/s", 0.1, 4.0))
@@ -186,15 +186,15 @@ class Furnace(
 
     @action
     def switch_off(self) -> None:
-        """Heaters off: the furnace cools down."""
+        """Switch the heaters off, so that the furnace cools down."""
         self.ramp = 0.0
         for _, zone in self.with_laws:
             zone.heats = False
         self.heaters.write(0.0)
 
     def results(self) -> dict[str, Any]:
-        """Results of the soak: how many zones were good, which were not, the largest error of each (K; None:
-        faulted)."""
+        """Return the results of the soak: the number of good zones, the other zones, and the largest error of each zone
+        (K; None for a faulted zone)."""
         errors = [None if bad else round(float(e), 1) for e, bad in zip(self.soak_errors, self.faulted, strict=True)]
         good = int(((self.soak_errors <= self.tolerance) & ~self.faulted).sum())
         return {"zones_good": good, "zones_faulted": _named(self.faulted) or "none", "soak_errors_K": errors[:1000]}

@@ -12,9 +12,8 @@ MAX_ZONES = 5000
 def machine(zones: int = 40, laws: int = 0) -> Furnace:
     """A tunnel of zones.
 
-    Options:
-        zones: how many, 1 to 5,000.
-        laws: this number of zones, from the first on, have laws of their own, and may run on controllers.
+    Options: zones: number of zones, 1 to 5,000. laws: number of zones, from the first on, that have laws of their own
+    and may run on controllers.
     """
     if not 1 <= zones <= MAX_ZONES:
         raise DeclarationError(f"a tunnel has 1 to {MAX_ZONES} zones, not {zones}")
@@ -27,7 +26,7 @@ def machine(zones: int = 40, laws: int = 0) -> Furnace:
 
 
 def zone(kind: type[Zone] = Zone) -> Zone:
-    """Heater off and fan on are the safe values."""
+    """Make a zone. Its safe values are heater off and fan on."""
     return kind(
         heater=DigitalActuator("percent", default=0.0, minimum=0.0, maximum=100.0, resolution=0.1),
         fan=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.ON),

@@ -7,7 +7,7 @@
 | thermocouple:N | input, 16 signed | type K, 2 uV a count, referred to 0 degC; 32767 = open circuit |
 | tick | input, 31 | the timer: lets one period pass, returns how many were missed |
 
-The tunnel has as many zones as the wiring asks for. Each has 2 kJ/K, a heater of 16 kW, 8 W/K to the ambience of 25
+The tunnel has as many zones as the wiring requires. Each has 2 kJ/K, a heater of 16 kW, 8 W/K to the ambience of 25
 degC, 4 W/K more with its fan, and 2 W/K to each neighbour; its thermocouple follows with 1.5 s. The time constant of a
 zone is about 3 minutes. `seed` decides the spread: power +-5 %, losses +-10 %, 20 to 30 degC at the start.
 """
@@ -34,8 +34,8 @@ KINDS = {"heater": (OUT, 16, False), "fan": (OUT, 1, False), "thermocouple": (IN
 HEATER, FAN, THERMOCOUPLE, TICK = range(4)
 FORMS = ("heater:N", "fan:N", "thermocouple:N", "tick")
 FAULTS = ("broken-thermocouple", "loose-thermocouple", "shorted-thermocouple", "stuck-heater", "dead-heater")
-"""Faults of a zone, `KIND:ZONE` or `KIND:ZONE@SECONDS`, 60 s after the start by default: an open circuit; one for 1 s
-in every 5 s; it reads the ambience; full power whatever the duty; no power."""
+"""Faults of a zone, `KIND:ZONE` or `KIND:ZONE@SECONDS`, 60 s after the start by default: an open circuit; an open
+circuit for 1 s in every 5 s; the thermocouple reads the ambience; full power regardless of the duty; no power."""
 CAPACITY, POWER, LOSS, FAN_LOSS, CONDUCTION = 2000.0, 16_000.0, 8.0, 4.0, 2.0
 AMBIENCE, LAG, MAX_STEP = 25.0, 1.5, 0.1
 OPEN, VOLTS, TYPE_K = 0x7FFF, 0.002, Thermocouple("K")
@@ -52,7 +52,7 @@ class Plant(Driver[FurnaceChannel], Reports):
 
     Options:
         seed: decides the spread of the zones.
-        faults: what fails, KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
+        faults: the failures, as KIND:ZONE or KIND:ZONE@SECONDS, such as stuck-heater:3@90.
     """
 
     simulates_time = True
@@ -63,7 +63,7 @@ class Plant(Driver[FurnaceChannel], Reports):
         self._count = 0
         self._places: dict[int, tuple[Sequence[FurnaceChannel], IntArray]] = {}
         self.temperatures = np.zeros(0)
-        """The truth, degC."""
+        """The actual temperatures, degC."""
 
     # The five functions -------------------------------------------------------------------------
 
@@ -169,7 +169,8 @@ class Plant(Driver[FurnaceChannel], Reports):
     # Truth, for tests and observers -------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """Highest temperature so far, the range of the last ones, energy: of the model, not of the thermocouples."""
+        """Return the highest temperature so far, the range of the present ones, and the energy, all from the model and
+        not from the thermocouples."""
         last = [round(float(end), 1) for end in (self.temperatures.min(), self.temperatures.max())]
         highest, energy = round(self._highest, 1), round(self._energy / 3.6e6, 1)
         return {"highest_degC": highest, "last_degC": last, "energy_kWh": energy}
@@ -186,7 +187,9 @@ def _fault(text: str) -> tuple[str, int, float]:
     """Kind, zone, and the time in s from which on."""
     kind, found = text.partition(":")[0], re.fullmatch(r"[a-z-]+:(\d+)(?:@(\d+(?:\.\d+)?))?", text)
     if kind not in FAULTS:
-        raise WiringError(f"no fault {kind!r}{did_you_mean(kind, FAULTS)}; the faults are: {', '.join(FAULTS)}")
+        raise WiringError(
+            f"there is no fault {kind!r}{did_you_mean(kind, FAULTS)}; the faults are: {', '.join(FAULTS)}"
+        )
     if found is None:
         raise WiringError(f"fault {text!r} is not KIND:ZONE or KIND:ZONE@SECONDS, such as {kind}:7@90")
     return kind, int(found[1]), float(found[2] or 60.0)

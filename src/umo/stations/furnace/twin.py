@@ -11,7 +11,7 @@ GLOW: Mapping[float, str] = {
 }  # fmt: skip
 """Colours of a zone by its temperature, degC."""
 ROW = 20
-"""Zones in a row."""
+"""Number of zones in a row."""
 WIDTH, DEPTH, HEIGHT, GAP = 0.22, 0.6, 0.4, 0.02
 """Size of a zone and space to the next, m."""
 

@@ -1,13 +1,14 @@
-"""Pick parts, turn each by 90 degrees, place them."""
+"""Picks parts, turns each by 90 degrees, and places them."""
 
 from .control import Manipulator
 
 
 async def main(m: Manipulator, parts: int = 3, start: float = -45.0, turn: float = 90.0) -> dict[str, int] | None:
-    """Home, then serve the parts: pick, turn, place. Returns how many were placed without the puff of pressure, if any.
+    """Home, then serve the parts: pick, turn, place. Returns the number of parts placed without the puff of pressure,
+    if any.
 
     Options:
-        parts: how many.
+        parts: number of parts.
         start: angle at which they are picked, deg.
         turn: angle by which they are turned, deg.
     """

@@ -8,8 +8,8 @@ from umo.states import EnableDisable, UpDown
 
 
 class ZAxis(ServoAxis):
-    """Moves in um; positive is up. The wired counter's preset stands for `index`. The gains are those of the 12-bit DAC
-    and its amplifier, measured on the plant (docs/ztheta.md)."""
+    """Moves in um; positive is up. The preset of the wired counter corresponds to `index`. The gains are those of the
+    12-bit DAC and its amplifier, measured on the plant (docs/ztheta.md)."""
 
     encoder_zero: BinaryActuator[EnableDisable]
     index: float = 121_999.4
@@ -45,7 +45,7 @@ class ZAxis(ServoAxis):
 
 
 class StepOutput(BinaryActuator[UpDown]):
-    """The step signal: `step` sends one (the paper's section 5.4: one step is a member of T_Motor_Step_Output)."""
+    """The step signal: `step` sends one step (the paper's section 5.4: one step is a member of T_Motor_Step_Output)."""
 
     __slots__ = ()
 

@@ -1,4 +1,4 @@
-"""The compound objects of the z-theta manipulator and how they act (the paper's Listing 6 and section 5.4).
+"""The compound objects of the z-theta manipulator and their control (the paper's Listing 6 and section 5.4).
 
 Each control function is a member of the object that it belongs to; the axes are in `axes.py`.
 """
@@ -39,7 +39,7 @@ class Counterweight(Compound):
 
 
 class Gripper(Compound, when_suspended="hold"):
-    """A suction cup: PASS of the pressure switch proves that it holds a part. It holds it in manual mode too."""
+    """A suction cup: PASS of the pressure switch proves that it holds a part. It also holds the part in manual mode."""
 
     vacuum: BinaryActuator[OnOff]
     pressure: BinarySensor[PassFail]
@@ -83,7 +83,7 @@ class Gripper(Compound, when_suspended="hold"):
 
     @action
     def release(self) -> None:
-        """Vacuum off."""
+        """Switch the vacuum off."""
         self.holding = False
         self.vacuum.write(OnOff.OFF)
 
@@ -93,7 +93,7 @@ class Manipulator(
     stop_order=("z.motor", "theta", "counterweight", "pressure_solenoid", "z", "gripper"),
     max_period="10 ms",
 ):
-    """The overhead manipulator. Heights are of the z encoder, um."""
+    """The overhead manipulator. Heights are readings of the z encoder, um."""
 
     z: ZAxis
     theta: ThetaAxis
@@ -104,7 +104,7 @@ class Manipulator(
     pick_height: Annotated[float, Number("um", 55_000.0, 65_000.0, tunable=True)] = 59_800.0
     """Height at which the cup presses a part that lies on the courier."""
     clearance: Annotated[float, Number("um", 1_000.0, 10_000.0, tunable=True)] = 4_000.0
-    """Distance above `pick_height` in which the arm goes slowly."""
+    """Distance above `pick_height` in which the arm moves slowly."""
     touch_speed: Annotated[float, Number("um/s", 1_000.0, 20_000.0, tunable=True)] = 10_000.0
     """Speed near a part, um per s."""
     turn_height: Annotated[float, Number("um", 70_000.0, 120_000.0, tunable=True)] = 80_000.0
@@ -123,20 +123,20 @@ class Manipulator(
 
     @action
     async def home(self) -> None:
-        """Carry the arm, then find both axes' references."""
+        """Fill the counterbalance so that it carries the arm, then find the references of both axes."""
         await self.counterweight.carry()
         await together(self.z.home(), self.theta.home())
 
     @action(angle=lambda m: Range.of(m.theta.encoder))
     async def ready(self, angle: float) -> None:
-        """Up, out of the courier's way, and turned to where parts are picked."""
+        """Raise the arm out of the courier's way, and turn it to where parts are picked."""
         self.theta.check_target(angle)
         await self.z.move_to(self.transit_height)
         await together(self.theta.move_to(angle), wait(self.courier_time))
 
     @action
     async def pick(self) -> None:
-        """Grip the part under the cup and lift it; one retry, then GripError."""
+        """Grip the part under the cup and lift it; after one retry, raise GripError."""
         if not (await self._try_grip() or await self._try_grip()):
             raise GripError("no part was gripped in 2 tries: none is under the cup, or the cup leaks")
         await self.z.move_to(self.turn_height)

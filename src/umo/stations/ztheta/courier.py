@@ -1,8 +1,7 @@
-"""The courier of the plant, and the plant's own report on what became of the parts.
-
-Control sees neither. The courier brings one part after another under the cup; a part is taken away once it has
-been lifted by the cup, released, lies still, and z is above `CLEAR_UM`. The first one comes when z has risen
-above `CLEAR_UM` for the first time, so that homing over the low stop meets no part.
+"""The courier of the plant, and the plant's own report on each part. The control code sees neither. The courier brings
+one part after another under the cup; a part is taken away once it has been lifted by the cup, released, lies still, and
+z is above `CLEAR_UM`. The first one comes when z has risen above `CLEAR_UM` for the first time, so that homing over the
+low stop does not hit a part.
 """
 
 from __future__ import annotations
@@ -24,15 +23,15 @@ QUIET = 0.05
 STILL_UM = 5.0
 """Motion in one physics step below which a part lies still, um."""
 LIFT_UM = 5_000.0
-"""Rise from which on a part counts as lifted, um."""
+"""Smallest rise at which a part counts as lifted, um."""
 TOLERANCE_UM = 200.0
-"""Largest distance of the centre of a placed part from where it ought to be, and of its height, um."""
+"""Largest distance between the centre of a placed part and its target, and largest error of its height, um."""
 TOLERANCE_DEG = 1.0
 """Largest error of the yaw of a placed part, deg."""
 
 
 class Pose(NamedTuple):
-    """A part on the courier, seen from above, the theta axis at the origin.
+    """A part on the courier, seen from above, with the theta axis at the origin.
 
     x to the right and y to the back, um; yaw clockwise (as positive theta), deg; height of the centre, um.
     """
@@ -92,7 +91,7 @@ class _Part:
 
 
 class Courier:
-    """The courier: its intended position, and what it saw. Positions in m along its track.
+    """The courier: its target position, and the parts that it has observed. Positions are in m along its track.
 
     `stops` are its positions with each part under the cup, `look` gives the true pose of a part."""
 
@@ -116,7 +115,7 @@ class Courier:
 
     @property
     def lifted(self) -> bool:
-        """The current part has been lifted by the cup."""
+        """Report that the current part has been lifted by the cup."""
         return self.present and self._parts[self.current].lifted
 
     def stop(self, part: int) -> float:
@@ -149,7 +148,7 @@ class Courier:
         return self._to
 
     def watch(self, height: float, *, z_um: float, held: bool) -> None:
-        """See how high the current part's centre is, um; once a physics step while a part is present."""
+        """Observe the height of the current part's centre, um; called once a physics step while a part is present."""
         part = self._parts[self.current]
         if part.start is None:
             part.start = self._look(self.current)

@@ -37,7 +37,8 @@ class EncoderCounter:
         self.raw = 0
 
     def follow(self, position: float, index_enabled: int) -> None:
-        """Count to the position; the index is passed if its line lies between the last one and this one."""
+        """Count up or down to the position; the index is passed if its line lies between the last position and this
+        one."""
         line = math.floor((position - self._origin) / self._resolution)
         if self.dead:
             return
@@ -65,7 +66,8 @@ class StepDrive:
         self._field = round(rotor / angle) * angle
 
     def torque(self, steps: int, rotor: float) -> float:
-        """Torque on the rotor (at `rotor` rad) in N m after that many more steps; positive turns theta up."""
+        """Torque in N m on the rotor (at the angle `rotor`, rad) after this number of further steps; positive turns
+        theta up."""
         self._field += steps * self._angle
         return self.TORQUE * math.sin(self.TEETH * (self._field - rotor))
 
@@ -117,7 +119,8 @@ class SuctionCup:
     AREA = math.pi * 0.005**2
     """Area within the lip, m2."""
     BUILD, BLEED, VENT = 0.020, 0.150, 0.003
-    """Time constants, s: valve on; off and sealed without the release puff; with the puff or not sealed."""
+    """Time constants, s: with the valve on; with the valve off and the seal kept, without the release puff; with the
+    puff or without a seal."""
 
     def __init__(self, *, leaky: bool = False) -> None:
         self.vacuum = 0.0

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # type: ignore[attr-defined]
-"""Flags of MuJoCo: no search for contacts, and none for the contact of the cup."""
+"""Flags of MuJoCo: no search for contacts at all, and no search for the contacts of the cup."""
 NEAR_UM = 65_000.0
 """Height of the cup's tip below which the part under it is awake, um. The part's top stands at 60 mm."""
 STILL = 1e-3
@@ -47,7 +47,7 @@ class Parts:
         self._riders = np.array(self.places, np.int64)
 
     def ride(self, distance: float) -> None:
-        """The courier has moved by this distance in m."""
+        """Move the sleeping parts with the courier, by this distance in m."""
         self._qpos[self._riders] += distance
 
     def watch(self, current: int, z_um: float, held: bool) -> None:

@@ -25,7 +25,7 @@ NOMINAL = 60_200.0
 PITCH = 0.05
 """Distance between two parts on the courier, m."""
 SCATTER, SCATTER_DEG = 0.0025, 5.0
-"""Distance from its place at which a part may start: m in x and y, deg of yaw."""
+"""Largest distance from its nominal place at which a part may start: m in x and y, deg of yaw."""
 COLOURS = ((0.84, 0.20, 0.18, 1.0), (0.20, 0.62, 0.30, 1.0), (0.16, 0.38, 0.80, 1.0))
 
 
@@ -85,7 +85,7 @@ class Physics:
         return cylinder
 
     def power_up(self) -> None:
-        """The circuits are switched on: counts are 0, the drive holds the rotor where it is."""
+        """Switch the circuits on: counts are 0, the drive holds the rotor where it is."""
         self.z_counter.power_up(self.z_um)
         self.theta_counter.power_up(self.theta_deg)
         self.drive = StepDrive(math.radians(self.theta_deg))
@@ -101,7 +101,7 @@ class Physics:
         return math.degrees(self._qpos[self._theta])
 
     def pose(self, part: int) -> Pose:
-        """Pose of the part, in the courier's frame at its stop."""
+        """Pose of the part when the courier stands at the stop of this part."""
         start = self.parts.places[part]
         x, y, z, qw, qx, qy, qz = self._qpos[start : start + 7].tolist()
         x -= float(self._qpos[self._courier_x]) - self.courier.stop(part)
@@ -120,7 +120,8 @@ class Physics:
         vacuum: int,
         puff: int,
     ) -> None:
-        """Advance everything by 1 ms under these levels; `steps` were sent to theta since the last one."""
+        """Advance everything by 1 ms under these levels; `steps` is the number of steps sent to theta since the last
+        physics step."""
         qpos, courier, gripper = self._qpos, self.courier, self.gripper
         z_um = qpos[self._z] * 1e6
         theta = qpos[self._theta]

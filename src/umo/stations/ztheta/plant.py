@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 Breakage = Literal[
     "no-part", "leaky-cup", "stalled-theta", "dead-z-encoder", "dead-theta-encoder", "no-courier", "dropped-part"
 ]
-"""The courier comes empty; the cup never builds its vacuum; the rotor is blocked; a count is frozen; no courier
-comes; the seal breaks while a lifted part is turned."""
+"""Faults of the plant: the courier comes empty; the cup never builds its vacuum; the rotor is blocked; a count is
+frozen; no courier comes; the seal breaks while a lifted part is turned."""
 MAX_PARTS = 6
 
 
@@ -122,7 +122,7 @@ class Plant(Driver[PlantChannel], Reports):
             self._drive = None
 
     def read(self, channel: PlantChannel) -> int:
-        """The level of an input; of an output, DriverError. Reading `tick` lets one period pass."""
+        """Return the level of an input. Raises DriverError for an output. Reading `tick` lets one period pass."""
         index = channel.index
         if index < INPUTS:
             raise DriverError(f"{channel.text} is an output and cannot be read")
@@ -204,7 +204,7 @@ class Plant(Driver[PlantChannel], Reports):
         return Physics(seed=self._seed, parts=self._parts, preset=self._preset, faults=self._faults)
 
     def advance(self, periods: int = 1) -> None:
-        """Simulate a number of periods with the present levels; also after `close`."""
+        """Simulate a number of periods with the present levels; also possible after `close`."""
         physics = self._opened()
         dac, pwm, _, _, z_index, theta_index, valve, vacuum, puff = self._levels[:INPUTS]
         steps, self._pulses = self._pulses, 0
@@ -250,7 +250,7 @@ class Plant(Driver[PlantChannel], Reports):
         return self._opened().courier.report()
 
     def report(self) -> dict[str, Any]:
-        """Return how many parts were placed, and the largest errors of those (um, deg)."""
+        """Return how many parts were placed, and their largest errors (um, deg)."""
         parts = self.truth().parts
         return {
             "parts_placed": sum(part.placed for part in parts),

@@ -11,7 +11,7 @@ OFF, ON, PUFF = "#3a4048", "#2ea043", "#1f9cf0"
 
 def twin(machine: Manipulator) -> Twin:
     """z counts the height of the cup's tip in um, theta is positive clockwise seen from above, as the model's joints
-    are. Where the courier and its parts are, no object of the machine knows."""
+    are. No object of the machine knows where the courier and its parts are."""
     model = files("umo.stations.ztheta").joinpath("plant.xml").read_text("utf-8")
     return Twin.from_mujoco(model, joints={"z": "z.encoder", "theta": "theta.encoder"}, more=[
         Body(

@@ -23,7 +23,8 @@ T = TypeVar("T")
 MAX_PAIRS = 30
 """Pairs of channels that are tried as blocks, in each of their orders."""
 LOOK_INTERVAL = 0.01
-"""Time in s until the second look at a channel, doubled each time: a driver that is told its values keeps them."""
+"""Time in s until the second look at a channel, doubled each time: a driver that receives its values without a request
+keeps them."""
 LOOKS = 5
 """Looks at a channel until it has stood still for one of them."""
 FEWEST_BLOCKS = 4
@@ -31,17 +32,19 @@ FEWEST_BLOCKS = 4
 MAX_TURNS = 16
 """Blocks that are read one after the other, each in some orders."""
 SINGLE_EACH = 4
-"""Blocks after which a channel is read alone."""
+"""Number of blocks after which a channel is read alone."""
 TURNS, FEWEST_TURNS = 9, 4
-"""Times that a few writes follow one another; that are tried at any rate, also of readings."""
+"""Times that a few writes follow one another; and times that are tried in any case, also of readings."""
 MAX_REFUSED = 2
-"""Channels that the device refuses, of each direction: the failure of one must not be told of the other."""
+"""Largest number of refused channels that are tried in each direction: the failure of one must not be reported for
+another."""
 PATTERNS = 8
 """Patterns of levels beside those in which one output alone is not at its default."""
 
 
 def orders(texts: Sequence[T]) -> list[tuple[T, ...]]:
-    """Blocks of some channels: all in several orders, halves, all pairs as far as they are few, each alone."""
+    """Return blocks of some channels: all of them in several orders, halves, all pairs if they are few, and each
+    channel alone."""
     whole = tuple(texts)
     half = len(whole) // 2
     found = [whole, whole[::-1], whole[1:] + whole[:1], whole[:half], whole[half:], whole[::2], whole[1::2]]
@@ -51,7 +54,8 @@ def orders(texts: Sequence[T]) -> list[tuple[T, ...]]:
 
 
 def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
-    """Levels of the outputs, in the order of these: all differ as far as they can; one alone beside its default."""
+    """Return levels of the outputs, in the order of the outputs: first all different if possible, then only one at
+    another level than its default."""
     for shift in range(PATTERNS):
         yield [output.other(number + 5 * shift) for number, output in enumerate(outputs)]
         if shift < len(outputs):

@@ -1,4 +1,4 @@
-"""The time budget of a run: what the rules will take, and who may take more of it."""
+"""The time budget of a run: how long the rules will take, and which of them may take longer."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ SAFETY_FACTOR = 1.15
 LONG_RUN_TRANSFERS = 70_000
 """Transfers of the long run: more than a number of 16 bits has."""
 SPARE_SHARE = 0.3
-"""Share of the time to spare that a rule gets which can use it."""
+"""Share of the spare time for a rule that can use it."""
 SPARE_SHARES = {"long run": 0.9, "memory": 0.5}
-"""Shares of the last rules."""
+"""Shares of the spare time for the last rules."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class CallTime:
     """Time to wait for a timeout."""
     channels: int = 1
     connecting: float = 0.0
-    """Time that a call takes longer, as it connects again."""
+    """Additional time of a call that connects again."""
     settling: float = 0.0
     """Time that the levels of all loop-backs take."""
     watchdog: float = 0.0
     """Time of the device's own watchdog."""
 
     def of(self, cost: Cost) -> float:
-        """The time of a rule with this cost, at least."""
+        """Return the least time of a rule with this cost."""
         transfers = (cost.calls + cost.each * self.channels) * self.transfer
         measured = cost.opens * self.opening + transfers + cost.connects * self.connecting
         known = cost.waits * self.wait + cost.settles * self.settling + cost.watchdogs * self.watchdog + cost.sleeps
@@ -56,9 +56,9 @@ class TimePlan:
     budget: float
     """Time in s that it may still take, after the few calls that were measured."""
     least: dict[str, float]
-    """Time in s of each rule at least."""
+    """Least time in s of each rule."""
     shown: dict[str, float]
-    """Time in s of each rule with all that it can use."""
+    """Time in s of each rule with all its optional parts."""
 
     @property
     def full(self) -> float:
@@ -66,7 +66,7 @@ class TimePlan:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Rules that will not fit, as far as this is known: each that does not with those before it."""
+        """Rules that will not fit into the time, as far as this is known in advance."""
         total, out = 0.0, []
         for rule, seconds in self.least.items():
             if total + seconds > self.budget:
@@ -90,7 +90,7 @@ class TimePlan:
 
 
 class Budget:
-    """The time that is left, for the rule that is tried now."""
+    """The remaining time for the rule that is tried now."""
 
     def __init__(self, seconds: float, rules: Sequence[Rule], clock: Callable[[], float] = monotonic) -> None:
         self.clock = clock
@@ -109,8 +109,8 @@ class Budget:
         """Parts of rules that were left out, as text."""
 
     def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
-        """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use. `line`: whether there
-        is one between driver and device."""
+        """Make the plan of the run, which counts from now on. `cycles`: cycles of the long run; None means as many as
+        it can use. `line`: whether there is a line between driver and device that the kit can disturb."""
         transfer, shown = pace.transfer * SAFETY_FACTOR, {}
         for rule in self._rules:
             cost = rule.cost if line or rule.theme not in LINE else NOTHING
@@ -130,8 +130,9 @@ class Budget:
         return self._end - self.clock() - self._kept
 
     def begin(self, rule: Rule) -> bool:
-        """Return True if the rule fits; then `more` refers to it. A promised rule also fits if those before took a
-        little longer; any other one only if it takes no time from promised ones after it."""
+        """Return True if the rule fitsinto the remaining time; then `more` refers to this rule. A rule that the plan
+        has promised also fits if earlier rules took a little longer; any other rule fits only if the promised rules
+        after it keep their time."""
         left, least = self._left, self._least[rule.id]
         behind = [each.id for each in self._rules[self._rules.index(rule) + 1 :]]
         promised = sum(self._least[each] for each in behind if each not in self._unpromised)

@@ -35,7 +35,7 @@ STYLES = {Judgement.PASSED: "green", Judgement.FAILED: "bold red", Judgement.NOT
 
 @dataclass(frozen=True)
 class Finding:
-    """The verdict on one rule. `why`: what is broken, why it was not tried, or a remark."""
+    """The verdict on one rule. `why`: the fault, the reason why it was not tried, or a remark."""
 
     rule: str
     text: str
@@ -50,7 +50,7 @@ def time_text(seconds: float) -> str:
 
 
 def edition() -> dict[str, Any]:
-    """Return when and with what a certificate is made: its fields `date`, `versions` and `platform`."""
+    """Return the date, versions and platform of a certificate: its fields `date`, `versions` and `platform`."""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "versions": {"umo": umo_version(), "Python": platform.python_version()},
@@ -69,8 +69,8 @@ class TransferTime:
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """Findings of the kit. `str` is a table, `repr` a line, what is broken first. It holds no paths or names of the
-    computer, except those of `devices`."""
+    """The findings of the kit. `str` gives a table, `repr` one line; broken rules come first. It holds no paths or
+    names of the computer, except those of `devices`."""
 
     name: str
     driver: str
@@ -81,7 +81,7 @@ class Certificate:
     findings: tuple[Finding, ...]
     times: dict[str, TransferTime] = field(default_factory=dict)
     unreached: tuple[str, ...] = ()
-    """Outputs that could not be brought to their defaults at the end."""
+    """Outputs that could not be brought to their defaults at the end of the run."""
     left_out: tuple[str, ...] = ()
     """Parts that did not fit into the time."""
     date: str = ""
@@ -90,7 +90,7 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """No rule failed, at least one passed, and the outputs are at their defaults."""
+        """True if no rule failed, at least one passed, and the outputs are at their defaults."""
         return (
             not self.failed and not self.unreached and any(each.verdict is Judgement.PASSED for each in self.findings)
         )
@@ -107,7 +107,7 @@ class Certificate:
 
     @property
     def whole(self) -> bool:
-        """Passed, with a disturbed line, and nothing was left out for want of time."""
+        """True if the driver passed, the line was disturbed, and no part was left out for lack of time."""
         return self.passed and self.line_tried and not self.left_out
 
     @property
@@ -119,7 +119,7 @@ class Certificate:
         return f"passed{in_brackets(*gaps)}"
 
     def finding(self, rule: str) -> Finding:
-        """The finding on this rule; KeyError if it was not chosen."""
+        """The finding on this rule. Raises KeyError if the rule was not chosen."""
         return {each.rule: each for each in self.findings}[rule]
 
     @property

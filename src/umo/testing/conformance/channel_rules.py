@@ -1,4 +1,4 @@
-"""Rules of what a driver says before it is opened."""
+"""Rules of the answers that a driver gives before it is opened."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ LAST_NUMBER = re.compile(r"([0-9]+)(?!.*[0-9])")
 
 @rule(Cost(opens=1))
 def channels(context: RuleContext) -> None:
-    """A channel's text means one channel with fixed direction and bits; any other text raises ChannelError. Two
-    channels have no place in common. If two texts mean one channel, such as out:1 and out:01, it has one place."""
+    """A channel's text means one channel with fixed direction and bits; any other text raises ChannelError. No two
+    channels have the same place. If two texts mean the same channel, such as out:1 and out:01, they have the same
+    place."""
     probe, other = context.new(), context.new()
     for text in context.channels:
         channel = probe.channel(text)
         if not isinstance(channel, Channel):
             raise RuleBroken(f"channel({text!r}) returned {channel!r}, not a Channel")
         if channel.text != text:
-            why = f"channel({text!r}) has the text {channel.text!r}: errors of a block are told by it"
+            why = f"channel({text!r}) has the text {channel.text!r}: errors of a block name it"
             raise RuleBroken(why, TEXTS)
         if channel != other.channel(text) or hash(channel) != hash(other.channel(text)):
             raise RuleBroken(f"channel({text!r}) returned two channels that are not equal")

@@ -28,7 +28,7 @@ from umo.testing.conformance.spoiling import (
 CHECKSUM_SIZES = (1, 2, 4)
 """Bytes that a checksum has."""
 MANY_LATE = 2
-"""Answers that are late one after the other: a number that counts to so many is that of the next request then."""
+"""Number of consecutive late answers: after these, a request number that counts only this far repeats."""
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
     "(`steady` of an Input, --steady)"
@@ -118,7 +118,7 @@ def _alive(context: RuleContext, probe: Probe) -> None:
 
 @rule(Cost(each=3, calls=4, sleeps=0.3))
 def answer_in_pieces(context: RuleContext) -> None:
-    """An answer that comes in several pieces is put together."""
+    """The driver puts together an answer that comes in several pieces."""
     line = context.line
     with context.opened() as probe:
         expected, before = values(context, probe), line.spoiled

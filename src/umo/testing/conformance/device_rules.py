@@ -24,17 +24,17 @@ from umo.testing.conformance.timing_rules import in_time
 MAX_ALONE = 8
 """Channels that are read alone while the device is away."""
 MAX_OLD = 2
-"""Earlier readings that are one too many: of three, by each kind of reading."""
+"""Number of earlier readings that a rule does not accept: of three, by each kind of reading."""
 MANY_FAILURES = 100
 """Calls that fail while the device is away."""
 STILL = 40
-"""Readings of a level that stays, after which a driver might take it for one that always does."""
+"""Number of readings of a constant level after which a driver might assume that it never changes."""
 PAUSE = 0.06
 """Time in s in which nothing is read: what a device sends by itself meanwhile may lie in a buffer."""
 OWN_PERIOD = 0.1
-"""Period in s of a driver that umo takes off the cycle only."""
+"""Period in s of a driver that umo calls only outside the cycle."""
 MAX_LEVEL = 1 << 40
-"""Raw level of an object at most, up and down."""
+"""Largest raw level of an object, positive and negative."""
 SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
 
 
@@ -116,7 +116,7 @@ def vanish(context: RuleContext) -> str | None:
                     f"the device was away and is back, but {context.watch.doing} fails: {text_of(error)}"
                 ) from error
     unseen = context.subject.outputs and (context.subject.levels is None or not context.readable)
-    return context.looked(*(["whether a write that failed is made up for was not seen: no record"] if unseen else []))
+    return context.looked(*(["whether a failed write is repeated was not seen: there is no record"] if unseen else []))
 
 
 def _reads(context: RuleContext, probe: Probe, before: Mapping[str, int]) -> None:
@@ -237,7 +237,7 @@ def two_clients(context: RuleContext) -> str | None:
     if context.subject.sole_writer:
         return context.looked("a second client must not write")
     alone = len(context.visible) == 1
-    return context.looked(*(["one output only: nobody wrote another beside it"] if alone else []))
+    return context.looked(*(["there is only one output, so no other one was written"] if alone else []))
 
 
 def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
@@ -315,7 +315,7 @@ def _join(context: RuleContext, second: Probe) -> None:
 
 @rule(Cost(opens=2, each=10, calls=26, settles=8, more=160))
 def fresh(context: RuleContext) -> str | None:
-    """A reading is that of its own call, not of an earlier one."""
+    """A reading belongs to its own call, not to an earlier one."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure
     levels = context.subject.levels
     looped = [each for each in context.viewed if context.view(each) != each.channel or levels is not None]

@@ -1,4 +1,4 @@
-"""Open drivers of the subject, and the way back to the defaults."""
+"""Opens drivers of the subject, and brings the outputs back to their defaults."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class DriverFactory:
 
     @property
     def patience(self) -> float:
-        """Time in s that a call may take that is to succeed, as umo gives when it initialises and resets."""
+        """Return the timeout in s of a call that has to succeed, the same as umo sets when it initialises and
+        resets."""
         return max(UNCONTROLLED_TIMEOUT, self.subject.timeout)
 
     def bring_up(self, probe: Probe) -> None:
@@ -50,14 +51,15 @@ class DriverFactory:
 
     @contextmanager
     def opened(self, direct: bool = False) -> Iterator[Probe]:
-        """A new driver, open and with its channels initialised, which is left at the end."""
+        """A new driver, open and with its channels initialised, which is closed at the end of the context."""
         with self.leaving(self.new(direct)) as probe:
             self.bring_up(probe)
             yield probe
 
     @contextmanager
     def leaving(self, probe: Probe) -> Iterator[Probe]:
-        """The driver is left at the end (`leave`). An error of that does not replace one that is on its way."""
+        """Return a context at whose end the driver is reset and closed (`leave`). An error there does not replace an
+        earlier exception."""
         try:
             yield probe
         except BaseException:
@@ -67,7 +69,7 @@ class DriverFactory:
         self.leave(probe)
 
     def leave(self, probe: Probe) -> None:
-        """Reset, finalise and close. What fails is tried again with a new driver by `restore`; the first error is
+        """Reset, finalise and close. Failed calls are tried again with a new driver by `restore`; the first error is
         raised at the end."""
         probe.timeout = self.patience
         errors: list[BaseException] = []
@@ -94,8 +96,8 @@ class DriverFactory:
         probe.reset(output.channel, output.default)
 
     def ready(self, probe: Probe, text: str) -> None:
-        """A channel is initialised by the driver that uses it, as umo does; again if that has failed. An output comes
-        to its default then."""
+        """Initialise a channel with the driver that uses it, as umo does, and once more if that fails. This brings an
+        output to its default."""
         if text in probe.opened:
             return
         try:
@@ -123,8 +125,8 @@ class DriverFactory:
 
     @contextmanager
     def second(self, direct: bool = False) -> Iterator[Probe | None]:
-        """Another open driver of the device, whose outputs were not initialised; None if there is room for one, which
-        is waited for once."""
+        """Return another open driver of the device, with outputs that are not initialised; None if the device accepts
+        only one driver, after one wait."""
         if self._is_full:
             yield None
             return
@@ -168,7 +170,7 @@ class DriverFactory:
     # Calls --------------------------------------------------------------------------------------------
 
     def failure(self, call: Callable[..., object], *arguments: Any) -> OSError | None:
-        """The error of a call, None if it succeeded."""
+        """Return the error of a call, or None if it succeeded."""
         try:
             call(*arguments)
         except OSError as error:

@@ -1,5 +1,5 @@
-"""Rules of every call: what it returns and raises. They come last, as they judge the calls of the others too, and are
-tried at any rate."""
+"""Rules of every call: what it returns and raises. They come last, because they judge the calls of the other rules too,
+and are always tried."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of what adds up over many calls: descriptors, threads, memory."""
+"""Rules of descriptors, threads and memory, whose losses add up over many calls."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ DESCRIPTORS = "/proc/self/fd"
 OPENINGS = 100
 """Times that the driver is opened and closed, and that its connection is dropped."""
 FEWEST_OPENINGS = 3
-"""Openings that are made at any rate."""
+"""Least number of openings."""
 LOSSES = 2
-"""Times that connections and answers are lost within one opening."""
+"""Number of lost connections and answers within one opening."""
 SILENT_OPENINGS = 3
 """Openings on a line where nobody answers."""
 LOOK_INTERVAL = 0.005
@@ -36,23 +36,24 @@ LOOK_INTERVAL = 0.005
 MAX_CLOSING_TIME = 5.0
 """Time in s until what was closed has ended at the other end too."""
 ROUNDS, MAX_ROUNDS = 3, 9
-"""Measurements of memory: a cache may still fill in the first ones. There are more if it grew in each of them."""
+"""Measurements of memory: a cache may still fill in the first ones. More are made if the memory grew in each of
+them."""
 MAX_WARMING = 1.0
-"""Time in s of the calls before the first measurement, at most."""
+"""Longest time in s of the calls before the first measurement."""
 CACHE_FILLING_CALLS = 5000
 """Number of calls after which a cache is full, if there is time for them."""
 CYCLES = 1000
-"""Cycles of one measurement at most."""
+"""Largest number of cycles of one measurement."""
 FREE_GROWTH, FREE_PIECES = 4096, 6
-"""Bytes, and pieces, by which the memory may grow at any rate."""
+"""Bytes, and pieces, by which the memory may always grow."""
 
 
 @dataclass(frozen=True)
 class LeakLimit:
-    """Memory that may be left over each time."""
+    """Limit on the memory that each repetition may leave behind."""
 
     fewest: int = 30
-    """Repetitions that are made at any rate."""
+    """Least number of repetitions."""
     size: float = 4.0
     """Bytes: less than one entry of a list."""
     circular: float = 0.5
@@ -63,7 +64,7 @@ class LeakLimit:
 
 PER_LONGER_CYCLE = LeakLimit(fewest=14, pieces=2.5)  # a record of levels in this process may still fill
 PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0, pieces=20.0)
-"""Memory that may be left over by each lost connection: one is lost seldom."""
+"""Limit on the memory that each lost connection may leave behind; connections are rarely lost."""
 
 
 @rule(Cost(opens=16, each=12, calls=115, connects=54, waits=18, sleeps=0.6, more=600))

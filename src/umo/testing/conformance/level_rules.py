@@ -16,7 +16,8 @@ from umo.testing.conformance.subject import Output
 from umo.text import some
 
 TRIES = 2
-"""Times that an output must move, each time: a watchdog of the device may run out in the same moment."""
+"""Number of repetitions in which an output must move every time, because a watchdog of the device may run out at the
+same moment."""
 LOOK_INTERVAL = 0.005
 """Time in s between two looks: a period."""
 MOST_LOOKS = 20
@@ -26,7 +27,7 @@ OTHER_LEVEL = 2
 FEWEST_OUTPUTS = 1
 """Least number of outputs whose requests are distinguished from others."""
 Happening = Callable[[RuleContext, "Witness", int], object]
-"""Function that brings it about that the driver connects again, or looks. The number is that of the levels."""
+"""Function that makes the driver connect again, or look for its device. Its argument is the number of the levels."""
 
 
 @rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
@@ -41,7 +42,7 @@ def levels_kept(context: RuleContext) -> str | None:
         witness = Witness(context, probe, other)
         if not witness.watched:
             raise NotTried("nobody else sees a level: it needs a record of levels, a loop-back and a second client, or "
-                           "requests of writes that the tap can tell")  # fmt: skip
+                           "requests of writes that the tap recognises")  # fmt: skip
         for what, happening in happenings.items():
             for left in reversed(range(TRIES)):
                 if not (moved := _moved(context, witness, happening, left)):
@@ -138,14 +139,14 @@ class Witness:
         self.seen = ""
         """The first movement, in words."""
         self.lost = False
-        """The device was away and may have lost its levels: the driver may bring outputs to their defaults."""
+        """True if the device was away and may have lost its levels: the driver may bring outputs to their defaults."""
         subject = context.subject
         self._apart = other if subject.line is None or subject.direct is not None else None
         """A client that does not use the line."""
         self._looped = [each for each in context.viewed if self._apart and context.view(each) != each.channel]
         self._writes: dict[Output, Writes] = {}
         if subject.line is not None and subject.levels is None and context.readable:
-            tried = context.as_time_allows(subject.outputs, FEWEST_OUTPUTS, "outputs whose requests are told")
+            tried = context.as_time_allows(subject.outputs, FEWEST_OUTPUTS, "outputs whose requests are recognised")
             self._writes = {output: writes for output in tried if (writes := known_writes(context, probe, output))}
         recorded = subject.outputs if subject.levels is not None else ()
         self.watched = {each.channel for each in (*recorded, *self._looped, *self._writes)}
@@ -160,13 +161,13 @@ class Witness:
 
     @property
     def remark(self) -> str | None:
-        """Return a remark on the outputs that have no independent observer."""
+        """Return a remark on the outputs that nothing observes independently of the driver."""
         unseen = [each.channel for each in self.context.subject.outputs if each.channel not in self.watched]
         return f"nobody watched {some(unseen)}" if unseen else None
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """A call that writes nothing. What moves before it, the device itself has moved."""
+        """Make a call that writes nothing. The device itself caused any movement before this call."""
         context, before = self.context, self._levels()
         with context.counted(answers=True) as traffic:  # a look may send a request and not wait for its end
             yield

@@ -17,7 +17,8 @@ from umo.testing.conformance.taps import Tap
 from umo.text import some
 
 FEWEST_OUTPUTS = 2
-"""Outputs that are initialised at any rate, each from two levels; that are watched while a driver is opened again."""
+"""Least number of outputs that are initialised, each from two levels, and that are watched while a driver is opened
+again."""
 TRIES = 3
 """Plain writes of which one shows that a loop-back takes its time."""
 MAX_OTHERS = 8

@@ -21,7 +21,7 @@ from umo.testing.conformance.subject import Output
 IDLE_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
 EQUAL_WRITES = 3
-"""Writes of one level, whose requests are compared."""
+"""Number of writes of one level whose requests are compared."""
 REFERENCE_CALLS = 3
 """Calls that are alike, whose requests are compared."""
 

@@ -1,4 +1,4 @@
-"""Cycles of transfers whose readings are looked at, and calls that fail."""
+"""Cycles of transfers whose readings are checked, and calls that fail."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from umo.testing.conformance.rules import WRITTEN_MANY, RuleBroken
 from umo.testing.conformance.subject import Output
 
 WARMING_CYCLES = 50
-"""Cycles in which a loop-back that takes its time is found."""
+"""Number of cycles in which the kit finds a loop-back that is slow."""
 FEWEST_CYCLES = 5
-"""Cycles that are run at any rate."""
+"""Least number of cycles."""
 MAX_ALONE = 2
 """Channels of each direction that are transferred alone where memory is measured."""
 LEVEL_SETS = 64
@@ -28,7 +28,8 @@ LEVEL_SETS = 64
 QUICK_FAILURE = 0.02
 """Time in s within which a call must fail to be repeated often."""
 SLOW_FACTOR, SLOW_TIME = 3.0, 0.002
-"""Factor on the duration of the first cycles, and s more, from which on a cycle has become slow."""
+"""Limits above which a cycle counts as slow: this factor times the duration of the first cycles, plus this time in
+s."""
 FREE_GROWTH = 1 << 20
 """Bytes by which the process may grow: what an allocator keeps."""
 GROWTH_PER_CALL = 32
@@ -83,7 +84,7 @@ class LongRun:
             self._alone = turn % len(self.readable), driver.read(self.readable[turn % len(self.readable)])
 
     def longer_cycle(self) -> None:
-        """A cycle, and then some channels alone: what each single transfer leaves shows sooner."""
+        """A cycle, and then some channels alone, so that memory left behind by each single transfer shows sooner."""
         self.cycle()
         self.probe.call("cycle", self._some_alone)
 
@@ -241,7 +242,7 @@ def fails_at_once(context: RuleContext, call: DriverCall) -> bool:
 
 
 def _resident() -> int:
-    """Bytes of memory that the process has; 0: unknown."""
+    """Bytes of memory that the process has, or 0 if unknown."""
     try:
         with open(STATM, encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")

@@ -14,7 +14,7 @@ from umo.testing.conformance.spoiling import TRIES, recovers, values
 AT_ONCE = 0.1
 """Time in s that a look may take."""
 LOOK_TIMEOUT = 1.0
-"""Timeout in s of the driver meanwhile: a look that waits would wait ten times as long as it may."""
+"""Timeout in s of the driver meanwhile: a look that waits for an answer would take ten times as long as permitted."""
 SLOW_ANSWER = 0.3
 """Time in s after which a slow device answers: less than the timeout."""
 LOOKS = 10

@@ -1,4 +1,4 @@
-"""Rules of what a driver may leave out: the scale of a channel, ages, a report, the watchdog of its circuit."""
+"""Rules of the optional functions of a driver: the scale of a channel, ages, a report, the watchdog of its circuit."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ SCALE_SHARE = 0.05
 AGE_TOLERANCE = 0.02
 """Time in s by which an age may be wrong: the calls around it take their time."""
 AGE_INTERVAL = 0.005
-"""Time in s until it is read once more."""
+"""Time in s until the age is read once more."""
 AGE_LOOKS = 5
-"""Maximum number of times that `settle` is waited for the old level: a driver may keep its readings for longer."""
+"""Largest number of `settle` times that the rule waits for the old level: a driver may keep its readings for longer."""
 AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
-"""Times in s after which a level that has come is read."""
+"""Times in s after which a level that has arrived is read."""
 PAIR_WAITS = (0.0, 0.0, 0.0)
-"""The same for a pair of channels."""
+"""Times in s after which a level of a pair of channels is read."""
 MAX_AGE_PAIRS = 3
 """Pairs of channels whose ages are looked at, with each output."""
 CLOCK_STEP = 3600.0
 """Time in s by which the clock of the day is set back and forward."""
 WATCHDOG_EXPIRY = 1.5
-"""Times of the watchdog after which it has run out."""
+"""Number of watchdog times after which the watchdog has certainly run out."""
 NO_TIMES = (1e9, -1.0)
 """Times in s that no watchdog has: 31 years, and one that is over."""
 SILENCES = (0.04, 0.1)
-"""Times in s for which nothing comes from the device: what is read then is no younger. A driver may give what it has
-only for a short one."""
+"""Times in s for which nothing comes from the device: readings during this time get older. A driver may return its last
+values only for a short silence."""
 REPORTS = 3
 """Times that a report is asked for twice in a row."""
 WATCHDOG_REQUESTS = 6

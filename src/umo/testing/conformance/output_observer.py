@@ -1,4 +1,4 @@
-"""Levels of the outputs, as they are seen: by the record of a counterpart, through a loop-back, or read back."""
+"""Levels of the outputs, as they are observed: by the record of a counterpart, through a loop-back, or read back."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from umo.testing.conformance.subject import Output
 from umo.text import some
 
 LOOK_INTERVAL = 0.001
-"""Time in s between two looks at a level that has not come yet."""
+"""Time in s between two looks at a level that has not arrived yet."""
 STEP_SHARE = 0.02
 """Share of a range: a level that is no further off may be a step of the device."""
 NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
@@ -30,7 +30,7 @@ class OutputObserver(DriverFactory):
     excuses: list[str]
     """The changes that the present rule attributes to the device itself, as text."""
     last_level = 0
-    """Level that `is_at` or `is_read` found last."""
+    """The level that `is_at` or `is_read` found last."""
 
     @cached_property
     def loops(self) -> dict[str, str]:
@@ -78,7 +78,8 @@ class OutputObserver(DriverFactory):
         return "; ".join((*words, *more)) or None
 
     def looked(self, *more: str) -> str | None:
-        """The remark at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
+        """Return the remark at the end of a rule whose calls succeeded. Raises NotTried if the rule could see none of
+        the outputs."""
         if self.subject.outputs and not self.visible:
             raise NotTried(ONLY_CONFIRMED)
         return self.remark(*more)
@@ -86,14 +87,14 @@ class OutputObserver(DriverFactory):
     # Levels -------------------------------------------------------------------------------------------
 
     def reading(self, probe: Probe, output: Output) -> int:
-        """Reading of the level of an output."""
+        """Return the reading of the level of an output."""
         view = self.view(output)
         self.ready(probe, view)
         return probe.read(view)
 
     def recorded(self, output: Output) -> Sequence[int]:
-        """The levels since the last call, as the counterpart records them. RuleBroken if it gives none: this is a fault
-        of the subject."""
+        """Return the levels since the last call, as the counterpart has recorded them. Raises RuleBroken if there are
+        none, which is a fault of the subject."""
         assert self.subject.levels is not None
         if not (found := self.subject.levels(output.channel)):
             raise RuleBroken(
@@ -110,7 +111,7 @@ class OutputObserver(DriverFactory):
         return self.reading(probe, output)
 
     def comes_to(self, look: Callable[[], int], right: Callable[[int], bool]) -> tuple[bool, int]:
-        """Return True if the look finds a right level within `settle`, and the last level found."""
+        """Return True if the look finds a right level within `settle`. Also return the last level found."""
         end = monotonic() + self.subject.settle
         while not right(found := look()):
             if monotonic() >= end:
@@ -119,7 +120,7 @@ class OutputObserver(DriverFactory):
         return True, found
 
     def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
-        """True if the output comes to this level within `settle`; sets `last_level`."""
+        """Return True if the output comes to this level within `settle`; sets `last_level`."""
         return self._comes_to(self.level, probe, output, raw)
 
     def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
@@ -131,15 +132,15 @@ class OutputObserver(DriverFactory):
         return there
 
     def await_levels(self, probe: Probe) -> None:
-        """Returns when the levels that this driver has brought about last are read, after `settle` at the latest: what
-        is read before may be on its way from the levels before."""
+        """Wait until the levels that this driver wrote last are read, at the latest until `settle` is over: readings
+        before that may still show earlier levels."""
         for output in self.viewed:
             if output.channel in probe.levels:
                 self.is_read(probe, output, probe.levels[output.channel])
 
     def arrive(self, other: Probe | None, output: Output, raw: int) -> None:
-        """Returns when the level has come for sure, seen without the driver under test: by the counterpart's record,
-        by another driver; else after `settle`."""
+        """Wait until the level has certainly arrived, as observed without the driver under test: by the counterpart's
+        record or by another driver; otherwise wait for `settle`."""
         if self.subject.levels is not None:
             self.comes_to(lambda: self.recorded(output)[-1], lambda level: self.same(output, raw, level))
         if other is not None:
@@ -148,7 +149,8 @@ class OutputObserver(DriverFactory):
             sleep(self.subject.settle)
 
     def expect(self, probe: Probe, output: Output, raw: int, after: str, *causes: str) -> None:
-        """RuleBroken if the output is not at this level, or is not read so. `causes`: more of its causes."""
+        """Raise RuleBroken if the output is not at this level, or the driver reads another one. `causes`: additional
+        causes of the error."""
         if self.subject.levels is not None and not self.is_at(probe, output, raw):
             text = f"{output.channel} is at {self.last_level} after {after}, not at {raw}"
             raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}", *causes)
@@ -162,8 +164,8 @@ class OutputObserver(DriverFactory):
             raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}", *causes)
 
     def confirm(self, probe: Probe, output: Output, raw: int) -> None:
-        """RuleBroken if the level that was written last is not there, or not read so, whatever a rule has found beside
-        that: it is the cause then."""
+        """Raise RuleBroken if the output is not at the level that was written last, or the driver reads another one.
+        This takes precedence over other findings of a rule, because it is their cause."""
         probe.timeout = self.patience
         self.expect(probe, output, raw, f"write({raw})", WRITTEN)
 
@@ -219,9 +221,9 @@ class OutputObserver(DriverFactory):
 
     @contextmanager
     def observing(self, output: Output, left: int, until: int) -> Iterator[list[int]]:
-        """The levels that an output had within the block, in the list after its end; the first is the level before.
-        A loop-back is watched from when it shows the level at which the output was `left`, until it shows the level
-        `until`. Empty if only the driver under test can see it."""
+        """Return a context that yields a list; after the context the list contains the levels that an output had
+        meanwhile, first the level before. A loop-back is watched from the moment when it shows the level `left` to the
+        moment when it shows the level `until`. The list is empty if only the driver under test can see the output."""
         found: list[int] = []
         if self.subject.levels is not None:
             self.recorded(output)
@@ -238,8 +240,8 @@ class OutputObserver(DriverFactory):
 
     @contextmanager
     def straight(self, goals: Mapping[Output, int], doing: str) -> Iterator[None]:
-        """RuleBroken if an output goes within the block anywhere but straight to its goal, which may be the level that
-        it has. Without a record of levels it cannot be seen."""
+        """Return a context that raises RuleBroken unless the output goes straight to its goal, which may be the level
+        that it has. Without a record of levels this cannot be checked."""
         seen = goals if self.subject.levels is not None else {}
         for output in seen:
             self.recorded(output)

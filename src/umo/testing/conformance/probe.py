@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class Watch:
-    """The call that the driver carries out now; another thread reads it and finds one that hangs."""
+    """The call that the driver carries out now. Another thread watches it to find a call that hangs."""
 
     def __init__(self, line: Tap | None = None) -> None:
         self.line = line
@@ -31,26 +31,26 @@ class Watch:
         self.took = 0.0
         """Duration in s of the last call."""
         self.stopped = False
-        """The next call is not to be made, as the user wants the kit to end."""
+        """True if no further call may be made, because the user wants the kit to end."""
         self.until = inf
-        """The time (`monotonic`) after which the next call is not to be made, as it is up."""
+        """The time (`monotonic`) after which no further call may be made, because the time of the run is up."""
         self.over = False
         """True if no more calls may be made, because one did not return in time."""
         self.failed = ""
-        """The last call, if it has failed."""
+        """The last call if it has failed."""
         self.interrupted = False
-        """A KeyboardInterrupt came out of a call."""
+        """True if a call has raised KeyboardInterrupt."""
         self.after: Callable[[str], object] | None = None
-        """Function that is called with each call that has ended."""
+        """Function that is called after each call of the driver."""
         self.wrong_kind = ""
         """The first call that raised something else than an OSError."""
         self.wrong_type = ""
         """The first reading that is not an int within the bits of its channel."""
         self.beyond: str | None = None
-        """The channel whose reading that is, if it is an int."""
+        """The channel of the reading `wrong_type`, if that is an int beyond its bits."""
 
     def call(self, what: str, limit: float, function: Callable[..., T], *arguments: Any) -> T:
-        """A call of the driver with this timeout. Its OSErrors pass, with a note of the call; other exceptions are
+        """Call the driver with this timeout. OSErrors are passed on, with a note about the call; other exceptions are
         noted here and become OSErrors."""
         if self.over:
             raise Stopped
@@ -119,7 +119,7 @@ class WrongKind(OSError):
 
 
 def call_of(error: OSError) -> str:
-    """The call that raised the error."""
+    """Return the call that raised the error."""
     return getattr(error, "umo_call", "a call")
 
 
@@ -130,8 +130,8 @@ def disturbed_before(error: OSError) -> str:
 
 
 def failed(error: OSError) -> str:
-    """A call that had to succeed, and its error; what came just before it, if anything: what the kit had disturbed, or
-    a call that failed."""
+    """Return a text about a call that had to succeed, with its error and with what happened just before it: a
+    disturbance by the kit, or another failed call."""
     after = disturbed_before(error)
     return f"{call_of(error)} failed{f', right after {after}' if after else ''}: {text_of(error)}"
 
@@ -145,7 +145,7 @@ class Probe:
         self.opened: list[str] = []
         """Channels that were initialised and not finalised."""
         self.levels: dict[str, int] = {}
-        """The levels that outputs were brought to last, without those of calls that failed."""
+        """The levels that successful calls wrote to the outputs last."""
         self._channels: dict[str, Channel] = {}
         self._whole: tuple[Channel, ...] = ()
         self._timeout = driver.timeout
@@ -160,7 +160,7 @@ class Probe:
         self._timeout = self.driver.timeout = seconds
 
     def channel(self, text: str) -> Channel:
-        """Asked for once, as umo does."""
+        """Return the channel of a text, which the driver is asked for only once, as umo does."""
         if text not in self._channels:
             self._channels[text] = self.call(f"channel({text!r})", self.driver.channel, text)
         return self._channels[text]
@@ -192,14 +192,14 @@ class Probe:
         self._bring(text, raw, f"write of {raw} to {text}", self.driver.write)
 
     def _bring(self, text: str, raw: int | None, what: str, function: Callable[..., None]) -> None:
-        """A call that brings a channel to a level; None: an input."""
+        """A call that brings a channel to a level, or None for an input."""
         self.levels.pop(text, None)
         self.call(what, function, self.channel(text), raw)
         if raw is not None:
             self.levels[text] = raw
 
     def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
-        """Into `out`, or into an array as umo hands it over."""
+        """Read channels into `out`, or into an array like the one that umo hands over."""
         channels = self._block(texts)
         out = np.full(len(texts), UNREAD) if out is None else out
         self.call(f"read_many of {', '.join(texts)}", self.driver.read_many, channels, out)
@@ -217,7 +217,7 @@ class Probe:
         self.levels |= zip(texts, raws, strict=True)
 
     def write_by(self, many: bool, text: str, raw: int) -> None:
-        """A write of one output, alone or as a block."""
+        """Write one output, alone or as a block."""
         if many:
             self.write_many((text,), (raw,))
         else:
@@ -231,7 +231,7 @@ class Probe:
         return self._whole
 
     def call(self, what: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Any call of the driver."""
+        """Make any call of the driver."""
         return self.watch.call(what, self.timeout, function, *arguments)
 
     def _checked(self, channel: Channel, raw: Any) -> int:

@@ -28,7 +28,7 @@ IDLE_TIME = 0.25
 PAUSE = 1.2
 """Time in s for which nothing is called."""
 MAX_SHARE = 0.5
-"""Share of the time in which a thread could run that it uses at most while it waits."""
+"""Largest share of the time in which a thread could run that it uses while it waits."""
 ALARM_TOLERANCE = 0.2
 """Time in s by which the end of a running timer may seem to move."""
 TRIES = 2
@@ -47,7 +47,7 @@ def idle(context: RuleContext) -> str | None:
     """Waiting uses no processor time: not while the device is silent or away or its connection has ended, not between
     calls, not after `close`. A pause between two calls does no harm."""
     if not threads():
-        raise NotTried("the kernel does not tell the processor time of threads")
+        raise NotTried("the kernel does not report the processor time of threads")
     with context.opened() as probe:
         for call in context.transfers(probe)[::2]:
             call()

@@ -1,4 +1,5 @@
-"""The process in which a driver runs: its threads and their processor time, and what a driver has no business with."""
+"""The process in which a driver runs: its threads and their processor time, and settings that a driver must not
+change."""
 
 from __future__ import annotations
 
@@ -49,11 +50,11 @@ def threads() -> dict[int, tuple[float, float]]:
 
 
 State = dict[str, object]
-"""Settings of a process that a driver has no business with, by name."""
+"""Settings of a process that a driver must not change, by name."""
 
 
 def change(before: State, now: State) -> str:
-    """The first difference between two states, as text; empty if there is none. Values of the environment are not
+    """Return the first difference between two states as text; empty if there is none. Values of the environment are not
     shown, because some are secret."""
     for what, value in now.items():
         if value != before[what]:
@@ -65,7 +66,7 @@ def change(before: State, now: State) -> str:
 
 
 def state() -> State:
-    """The present one, as this thread has it."""
+    """Return the present state of the process, as this thread sees it."""
     return {
         "working directory": os.getcwd(),
         "default timeout of sockets": socket.getdefaulttimeout(),
@@ -114,7 +115,8 @@ def state_of_thread() -> State:
 
 
 def alarm_time() -> float | None:
-    """The time (`monotonic`) at which the process gets SIGALRM once; None if it does not, or again and again."""
+    """Return the time (`monotonic`) at which the process gets SIGALRM once; None if it gets none, or gets it
+    repeatedly."""
     left, interval = signal.getitimer(signal.ITIMER_REAL) if TIMERS else (0.0, 0.0)
     return time.monotonic() + left if left and not interval else None
 

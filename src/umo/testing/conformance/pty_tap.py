@@ -25,7 +25,7 @@ class PtyTap(Tap):
     ordered = False
 
     def __init__(self, device: str, *, parity: Parity = "none", data_bits: int = 8) -> None:
-        """ValueError for a parity or data bits that no line has."""
+        """Raises ValueError for a parity or a number of data bits that no line has."""
         super().__init__()
         self._path, self._shape = device, _shape(parity, data_bits)
         self._folder = tempfile.TemporaryDirectory(prefix="umo-tap-")

@@ -1,5 +1,6 @@
-"""Pulses of an output that is initialised or reset, too short to be seen: they stand in the requests. These are
-compared with those of writes: what to the device is the same as a write of some level."""
+"""Finds pulses of an output during initialise and reset that are too short to be seen, but appear in the requests. The
+requests are compared with those of writes: a request that equals a write of some level has the same effect on the
+device."""
 
 from __future__ import annotations
 
@@ -13,17 +14,17 @@ from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
 
 MAX_WRITES = 6
-"""Writes that the requests of one call may consist of."""
+"""Largest number of writes that the requests of one call may consist of."""
 FEWEST_WRITES = 32
 """Writes whose requests are compared, at least: enough of them to change every bit of a number or checksum."""
 
 
 def looks_for_pulses(context: RuleContext, output: Output) -> bool:
-    """Whether the requests of initialise and reset are all the same as those of writes, so that their levels are known.
-    RuleBroken if one of these is neither the default nor the level before.
+    """Return whether all requests of initialise and reset equal requests of writes, so that their levels are known.
+    Raises RuleBroken if one of these levels is neither the default nor the level before.
 
-    A driver that also sends anything else, such as a request to enable the output, is not judged: what the device makes
-    of a level then is not known.
+    A driver that also sends anything else, such as a request to enable the output, is not judged: the effect of a level
+    on the device is unknown then.
     """
     levels = _levels(output)
     if context.subject.line is None or len(levels) < 2:
@@ -47,7 +48,8 @@ def looks_for_pulses(context: RuleContext, output: Output) -> bool:
 
 
 def known_writes(context: RuleContext, probe: Probe, output: Output) -> Writes | None:
-    """The requests of writes of an output; None if they cannot be recognised, also not from those of a reading."""
+    """Return the requests of writes of an output; None if they cannot be distinguished from each other or from those of
+    a reading."""
     levels = _levels(output)
     writes = Writes((raw, sent) for raw, sent in _written(context, probe, output, levels) if sent)
     with context.line.counting() as traffic:
@@ -81,7 +83,7 @@ def _order(levels: list[int]) -> list[int]:
 
 
 def constant(requests: Sequence[bytes]) -> dict[int, int]:
-    """The bytes that are the same in all of these, by their places; none if the lengths differ."""
+    """Return the bytes that are the same in all of these requests, by their places; none if the lengths differ."""
     if len(set(map(len, requests))) != 1:
         return {}
     return {place: values[0] for place, values in enumerate(zip(*requests, strict=True)) if len(set(values)) == 1}
@@ -109,8 +111,8 @@ class Writes:
                 form.tells = False
 
     def levels(self, sent: bytes, allowed: Collection[int]) -> list[int] | None:
-        """The levels of the writes that these requests are, one after the other; those that are allowed if there is
-        more than one way to read them. None if they are not the same as writes."""
+        """Return the levels, in order, of the writes that equal these requests; if there is more than one way to read
+        the requests, the one with allowed levels. None if the requests do not equal writes."""
         ways = list(self._ways(sent, MAX_WRITES))
         return next((way for way in ways if set(way) <= set(allowed)), ways[0] if ways else None)
 
@@ -120,7 +122,7 @@ class Writes:
         return any(form.tells for form in self._forms.values())
 
     def found_in(self, requests: Iterable[bytes]) -> int | None:
-        """The level of a write among these requests, None if there is none."""
+        """Return the level of a write among these requests, or None if there is none."""
         sent = b"".join(requests)
         return next(
             (raw for raw, form in self._forms.items() for place in range(len(sent) - form.length + 1)

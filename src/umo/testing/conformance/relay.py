@@ -23,16 +23,17 @@ from umo.testing.conformance.closed_twice import out_of_the_way
 ANSWER_GAP = 0.005
 """Time in s without a byte that ends an answer."""
 LONGEST_ANSWER = 0.05
-"""Time in s for which an answer continues at most, of a device that sends by itself."""
+"""Longest time in s for which an answer continues, of a device that sends by itself."""
 PIECE_INTERVAL = 0.003
 """Time in s between the pieces of an answer."""
 MAX_SETTLING_TIME = 5.0
 """Time in s for which the thread is waited for."""
 KEPT_EXCHANGES = 64
 MAX_RECEIVED = 65536
-"""Bytes that are received at once, at most."""
+"""Largest number of bytes that are received at once."""
 Change = Callable[[bytes], bytes]
-"""Function that makes what the driver gets out of what the device answered; nothing: no answer."""
+"""Function that turns the answer of the device into the answer that the driver gets; an empty result means no
+answer."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,13 @@ class AnswerMode:
     reset: bool = False
     """True if the end of the connection is a reset, as from a device that has restarted."""
     holding: bool = False
-    """True if they are kept, to be delivered late."""
+    """True if answers are kept, to be delivered late."""
     splitting: bool = False
-    """True if each comes in four pieces: the first byte and the last one are pieces of their own."""
+    """True if each answer comes in four pieces, of which the first and the last are one byte each."""
     step: float = 0.0
     """Time in s between the bytes of an answer that trickles."""
     endless: float = 0.0
-    """Time in s between bytes that come without an end, in place of an answer."""
+    """Time in s between the bytes of an endless stream that replaces the answer."""
 
 
 PASSING, HOLDING = AnswerMode(), AnswerMode(holding=True)
@@ -62,7 +63,7 @@ class Traffic:
 
     def __init__(self) -> None:
         self.requests: list[bytes] = []
-        """Pieces that the driver sent: each is what was there when the tap looked."""
+        """Pieces that the driver sent: the bytes that were there each time the tap looked."""
         self.answer = b""
         """Bytes that the device sent."""
 
@@ -81,7 +82,7 @@ class Tapped:
         self.began = 0.0
         """Time at which the answer began."""
         self.held = b""
-        """Late answers."""
+        """Answers that are kept to be delivered late."""
         self.due: float | None = None
         """Time at which the answer counts as complete."""
         self.trickle = b""
@@ -99,7 +100,7 @@ class Relay(ABC):
         self.connections = 0
         self.spoiled = 0
         self.missing = ""
-        """Cause why the device could not be reached when a driver connected last; empty if it could."""
+        """Reason why the device could not be reached when a driver last connected; empty if it was reached."""
         self.disturbed = ""
         """The last disturbance as text, until a later call of the driver succeeds."""
         self._speaks = False
@@ -133,7 +134,7 @@ class Relay(ABC):
         os.close(self._waker)
 
     def drop(self) -> None:
-        """The device ends its connections. It takes new ones at once."""
+        """Act as a device that ends its connections. It accepts new ones at once."""
         with self._lock:
             if self._open:
                 self.disturbed = "a lost connection"
@@ -142,11 +143,11 @@ class Relay(ABC):
 
     @property
     def open_connections(self) -> int:
-        """Connections that neither side has ended."""
+        """Number of connections that neither side has ended."""
         return len(self._open)
 
     def settle(self) -> None:
-        """Returns when everything has been dealt with that waits now."""
+        """Wait until everything that is pending now has been handled."""
         with self._turn:
             self._asked_to_settle = asked = self._asked_to_settle + 1
             self._nudge()
@@ -154,7 +155,7 @@ class Relay(ABC):
 
     @property
     def descriptors(self) -> int:
-        """Open descriptors of the connections."""
+        """Return the open descriptors of the connections."""
         return 2 * len(self._open)
 
     # What the kinds of taps differ in ----------------------------------------------------------------

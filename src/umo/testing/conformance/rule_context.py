@@ -31,14 +31,14 @@ MEASURED_OPENINGS = 2
 WATCHED_CALLS = 4
 """Calls within the time of a watchdog."""
 MIN_HASTE = 0.2
-"""Timeout in s: no shorter one is chosen by the kit itself."""
+"""Shortest timeout in s that the kit chooses by itself."""
 HASTE_FACTOR = 10
 """Factor: a call that must time out waits this many times as long as the slowest of a few answers."""
 NO_LINE = "there is no line between driver and device that the kit can disturb"
 
 
 class RuleContext(OutputObserver):
-    """The subject in use. `share` is how much of the present rule is done, for a progress line."""
+    """The subject in use. `share` is the completed share of the present rule, for a progress line."""
 
     def __init__(self, subject: Subject, cycles: int | None = None, budget: Budget | None = None) -> None:
         super().__init__(subject)
@@ -51,12 +51,12 @@ class RuleContext(OutputObserver):
         self.excuses = []
         self._told: bool | None = None
         self.left_out: list[str] = []
-        """Parts of the present rule that were left out for want of time, as text."""
+        """Parts of the present rule that were left out for lack of time, as text."""
         self.times: dict[str, TransferTime] = {}
         self.threads: frozenset[int] = frozenset()
         """Threads of the process that are older than the first driver."""
         self.before: State = {}
-        """The process, as it was before the first driver."""
+        """The state of the process before the first driver."""
 
     def begin(self, before: State | None = None) -> None:
         """Note the state before the first driver; `before`: the process, if a driver has been there already."""
@@ -102,8 +102,8 @@ class RuleContext(OutputObserver):
             return max(0.0, first - transfer, self.watch.took - transfer)
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
-        """The tasks of a rule, `fewest` of them at any rate, the others as long as there is time. `what` they are, if
-        some are left out: "blocks"."""
+        """Yield the tasks of a rule: `fewest` of them in any case, the others as long as there is time. `what`: the
+        word for the tasks, such as "blocks", used if some are left out."""
         longest = 0.0
         for number, task in enumerate(tasks):
             if number >= fewest and not self.budget.has(longest):
@@ -126,8 +126,7 @@ class RuleContext(OutputObserver):
         return found
 
     def enquiries(self, probe: Probe) -> list[DriverCall]:
-        """A call of each kind that the driver has of its own beside transfers, and that may ask the device. The
-        watchdog is not armed by it."""
+        """Return one call of each kind beside transfers that may ask the device. None of them arms the watchdog."""
         driver, found = probe.driver, list[DriverCall]()
         if isinstance(driver, Reports):
             found.append(partial(probe.call, "report", driver.report))
@@ -140,24 +139,24 @@ class RuleContext(OutputObserver):
         return found
 
     def use(self, probe: Probe) -> None:
-        """A call of each kind, which has to succeed."""
+        """Make one call of each kind, all of which have to succeed."""
         for call in self.transfers(probe):
             call()
 
     def try_out(self, probe: Probe) -> None:
-        """A call of each kind, which may fail."""
+        """Make one call of each kind, which may fail."""
         for call in self.transfers(probe):
             self.failure(call)
 
     def must_work(self, probe: Probe, since: str, default: bool = True) -> None:
-        """RuleBroken if a call of any kind fails."""
+        """Raise RuleBroken if a call of any kind fails."""
         for call in self.transfers(probe, default):
             if (error := self.failure(call)) is not None:
                 raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}") from error
 
     def refused_calls(self, probe: Probe, text: str) -> list[DriverCall]:
-        """Reads and writes of a channel that the device refuses, in the directions that it has. Nothing is written
-        where nothing may be driven."""
+        """Return reads and writes of a channel that the device refuses, in the directions that the channel has. Outputs
+        that must not be driven are not written."""
         direction = probe.channel(text).direction
         found: list[DriverCall] = []
         if Direction.INPUT in direction:
@@ -168,14 +167,15 @@ class RuleContext(OutputObserver):
 
     @contextmanager
     def in_haste(self, probe: Probe) -> Iterator[None]:
-        """Calls that may have to time out, such as those that the device refuses in silence."""
+        """Return a context for calls that may have to time out, such as those that the device refuses without an
+        answer."""
         probe.timeout = self.haste
         yield
         probe.timeout = self.patience
 
     def told(self, probe: Probe) -> bool:
-        """True if the driver receives the values of its inputs instead of requesting them: it gives ages, which have a
-        rule of their own."""
+        """True if the driver receives the values of its inputs instead of requesting them. Such a driver reports ages,
+        which a separate rule checks."""
         if self._told is None:
             doing = self.watch.doing
             self._told = bool(self.readable) and isinstance(probe.driver, KnowsAges) and self._gives_ages(probe)
@@ -197,15 +197,16 @@ class RuleContext(OutputObserver):
         return False
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
-        """A call that may fail twice: only then the driver may find out what the calls before have left behind."""
+        """Make a call that may fail twice, because the driver may notice the consequences of earlier calls only
+        then."""
         for _ in range(2):
             with suppress(OSError):
                 return call(*arguments)
         return call(*arguments)
 
     def look(self, probe: Probe) -> bool | None:
-        """The outcome of a look, True if the driver has none; False for an OSError, RuleBroken for what a look must not
-        return or raise."""
+        """Return the result of the driver's `look`: True if it has no such function, False if it raises an OSError.
+        Raises RuleBroken if `look` returns or raises anything that it must not."""
         driver = probe.driver
         try:
             found = probe.call("look", driver.look if isinstance(driver, Looks) else lambda: True)
@@ -218,7 +219,7 @@ class RuleContext(OutputObserver):
         return found
 
     def dead(self) -> str:
-        """Return why the device cannot be used at all; empty if it can."""
+        """Return the reason why the device cannot be used at all; empty if it can."""
         probe, doing = None, ""
         try:
             probe = self.new()
@@ -242,25 +243,27 @@ class RuleContext(OutputObserver):
 
     @property
     def line(self) -> Tap:
-        """NotTried without one."""
+        """The line between driver and device. Raises NotTried if there is none."""
         if self.subject.line is None:
             raise NotTried(NO_LINE)
         return self.subject.line
 
     @property
     def loss(self) -> Callable[[], Any]:
-        """A function of a context in which the device is away; NotTried if the kit cannot take it away."""
+        """Return a function that makes a context in which the device is away. Raises NotTried if the kit cannot take
+        the device away."""
         return self.subject.gone or self.line.gone
 
     def unanswered(self, call: Callable[..., object], *arguments: Any) -> tuple[OSError | None, bool]:
-        """A call whose answer gets lost: its error, and whether there was an answer."""
+        """Make a call whose answer gets lost. Return its error, and whether there was an answer."""
         found, lost = self.spoiled(lambda answer: b"", False, call, *arguments)
         return found if isinstance(found, OSError) else None, lost
 
     def spoiled(
         self, change: Change, hangup: bool, call: Callable[..., Any], *arguments: Any, reset: bool = False
     ) -> tuple[Any, bool]:
-        """A call whose answer is changed: what it returned or raised, and whether there was an answer to change."""
+        """Make a call whose answer is changed. Return its result or error, and whether there was an answer to
+        change."""
         line = self.line
         before = line.spoiled
         with line.spoiling(change, hangup=hangup, reset=reset):
@@ -272,18 +275,18 @@ class RuleContext(OutputObserver):
         return found, changed
 
     def traffic(self, call: Callable[..., object], *arguments: Any) -> Traffic:
-        """Traffic of a call that succeeds."""
+        """Return the traffic of a call that succeeds."""
         with self.line.counting(answers=True) as traffic:
             call(*arguments)
         return traffic
 
     def counted(self, answers: bool = False) -> AbstractContextManager[Traffic]:
-        """The traffic within a block, as `Tap.counting`; none is seen without a line."""
+        """Return a context that yields its traffic, like `Tap.counting`; without a line the traffic stays empty."""
         line = self.subject.line
         return nullcontext(Traffic()) if line is None else line.counting(answers)
 
     def fail_some(self, probe: Probe) -> None:
-        """Calls that fail, by whatever means there are; NotTried without any."""
+        """Make calls that fail, by any available means. Raises NotTried if there is none."""
         if self.subject.refused:
             for call in self.refused_calls(probe, self.subject.refused[0])[::-2]:
                 self.failure(call)

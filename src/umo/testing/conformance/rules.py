@@ -11,7 +11,7 @@ from umo.text import did_you_mean
 
 
 class RuleBroken(Exception):
-    """The driver does not keep the rule; says what it did. `causes`: causes that may break a later rule too, such as
+    """The driver breaks the rule; the text says what it did. `causes`: causes that may break a later rule too, such as
     "level of dac:0"; each is reported once."""
 
     def __init__(self, text: str, *causes: str) -> None:
@@ -20,31 +20,31 @@ class RuleBroken(Exception):
 
 
 class NotTried(Exception):
-    """The rule cannot be checked on this subject; says why."""
+    """The rule cannot be checked on this subject; the text gives the reason."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Calls that a rule makes at least, for the plan of a run."""
+    """The least number of calls that a rule makes, for the plan of a run."""
 
     opens: float = 1
-    """Drivers that are opened; each channel is initialised, reset and finalised."""
+    """Number of drivers that are opened, for each of which every channel is initialised, reset and finalised."""
     each: float = 0
-    """Transfers of each channel."""
+    """Number of transfers of each channel."""
     calls: float = 0
-    """Transfers beside these, however many channels there are."""
+    """Number of further transfers, which does not depend on the number of channels."""
     connects: float = 0
-    """Calls that connect again, as the connection was lost before."""
+    """Number of calls that connect again after a lost connection."""
     waits: float = 0
-    """Calls that wait for their timeout."""
+    """Number of calls that wait for their timeout."""
     more: float = 0
-    """Transfers of each channel that are made beside `each` if there is time."""
+    """Number of transfers of each channel, beyond `each`, that are made if there is time."""
     settles: float = 0
-    """Times that a level takes through a loop-back, of each output that has one."""
+    """Number of times that the rule waits for a level to come through a loop-back, for each output that has one."""
     sleeps: float = 0
-    """Time in s in which nothing is called."""
+    """Time in s without calls."""
     watchdogs: float = 0
-    """Times of the device's watchdog (`Subject.watchdog`)."""
+    """Number of times that the rule waits for the device's watchdog (`Subject.watchdog`)."""
 
 
 MADE_UP = "success without an answer"
@@ -57,8 +57,8 @@ NOTHING = Cost(opens=0)
 
 @dataclass(frozen=True)
 class Rule:
-    """One rule. `check`, given a `RuleContext`, returns a remark or None, or raises RuleBroken or NotTried; any OSError
-    that leaves it is the failure of a call that had to succeed."""
+    """One rule. `check`, given a `RuleContext`, returns a remark or None, or raises RuleBroken or NotTried; any other
+    OSError means the failure of a call that had to succeed."""
 
     id: str
     text: str
@@ -74,7 +74,7 @@ class Rule:
 LINE = ("timing", "corruption", "line")
 """Themes that need a line between driver and device."""
 ALWAYS = "general"
-"""The theme that is tried at any rate."""
+"""The theme that is always tried."""
 THEMES = (
     "channel", "value", "block", "lifecycle", *LINE,
     "device", "look", "level", "optional", "process", "leak", ALWAYS,
@@ -103,12 +103,12 @@ def all_rules() -> tuple[Rule, ...]:
 
 
 def chosen_rules(only: Iterable[str] | None) -> tuple[Rule, ...]:
-    """The rules of these names, all without names; ValueError for an unknown one."""
+    """Return the rules with these names, or all rules if no names are given. Raises ValueError for an unknown name."""
     rules = all_rules()
     if only is None:
         return rules
     wanted = set(only)
     for name in sorted(wanted - {each.id for each in rules}):
         known = [each.id for each in rules]
-        raise ValueError(f"no rule {name!r}{did_you_mean(name, known)}; the rules are: {', '.join(known)}")
+        raise ValueError(f"there is no rule {name!r}{did_you_mean(name, known)}; the rules are: {', '.join(known)}")
     return tuple(each for each in rules if each.id in wanted)

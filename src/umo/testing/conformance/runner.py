@@ -25,9 +25,9 @@ from umo.testing.conformance.subject import Subject
 
 T = TypeVar("T")
 OnProgress = Callable[[str, float], object]
-"""Function that is called with the rule and the share of the whole that is done, ten times a second."""
+"""Function that is called ten times a second with the rule and the completed share of the run."""
 OnPlan = Callable[[TimePlan], object]
-"""Function that is called with what the run will take, before the first rule."""
+"""Function that is called with the plan of the run, before the first rule."""
 LOOK_INTERVAL = 0.1
 """Time in s between two looks at a rule that is tried: for its progress, and whether a call hangs."""
 MINUTES = 2.0
@@ -36,10 +36,10 @@ TIME_UP = "left out, as the time was up (--minutes)"
 HANG = 2.0
 """Time in s, beside four times its timeout, after which a call counts as hanging."""
 LONGEST_TIMEOUT_FACTOR = 1.2
-"""Factor on the longest timeout: a call that keeps to this one, in place of a shorter one that was set since, does not
-hang."""
+"""Factor on the longest timeout: a call that keeps to the longest timeout, instead of a shorter one set later, does not
+count as hanging."""
 on_certificate: list[Callable[[Certificate], object]] = []
-"""Functions that are called with each certificate."""
+"""Functions that are called with each new certificate."""
 
 
 class Hangs(Exception):
@@ -56,10 +56,10 @@ def conform(
     plan: OnPlan | None = None,
     before: State | None = None,
 ) -> Certificate:
-    """Try every rule (or `only` these) on the driver, for `minutes` at most; what was left out for that is in the
-    certificate. `cycles`: length of the search for leaks; a cycle writes and reads every channel, as a block and one of
-    them alone; default: enough for 70,000 transfers. `plan` is called before the first rule. `before`: the process
-    before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
+    """Try every rule (or `only` these) on the driver, in at most `minutes`; the certificate lists the parts that were
+    left out to save time. `cycles`: length of the search for leaks; a cycle writes and reads every channel, as a block
+    and one of them alone; default: enough for 70,000 transfers. `plan` is called before the first rule. `before`: the
+    process before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
     or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs (a call that

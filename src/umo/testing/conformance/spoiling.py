@@ -1,4 +1,4 @@
-"""Calls whose answers are changed: they must fail, or be right. After that the driver works again."""
+"""Calls whose answers are changed: they must fail, or return a right result; afterwards the driver must work again."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from umo.testing.conformance.subject import Output
 
 T = TypeVar("T")
 TRIES = 3
-"""Calls within which a driver recovers."""
+"""Number of calls within which a driver must recover."""
 MAX_CHANNELS = 2
-"""Channels that are tried with each spoiled answer."""
+"""Largest number of channels that are tried with each spoiled answer."""
 NO_ANSWER = "the device answers neither reads nor writes over the line"
 LISTENING = 0.05
-"""Time in s in which a device that sends by itself has sent something."""
+"""Time in s within which a device that sends by itself has certainly sent something."""
 COUNTED = bytes(range(64))
-"""An answer by which a change is tried: one that leaves nothing, or the beginning, or another."""
+"""Sample answer on which a change is tried, to see whether it leaves nothing, only the beginning, or another answer."""
 ENVELOPE_SIZE = 2
-"""Bytes by which an answer is longer than its value where it has a structure."""
+"""Least number of bytes by which an answer with a structure is longer than its value."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,14 @@ class Spoilt:
     reset: bool = False
     """True if the end of the connection is a reset."""
     blind: bool = False
-    """True if nothing remains of the answer from which the driver could know a value: a call that succeeds invented
-    it."""
+    """True if the changed answer contains nothing from which the driver could know a value: then a call that succeeds
+    has invented its value."""
     tries: int = TRIES
-    """Calls of which the last has to succeed again."""
+    """Number of calls of which the last has to succeed again."""
 
 
 def first_only(change: Change) -> Change:
-    """Changes the first answer alone."""
+    """Return a change that applies only to the first answer."""
     seen: list[bytes] = []
 
     def once(answer: bytes) -> bytes:
@@ -58,7 +58,7 @@ def first_only(change: Change) -> Change:
 
 
 def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = False) -> str | None:
-    """Reads and a write with each of the answers; `structured`: only answers that have a structure."""
+    """Make reads and a write with each of the spoiled answers. `structured`: only if answers have a structure."""
     tried, plain = set(), set()
     with context.opened() as probe, watching(context) as watcher:
         texts = [context.view(each) for each in context.viewed[:MAX_CHANNELS]]
@@ -135,14 +135,14 @@ def _answer(context: RuleContext, probe: Probe, call: Callable[..., object], *ar
 
 
 def watching(context: RuleContext) -> AbstractContextManager[Probe | None]:
-    """Another client that sees a level come through a loop-back."""
+    """Return another client that observes when a level arrives through a loop-back."""
     looped = any(context.view(each) != each.channel for each in context.viewed)
     return context.second(direct=True) if looped else nullcontext(None)
 
 
 def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text: str, way: Spoilt) -> bool:
-    """The read must fail or be right. Its level is moved between a good reading and this one, where an output drives
-    it. Whether there was an answer to change."""
+    """Check that a read with a changed answer fails or is right. If an output drives the channel, its level is moved
+    between a good reading and this one. Return whether there was an answer to change."""
     probe.timeout = context.patience
     output = next((each for each in context.viewed if context.view(each) == text), None)
     before, known = _moved(context, probe, watcher, output) if output is not None else (probe.read(text),) * 2
@@ -197,8 +197,8 @@ def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
 
 
 def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
-    """Readings of the channels, None for those that move by themselves. Every output is brought to another level than
-    its default; the inputs that read them are waited for."""
+    """Return readings of the channels, None for those that change by themselves. Before that, bring every output to
+    another level than its default, and wait for the inputs that read the outputs."""
     probe.timeout = context.patience
     outputs = context.subject.outputs
     for number, output in enumerate(outputs):
@@ -223,7 +223,7 @@ def recovers(
 def rewrite(
     context: RuleContext, probe: Probe, output: Output, raw: int, after: str, tries: int = TRIES, many: bool = False
 ) -> None:
-    """The output takes a level, alone or as a block, at the last of the tries at the latest."""
+    """Check that the output takes a level, written alone or as a block, at the latest at the last of the tries."""
     probe.timeout = context.patience
     _at_last(context, after, tries, probe.write_by, many, output.channel, raw)
 

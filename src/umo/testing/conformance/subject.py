@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 FEW_LEVELS = 300
-"""Levels of a range up to which all are tried."""
+"""Largest number of levels of a range of which all are tried."""
 BYTE_VALUES = 256
 STRIDES = (1, 77, 151, 203, 99, 235, 173, 59)
 """Odd numbers: number * stride runs through all values of a byte, in another order for each byte of a level."""
@@ -38,7 +38,7 @@ class Output:
 
     @property
     def inner(self) -> tuple[int, ...]:
-        """Levels beside the default, neither end if there are others."""
+        """Levels other than the default, without the two ends if there are others."""
         width = self.greatest - self.least
         between = {self.least + width // 3, self.least + width // 2, self.greatest - width // 5}
         free = sorted(between - {self.default, self.least, self.greatest})
@@ -56,14 +56,14 @@ class Output:
         return tuple(dict.fromkeys((*self.inner, *(raw for raw in self.samples if raw not in ends))))
 
     def other(self, number: int = 0) -> int:
-        """A level that is not the default; `number` chooses among the inner ones, which differ as far as there are
-        enough of them."""
+        """A level that is not the default; `number` chooses among the inner ones; different numbers give different
+        levels if there are enough."""
         return self._others[number % len(self._others)]
 
 
 @dataclass(frozen=True)
 class Input:
-    """A channel that the kit reads. `steady`: what it reads stays the same while nobody drives it."""
+    """A channel that the kit reads. `steady`: its reading stays the same while nothing drives it."""
 
     channel: str
     steady: bool = True
@@ -75,44 +75,45 @@ class Subject:
 
     name: str
     make: Callable[[], Driver[Any]]
-    """A new driver with its options, not opened; it connects through `line`, if there is one."""
+    """Makes a new driver with its options, which is not opened yet; it connects through `line`, if there is one."""
     outputs: tuple[Output, ...] = ()
     inputs: tuple[Input, ...] = ()
     loopbacks: tuple[tuple[str, str], ...] = ()
-    """Pairs of channels: the level of the output is what the input reads."""
+    """Pairs of channelsof an output and the input that reads its level."""
     timeout: float = 0.1
     """Timeout in s (`Driver.timeout`) of calls that must time out; shorter where the device answers much quicker. In
     all other calls it is 3 s at least."""
     settle: float = 1.0
-    """Time in s until a level has come through a loop-back at the latest."""
+    """Longest time in s that a level takes through a loop-back."""
     device: str = ""
     """Name of the device for the certificate. Default: the driver's `devices()`."""
     line: Tap | None = None
     """A TcpTap or PtyTap between driver and device, which spoils answers."""
     direct: Callable[[], Driver[Any]] | None = None
-    """A new driver as by `make`, without the line: for times and for many cycles. Default: `make`."""
+    """Makes a new driver like `make`, but without the line, for measured times and for many cycles. Default: `make`."""
     gone: Callable[[], AbstractContextManager[object]] | None = None
     """`with gone():` takes the device away and brings it back. Default: the line does."""
     levels: Callable[[str], Sequence[int]] | None = None
     """The levels that an output (its channel's text) had since the last call of this function, oldest first. The first
-    is the level at that call, the last is the present one: one that has not moved stands there alone, and the list is
-    never empty. For counterparts that record them."""
+    is the level at that call, the last is the present one. If the output has not moved, the list contains only its
+    level; it is never empty. Only for counterparts that record the levels."""
     refused: tuple[str, ...] = ()
-    """Channels that the driver knows and the device answers with an error."""
+    """Channels that the driver knows, but the device refuses with an error."""
     checksum: bool = False
-    """Answers carry a checksum, so that any changed bit is noticed."""
+    """True if answers carry a checksum, so that any changed bit is noticed."""
     structured: bool = True
-    """Answers have a structure (a header, a terminator) by which garbage is noticed. False: any bytes are an answer.
-    Answers that are hardly longer than the value itself are taken for such."""
+    """True if answers have a structure (a header, a terminator) by which garbage is noticed; False if any bytes are an
+    answer. Answers that are hardly longer than the value itself count as answers without a structure."""
     sole_writer: bool = False
-    """The driver says that nobody else may write while it is open: it keeps a copy of what its outputs share."""
+    """True if the driver states that no other client may write while it is open, because it keeps a copy of the data
+    that its outputs share."""
     watchdog: float = 0.0
-    """Time in s with which the device's own watchdog is armed (`HasWatchdog.watchdog`); 0: it is left alone."""
+    """Time in s with which the device's own watchdog is armed (`HasWatchdog.watchdog`), or 0 if it is left alone."""
     period: float = 0.001
     """Period in s (`Driver.period`)."""
     agree: Callable[[str, int, str, int], bool] | None = None
     """Returns True if an output at this raw level and an input with this reading are the same level of a loop-back, for
-    those with another scale or noise. Default: both raw values are equal."""
+    loop-backs with another scale or with noise. Default: both raw values are equal."""
 
 
 def _levels(least: int, greatest: int, default: int) -> tuple[int, ...]:

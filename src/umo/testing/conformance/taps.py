@@ -9,7 +9,7 @@ from time import monotonic, sleep
 from umo.testing.conformance.relay import ANSWER_GAP, HOLDING, PASSING, AnswerMode, Change, Relay, Tapped, Traffic
 
 MAX_LATENESS = 0.5
-"""Time in s in which an answer that is to be late must have come."""
+"""Time in s within which an answer that is to be delivered late must have arrived."""
 
 
 class Tap(Relay):
@@ -23,21 +23,22 @@ class Tap(Relay):
     """
 
     ordered = True
-    """True if a connection that the driver opens again begins without what was sent to the one before."""
+    """True if a connection that the driver opens again does not carry data that was sent on the earlier connection."""
     _gone = False
 
     def spoiling(self, change: Change, *, hangup: bool = False, reset: bool = False) -> AbstractContextManager[None]:
-        """Return a context in which each answer is changed; `hangup`: then the connection is closed; `reset`: as if the
-        device had restarted."""
+        """Return a context in which each answer is changed; `hangup`: the connection is closed after the answer;
+        `reset`: the connection ends as if the device had restarted."""
         return self._in(AnswerMode(change=change, hangup=hangup or reset, reset=reset))
 
     def silent(self) -> AbstractContextManager[None]:
-        """Requests reach the device, answers get lost."""
+        """Return a context in which requests reach the device, but answers get lost."""
         return self.spoiling(lambda answer: b"")
 
     @contextmanager
     def late(self, *, behind: bool = False) -> Iterator[None]:
-        """Answers within the block are delivered at its end; `behind`: with the answer to the request after it."""
+        """Return a context whose answers are delivered at its end. `behind`: each late answer is delivered with the
+        answer to the next request."""
 
         def deliver(tapped: Tapped) -> None:
             self._finish(tapped, holding=True)
@@ -70,7 +71,7 @@ class Tap(Relay):
 
     @contextmanager
     def counting(self, answers: bool = False) -> Iterator[Traffic]:
-        """The traffic within the block; `answers`: an answer that comes after it counts too."""
+        """Return a context that yields its traffic. `answers`: an answer that arrives after the context counts too."""
         traffic, spoiled = Traffic(), self.spoiled
         with self._lock:
             self._traffic = traffic
@@ -100,7 +101,7 @@ class Tap(Relay):
 
     @contextmanager
     def gone(self) -> Iterator[None]:
-        """The device is away: its connections end, and it takes no new ones."""
+        """Return a context in which the device is away: its connections end, and it accepts no new ones."""
         self._go()
         try:
             yield
@@ -119,7 +120,7 @@ class Tap(Relay):
         return self._mode is PASSING and not self._gone
 
     def heal(self) -> None:
-        """Whatever was asked for ends, and so do the connections."""
+        """End every disturbance that was requested, and the connections with it."""
         with self._lock:
             self._mode = PASSING
             with suppress(OSError):  # the device is not there

@@ -22,7 +22,8 @@ MAX_CONNECTING = 1.0
 
 
 class TcpTap(Tap):
-    """Listens at `host` and `port`, a free one of this computer, and connects to the device for each that connects."""
+    """Listens at `host` and `port`, or at a free port of this computer, and opens a connection to the device for each
+    client that connects."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__()
@@ -36,7 +37,8 @@ class TcpTap(Tap):
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """Requests reach the device, answers get lost. Nor is it noticed that the driver ends its connection."""
+        """Return a context in which requests reach the device, but answers get lost. The device does not notice either
+        that the driver ends its connection."""
         self._silent = True
         try:
             with super().silent():
@@ -53,7 +55,8 @@ class TcpTap(Tap):
 
     @contextmanager
     def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
-        """A listener whose queue is full: Linux lets requests to connect get lost then, and repeats them after 1 s."""
+        """Return a context in which the queue of the listener is full: Linux then drops requests to connect, and
+        repeats them after 1 s."""
         if not sys.platform.startswith("linux"):
             yield False
             return

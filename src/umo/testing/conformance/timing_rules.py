@@ -1,4 +1,4 @@
-"""Rules of the time that a call takes, while the device is silent, slow or not there."""
+"""Rules about the duration of a call, while the device is silent, slow or not there."""
 
 from __future__ import annotations
 
@@ -20,32 +20,34 @@ from umo.testing.conformance.spoiling import first_only
 
 T = TypeVar("T")
 TRIES = 3
-"""Calls of which the shortest counts: the computer may have been busy with something else."""
+"""Number of calls of which the shortest counts: the computer may have been busy with something else."""
 QUIET_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
 CLOCK_FACTOR = 0.9
-"""Share of the time that has passed by which the clock is set back: it runs at a tenth of its pace."""
+"""Share of the elapsed time by which the clock is set back: it then runs at a tenth of its pace."""
 TRICKLE_TIMEOUT = 0.3
 """Timeout in s of a call whose answer arrives slowly, long enough to distinguish two waits from one."""
 TRICKLE_STEP = 0.7
 """Share of the timeout between two bytes that trickle."""
 QUICK_CALLS = 30
-"""Times that a driver is used, before an answer takes longer than those it is used to."""
+"""Number of quick calls of a driver before an answer takes longer than usual."""
 LEAST_DELAY, MAX_DELAY = 0.15, 2.0
-"""Delay in s of an answer that a timeout of twice this time waits for; in between it is twice the short timeout."""
+"""Delay in s of an answer: half of a timeout that is long enough to wait for it. Between the two limits the delay is
+twice the short timeout."""
 AT_ONCE = 0.1
-"""Time in s within which a call has not connected that is to be slow."""
+"""Time in s within which a call that connects slowly must not have connected yet."""
 SLOW_SHARE, SLOW_FACTOR = 0.85, 5.0
-"""Share of the timeout that the answers to one channel take; timeout, in times that a transfer takes by itself."""
+"""Share of the timeout that the answers to one channel take; and the timeout, as a multiple of the time of a
+transfer."""
 SLOWLY_CONNECTED = 1.25
-"""Timeout in s of a call for which connecting takes about 1 s."""
+"""Timeout in s of a call that needs about 1 s to connect."""
 CONNECTING_DELAY = 0.1
 """Time in s after which a request to connect is answered, once it is repeated."""
 
 
 @rule(Cost(opens=5, calls=20, connects=17, waits=24, sleeps=0.2))
 def timeout(context: RuleContext) -> str | None:
-    """A call ends within `timeout`, which it reads each time, by a TimeoutError: also if only the last of its answers
+    """A call ends within `timeout`, which it reads each time, with a TimeoutError, also if only the last of its answers
     is missing, if bytes arrive without end, or if nothing answers the request to connect. `inspect`, `report`,
     `physical_scale` and `watchdog` end within it too."""
     line = context.line
@@ -181,7 +183,7 @@ def _without_a_connection(context: RuleContext) -> bool:
 
 
 def in_time(context: RuleContext, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
-    """The error of a call that has to end within its timeout."""
+    """Return the error of a call that has to end within its timeout."""
     return _timed(context, probe, partial(context.failure, call, *arguments))
 
 
@@ -195,7 +197,7 @@ def _timed(context: RuleContext, probe: Probe, attempt: Callable[[], T]) -> T:
 
 
 def allowed(timeout: float) -> float:
-    """Time in s: half of the timeout more, and 50 ms for the computer."""
+    """Return the permitted time in s: 1.5 times the timeout, and 50 ms for the computer."""
     return 1.5 * timeout + 0.05
 
 
@@ -286,7 +288,7 @@ def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: fl
 @rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2, more=60))
 def patience(context: RuleContext) -> str | None:
     """An answer within `timeout` is accepted, also if it takes half of it, or if connecting is slow. A longer timeout,
-    set after `open`, takes effect immediately, because initialise and reset get one."""
+    set after `open`, takes effect immediately, because umo sets a longer one for initialise and reset."""
     delay = min(max(LEAST_DELAY, 2 * context.haste), MAX_DELAY, context.patience / 2)
     quick = min(context.haste, delay / 2)
     with context.leaving(context.new()) as probe:

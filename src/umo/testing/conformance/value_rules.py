@@ -1,4 +1,4 @@
-"""Rules of transfers and their values: the time they take, ranges, their ends, one beyond, directions."""
+"""Rules about transfers and their values: duration, ranges, both ends of a range, the level beyond it, directions."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from umo.text import some
 
 INT64 = 1 << 63
 TIMED_CALLS = 300
-"""Calls of each kind that are timed at most."""
+"""Largest number of calls of each kind that are timed."""
 FEWEST_LEVELS = 8
-"""Levels of each output that are tried at any rate."""
+"""Least number of levels of each output that are tried."""
 
 
 @rule(Cost(opens=3, each=5, calls=6))
 def answers(context: RuleContext) -> None:
     """The device answers: channels can be initialised, inputs read, and defaults written to outputs. The first reading
-    of an input after `open` is as right as the next."""
+    of an input after `open` is correct too."""
     # The other rules are not tried if it does not
     if why := context.dead():
         raise RuleBroken(why, "dead")
@@ -105,8 +105,8 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
 
 @rule(Cost(each=7, calls=10, more=600))
 def range_(context: RuleContext) -> str | None:
-    """An output accepts every raw level of its range exactly, and is read back so. Tested: both ends, powers of two and
-    their neighbours, every value of each byte."""
+    """An output accepts every raw level of its range exactly, and reads back the same level. Tested: both ends, powers
+    of two and their neighbours, every value of each byte."""
     with context.opened() as probe:
         tasks = [(output, raw) for output in context.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
         fewest = len(tasks)

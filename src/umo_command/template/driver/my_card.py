@@ -117,7 +117,7 @@ class Device:
     levels: ClassVar[dict[str, int]] = dict.fromkeys(CHANNELS, 0)
     """Levels of the device itself, which outlast the connection."""
     silent: ClassVar[bool] = False
-    """Whether the device does not answer, for the tests."""
+    """True if the device does not answer, for the tests."""
     wires: ClassVar[dict[str, str]] = {"dac:0": "adc:0", "relay:0": "switch:0"}
 
     def __init__(self, address: int, deadline: float) -> None:

@@ -17,7 +17,7 @@ from my_card import CHANNELS, Device, MyCard
 
 @contextmanager
 def switched_off() -> Iterator[None]:
-    """The device is away, and comes back."""
+    """Return a context in which the device is switched off."""
     Device.silent = True
     try:
         yield

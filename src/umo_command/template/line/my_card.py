@@ -47,7 +47,7 @@ GET, SET = 1, 2
 STATUS = {1: "there is no such channel", 2: "the value is out of range"}
 HEAD, ITEM, CHECKSUM = Struct(">HHB"), Struct(">BBi"), Struct(">H")
 MAX_REPLY = 4096
-"""Bytes that may come in place of an answer."""
+"""Largest number of bytes that may arrive in place of an answer."""
 
 Item = tuple[int, int, int]
 """Place, status and value."""
@@ -215,7 +215,7 @@ class MyCard(Driver, Looks):
 
 
 def framed(number: int, function: int, items: Sequence[Item]) -> bytes:
-    """A frame."""
+    """Return the bytes of a frame."""
     size = HEAD.size - 2 + ITEM.size * len(items) + CHECKSUM.size
     body = HEAD.pack(size, number, function)
     body += b"".join(ITEM.pack(*item) for item in items)
@@ -228,10 +228,8 @@ def found(
     function: int,
     places: Sequence[int],
 ) -> list[Item] | None:
-    """The answer to a request, wherever it stands in what was received.
-
-    None: it is not there, or not whole. Whatever is not the answer in every part, such
-    as an earlier one or noise, is passed over.
+    """Return the answer to a request, wherever it stands in the received bytes; None if it is missing or incomplete.
+    All other bytes, such as noise or an earlier answer, are skipped.
     """
     whole = HEAD.size + ITEM.size * len(places) + CHECKSUM.size
     head = HEAD.pack(whole - 2, number, function)

@@ -26,7 +26,7 @@ levels = dict.fromkeys(HIGHEST, 0)
 
 
 def answer(request: bytes) -> bytes:
-    """The answer to a whole frame; empty if its checksum is wrong."""
+    """Return the answer to a whole frame; empty if its checksum is wrong."""
     if int.from_bytes(request[-2:], "big") != binascii.crc_hqx(request[:-2], 0):
         return b""
     body = request[:5]
@@ -38,7 +38,7 @@ def answer(request: bytes) -> bytes:
 
 
 def carried_out(is_set: bool, place: int, value: int) -> tuple[int, int]:
-    """Status and value of one channel."""
+    """Carry out the request for one channel. Return its status and value."""
     if place not in levels:
         return NO_CHANNEL, 0
     if is_set and (place in (ADC, SWITCH) or not 0 <= value <= HIGHEST[place]):
@@ -49,7 +49,7 @@ def carried_out(is_set: bool, place: int, value: int) -> tuple[int, int]:
 
 
 def serve(receive: Callable[[], bytes], send: Callable[[bytes], object]) -> None:
-    """Answer frames until nothing comes any more."""
+    """Answer frames until the connection ends."""
     data = b""
     while more := receive():
         data += more
@@ -71,7 +71,7 @@ class Server(socketserver.ThreadingTCPServer):
     daemon_threads = True
 
     def handle_error(self, *_: object) -> None:
-        """A client has gone."""
+        """Ignore an error because a client has gone."""
 
 
 def serve_line() -> None:

@@ -14,7 +14,8 @@ class Tank(Compound, stop_order=("inlet", "drain"), max_period="200 ms"):
     overflow: BinarySensor[PassFail]
     timer: DigitalSensor
     band: Annotated[float, Number("mm", 1.0, 50.0, tunable=True)] = 10.0
-    """Largest distance of the level from its target, mm; `[parameters]` of a wiring or `umo tune number` may set it."""
+    """Largest distance of the level from its target, mm. The table `[parameters]` of a wiring and `umo tune number` can
+    set it."""
 
     def setup(self) -> None:
         self.target = 0.0
@@ -32,7 +33,7 @@ class Tank(Compound, stop_order=("inlet", "drain"), max_period="200 ms"):
 
     @action(target=Range("mm", 0.0, 450.0))
     async def fill(self, target: float) -> None:
-        """Fill up to a level within 60 s, and keep it."""
+        """Fill up to a level within 60 s, and keep that level."""
         self.aim(target)
         await until(lambda: value_of(self.level) >= target, timeout="60 s")
 

@@ -7,7 +7,7 @@ from umo.states import OpenClosed, PassFail
 
 
 def machine() -> Tank:
-    """A tank with an inlet, a drain, a level sensor and an overflow switch."""
+    """Return a tank with an inlet, a drain, a level sensor and an overflow switch."""
     return Tank(
         inlet=BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED),
         drain=BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED),

@@ -17,9 +17,7 @@ CHANNELS = {
 class Plant(Driver):
     """A tank of 520 mm: the inlet raises the level by 20 mm/s, the drain lowers it with the root of the level.
 
-    Options:
-        level: at the start, mm.
-        leak: of the tank, mm/s.
+    Options: level: level at the start, mm. leak: leak of the tank, mm/s.
     """
 
     def __init__(self, *, level: float = 20.0, leak: float = 1.0) -> None:

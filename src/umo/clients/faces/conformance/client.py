@@ -20,7 +20,7 @@ class Grade(Enum):
     DOUBTFUL = "doubtful"
     """There is a value, and the protocol says that it is not good."""
     NONE = "none"
-    """There is no value, or one that the protocol calls bad."""
+    """There is no value, or the protocol marks it as bad."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class Seen:
     """The view of a client on one item."""
 
     value: float | str | None
-    """A number, or the name of a state; None: it has no value."""
+    """A number, or the name of a state, or None if it has no value."""
     grade: Grade
     time: float | None = None
-    """s since 1970; None: the protocol has none, or none was sent."""
+    """s since 1970, or None if the protocol has none, or none was sent."""
     unit: str | None = None
     minimum: float | None = None
     maximum: float | None = None
     states: Mapping[int, str] = field(default_factory=dict)
-    """Empty: a number, or the protocol does not show them."""
+    """The names of the states; empty for a number, or if the protocol does not show them."""
 
 
 class ForeignClient(ABC):
@@ -53,25 +53,25 @@ class ForeignClient(ABC):
         """Return the client's view of an item now. An item that it does not see is `Seen(None, Grade.NONE)`."""
 
     async def tune(self, path: str, value: Any) -> None:
-        """Set a tunable number; RefusedByFace."""
+        """Set a tunable number. Raises RefusedByFace."""
         raise NotImplementedError
 
     async def write(self, path: str, value: Any) -> None:
-        """Write an actuator, and hold it while this client lives; RefusedByFace."""
+        """Write an actuator, and hold it while this client lives. Raises RefusedByFace."""
         raise NotImplementedError
 
     async def call(self, path: str, arguments: Mapping[str, Any]) -> Any:
-        """Call an action, and wait for its result; RefusedByFace."""
+        """Call an action, and wait for its result. Raises RefusedByFace."""
         raise NotImplementedError
 
     async def mode(self, mode: str) -> None:
-        """Change the mode; RefusedByFace."""
+        """Change the mode. Raises RefusedByFace."""
         raise NotImplementedError
 
     @abstractmethod
     async def close(self) -> None:
-        """End as a client does that says so."""
+        """Disconnect properly."""
 
     async def kill(self) -> None:
-        """End without a word. Default: `close`."""
+        """Disconnect without closing the session first. Default: `close`."""
         await self.close()

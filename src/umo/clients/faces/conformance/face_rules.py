@@ -21,11 +21,12 @@ from umo.operation.commands.roles import EVERYBODY
 CHANGE_TIMEOUT = 2.0
 """Time in s within which a change must reach a client (`finishes`)."""
 TIME_ERROR = 1.0
-"""Largest error of a time in s that is accepted: beyond the machine's own there is that of the looks."""
+"""Largest error of a time in s that is accepted, beyond the error of the machine's own clock: the interval between two
+looks of the host."""
 FLOOD = 200
 """Number of commands of a flood."""
 RATE = 50.0
-"""Looks of the host a second."""
+"""Number of looks of the host per second."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class TriedFace:
 
 @dataclass
 class Rig:
-    """A machine, the face that serves it, and what clients it has."""
+    """A machine, the face that serves it, and its clients."""
 
     subject: TriedFace
     machine: TriedMachine
@@ -56,7 +57,7 @@ class Rig:
     _stack: AsyncExitStack = field(repr=False)
 
     async def client(self, user: str = "ann") -> ForeignClient:
-        """A client that is connected; it is closed in the end."""
+        """Return a connected client; it is closed at the end."""
         client = await self.subject.client(self.face, user)
         self._stack.push_async_callback(client.close)
         return client
@@ -138,7 +139,7 @@ def rule(sentence: str, *needs: str, mode: Mode = Mode.AUTOMATIC, read_only: boo
 
 
 async def try_rule(subject: TriedFace, rule: FaceRule) -> str | None:
-    """Try one rule. Return what is broken, as text; None if it is kept; "" if it does not apply."""
+    """Try one rule. Return how it is broken, as text; None if it is kept; "" if it does not apply."""
     if not all(getattr(subject, each) for each in rule.needs):
         return ""
     try:
@@ -211,7 +212,7 @@ async def changes(rig: Rig) -> None:
     await rig.told(client, "cell.limit", "FAIL")
 
 
-@rule("A named value with more than two states is told by its name.")
+@rule("A named value with more than two states is shown by its name.")
 async def states(rig: Rig) -> None:
     from umo.clients.faces.conformance.tried_machine import Phase
 
@@ -221,17 +222,19 @@ async def states(rig: Rig) -> None:
         await rig.told(client, "cell.phase", phase.name.lower())
 
 
-@rule("The time of a value is that at which the device gave it.")
+@rule("The time of a value is the time at which the device gave it.")
 async def times(rig: Rig) -> None:
     client = await rig.client()
     rig.machine.set("cell.level", 44)
     seen = await rig.told(client, "cell.level", 22.0)
     if client.has_times:
-        assert seen.time is not None, "there is no time"
-        assert abs(seen.time - time.time()) < TIME_ERROR + CHANGE_TIMEOUT, f"it is {seen.time - time.time():g} s off"
+        assert seen.time is not None, "the value has no time"
+        assert abs(seen.time - time.time()) < TIME_ERROR + CHANGE_TIMEOUT, (
+            f"the time is {seen.time - time.time():g} s off"
+        )
 
 
-@rule("A value that is not referenced is not told as good.")
+@rule("A value that is not referenced is not shown as good.")
 async def unreferenced(rig: Rig) -> None:
     client = await rig.client()
     await rig.sees(client, "cell.position", lambda seen: seen.grade is Grade.DOUBTFUL, "a doubtful value")
@@ -239,14 +242,14 @@ async def unreferenced(rig: Rig) -> None:
     await rig.sees(client, "cell.position", lambda seen: seen.grade is Grade.GOOD, "a good value")
 
 
-@rule("A value beyond its range is not told as good.")
+@rule("A value beyond its range is not shown as good.")
 async def out_of_range(rig: Rig) -> None:
     client = await rig.client()
     rig.machine.set("cell.level", 400)
     await rig.sees(client, "cell.level", lambda seen: seen.grade is not Grade.GOOD, "no good value")
 
 
-@rule("A stale value is not told as good, and keeps the time of its last reading.")
+@rule("A stale value is not shown as good, and keeps the time of its last reading.")
 async def stale(rig: Rig) -> None:
     client = await rig.client()
     before = await rig.told(client, "cell.level", 10.0)
@@ -261,7 +264,7 @@ async def stale(rig: Rig) -> None:
     assert before.grade is Grade.GOOD, f"{before}"
 
 
-@rule("A bad value is told as no value, and comes back.")
+@rule("A bad value is shown as missing, and as a value when it is good again.")
 async def bad(rig: Rig) -> None:
     client = await rig.client()
     rig.machine.set("cell.position", OSError("unplugged"))
@@ -270,7 +273,7 @@ async def bad(rig: Rig) -> None:
     await rig.sees(client, "cell.position", lambda seen: seen.value == 15.0, "the value 15")
 
 
-@rule("An alarm and equipment in fault are told.")
+@rule("An alarm and a fault of equipment are reported.")
 async def alarms(rig: Rig) -> None:
     client = await rig.client()
     rig.machine.set("cell.level", 190)
@@ -308,31 +311,31 @@ async def ends(rig: Rig) -> None:
 
 
 async def refused(work: Awaitable[Any], client: ForeignClient, *words: str) -> None:
-    """Check that it is refused with this text."""
+    """Check that a command is refused with this text."""
     try:
         await work
     except RefusedByFace as refusal:
         for word in words if client.has_words else ():
-            assert word in str(refusal), f"its words are {str(refusal)!r}, without {word!r}"
+            assert word in str(refusal), f"the refusal is {str(refusal)!r}, which does not contain {word!r}"
     else:
-        raise AssertionError("it was not refused")
+        raise AssertionError("the command was not refused")
 
 
 @rule("A tunable number is set.", "commands")
 async def tunes(rig: Rig) -> None:
     client = await rig.client()
     await client.tune("cell.gain", 2.5)
-    assert rig.machine.m.cell.gain == 2.5, f"it is {rig.machine.m.cell.gain}"
+    assert rig.machine.m.cell.gain == 2.5, f"the number is {rig.machine.m.cell.gain}"
     await rig.told(client, "tunable:cell.gain", 2.5)
 
 
-@rule("What the machine refuses is refused in its words, and changes nothing.", "commands")
+@rule("A command that the machine refuses is refused with the machine's text, and changes nothing.", "commands")
 async def refusals(rig: Rig) -> None:
     client = await rig.client()
     await refused(client.tune("cell.gain", 11.0), client, "11")
     await refused(client.tune("cell.gain", float("nan")), client)
     await refused(client.call("cell.add", {"weight": 7.0}), client, "7")
-    assert rig.machine.m.cell.gain == 1.0, f"it is {rig.machine.m.cell.gain}"
+    assert rig.machine.m.cell.gain == 1.0, f"the number is {rig.machine.m.cell.gain}"
 
 
 @rule("An action is called with its arguments, and returns its result.", "commands")
@@ -349,7 +352,7 @@ async def users(rig: Rig) -> None:
         await (await rig.client(name)).tune("cell.gain", value)
     who = [each.who for each in rig.machine.events if each.path == "cell.gain"]
     for name, told in zip(("ann", "bob"), who, strict=True):
-        assert not rig.subject.is_named or told.startswith(name), f"{told!r} instead of {name}"
+        assert not rig.subject.is_named or told.startswith(name), f"the event names {told!r} instead of {name}"
         assert rig.face.proves_users or "unverified" in told, f"{told!r} is not marked as unverified"
 
 
@@ -359,7 +362,7 @@ async def read_only(rig: Rig) -> None:
     await rig.told(client, "cell.level", 10.0)
     await refused(client.tune("cell.gain", 2.0), client)
     await refused(client.call("cell.add", {"weight": 1.0}), client)
-    assert rig.machine.m.cell.gain == 1.0, "it was set"
+    assert rig.machine.m.cell.gain == 1.0, "the number was set"
     assert not rig.machine.holder, "the face has taken the lease"
 
 
@@ -372,20 +375,20 @@ async def manual(rig: Rig) -> None:
     await rig.told(client, "cell.valve", 5.0)
 
 
-@rule("What is written is held while its client lives, and no longer.", "commands", "writes", mode=Mode.MANUAL)
+@rule("A written value is held as long as its client lives.", "commands", "writes", mode=Mode.MANUAL)
 async def held(rig: Rig) -> None:
     client, other = await rig.client(), await rig.client("bob")
     await client.write("cell.valve", 5.0)
     number = rig.machine.number
     await until(lambda: rig.machine.number > number + 200)  # 1 s: twice the dead-man time
-    assert rig.machine.m.cell.valve.read() == 5.0, "it was let go of"
+    assert rig.machine.m.cell.valve.read() == 5.0, "the written value was released"
     await client.kill()
     await until(lambda: rig.machine.m.cell.valve.read() == 0.0, 10.0)
     await rig.told(other, "cell.valve", 0.0)
 
 
 @rule(
-    "What must be kept up is refused where the protocol does not tell whether a client lives.",
+    "A dead-man command is refused if the protocol does not show whether its client lives.",
     "commands",
     mode=Mode.MANUAL,
 )
@@ -418,7 +421,7 @@ async def flood(rig: Rig) -> None:
     await other.tune("cell.gain", 9.0)
 
 
-@rule("A client that ends without a word disturbs no other.")
+@rule("A client that ends without closing its connection does not disturb the others.")
 async def killed_client(rig: Rig) -> None:
     client, other = await rig.client(), await rig.client("bob")
     await rig.told(client, "cell.level", 10.0)
@@ -427,7 +430,7 @@ async def killed_client(rig: Rig) -> None:
     await rig.told(other, "cell.level", 15.0)
 
 
-@rule("An item that does not exist is refused, and nothing else suffers.")
+@rule("A command to an item that does not exist is refused, and affects no other command.")
 async def unknown(rig: Rig) -> None:
     client = await rig.client()
     seen = await client.read("cell.nothing")

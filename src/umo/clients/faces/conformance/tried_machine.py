@@ -1,4 +1,4 @@
-"""The machine that faces are tried on, in this process: one of everything that a face can show."""
+"""The machine that faces are tried on, in this process: it has one item of every kind that a face can show."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from umo.testing.scripted import Scripted
 from umo.testing.virtual import VirtualTimer
 
 STEP = 0.005
-"""Time in s from one period to the next, of 1 ms in the machine's own time."""
+"""Time in s from one period to the next; in the machine's own time a period is 1 ms."""
 LIMIT = 20.0
-"""Time in s within which what is waited for must come (`until`)."""
+"""Time in s within which an awaited condition must become true (`until`)."""
 OWN_DEVICES = {"cell.level": "gauge", "cell.position": "ruler"}
 """Objects with a device of their own."""
 
@@ -107,15 +107,15 @@ def plant() -> Plant:
 
 
 class TriedMachine:
-    """The plant while it runs; a step each 5 ms. It can end, and run again."""
+    """The running plant, with a step every 5 ms. It can be ended and started again."""
 
     def __init__(self, mode: Mode = Mode.AUTOMATIC) -> None:
         self.mode = mode
         self.goes_on = True
-        """True if periods go by; False: it is silent."""
+        """True while periods are run; False if the machine is silent."""
         self.m = plant()
         self.devices = {"box": Scripted(), "gauge": Scripted({"cell.level": 20}), "ruler": Scripted()}
-        """The gauge has the level, the ruler the position, the box the rest."""
+        """The devices: the gauge for the level, the ruler for the position, the box for everything else."""
         self._run = ExitStack()
         self._stepping: asyncio.Task[None] | None = None
         self._path: Path | None = None
@@ -129,7 +129,7 @@ class TriedMachine:
         await self.end()
 
     def begin(self) -> None:
-        """Run, with other frames than before."""
+        """Start a run, which publishes new frames."""
         wire: dict[str, Any] = {"timer": {"driver": "clock", "period": "1 ms"}}
         wire |= {f"cell.{name}": {"driver": "box"} for name in ("limit", "valve", "lamp")}
         wire |= {path: {"driver": name} for path, name in OWN_DEVICES.items()}
@@ -162,15 +162,15 @@ class TriedMachine:
             await asyncio.sleep(STEP)
 
     def find(self) -> Reader:
-        """The frames of the run; FramesError while there is none."""
+        """The frames of the run; FramesError while there is no run."""
         if self._path is not None:
             with suppress(FramesError):
                 return Reader(self._path)
         raise FramesError("plant does not run")
 
     def set(self, path: str, raw: Any) -> None:
-        """Set what the device of an object returns from now on; an error: it returns nothing. Two raw integers are 1
-        mm."""
+        """Set the raw value that the device of an object returns from now on, or the error that it raises. Two raw
+        steps are 1 mm."""
         self.devices[OWN_DEVICES.get(path, "box")].set(path, raw)
 
     @property
@@ -190,7 +190,7 @@ class TriedMachine:
 
 async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:
     """Return the result of the condition once it is true. TimeoutError after checks for `within` s, one each `STEP`. On
-    a busy computer the checks are late, as are the face and its clients: they get more time."""
+    a busy computer the checks are late, so the face and its clients, which are late too, get more time."""
     for _ in range(ceil(within / STEP)):
         if found := condition():
             return found
@@ -199,7 +199,7 @@ async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:
 
 
 async def finishes(task: asyncio.Task[Any], within: float = LIMIT) -> bool:
-    """True if the task ends within this time in s, counted as by `until`; it is cancelled if not."""
+    """True if the task ends within this time in s, counted as by `until`; otherwise the task is cancelled."""
     try:
         return bool(await until(task.done, within))
     except TimeoutError:

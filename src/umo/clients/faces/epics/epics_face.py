@@ -20,7 +20,7 @@ class Epics(Face):
 
     Options:
         prefix: stands before each name; default: the name of the station and a colon.
-        port: of the server (TCP); 0: a free one, which clients find by searching.
+        port: of the server (TCP); 0 means a free one, which clients find by searching.
         search_port: on which clients search (UDP).
         host: an address of this computer that no other reaches.
     """
@@ -32,8 +32,8 @@ class Epics(Face):
     ) -> None:
         if not is_local(host):
             raise OptionError(
-                f"host {host!r} can be reached from other computers, and pvAccess proves no user: leave it out; a "
-                "gateway that only reads serves other computers (docs/face-epics.md)"
+                f"host {host!r} can be reached from other computers, and pvAccess does not prove who a "
+                "user is: leave `host` out; a gateway that only reads serves other computers (docs/face-epics.md)"
             )
         if any(each.isspace() for each in prefix):
             raise OptionError(f"prefix {prefix!r} has a space")

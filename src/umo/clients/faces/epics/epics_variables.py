@@ -25,24 +25,24 @@ SUFFIXES = {ItemKind.EQUIPMENT: "equipment", ItemKind.AXIS: "axis", ItemKind.ALA
 SEVERITIES = {Quality.GOOD: 0, Quality.OUT_OF_RANGE: 2, Quality.UNREFERENCED: 1, Quality.STALE: 1, Quality.BAD: 3}
 MINOR, MAJOR = 1, 2
 DEVICE, RECORD = 1, 3
-"""Status: what the device gave; what a state means."""
+"""Sources of an alarm status: the device, and the meaning of a state."""
 RESERVED = frozenset((
     "check_value", "children", "clear_sub", "collect", "collect_asset_docs", "collect_pages", "complete", "connect",
     "describe", "describe_collect", "describe_configuration", "get_index", "hints", "kickoff", "locate", "log", "name",
     "parent", "pause", "prepare", "read", "read_configuration", "resume", "set", "set_name", "stage", "stop",
     "subscribe", "trigger", "unstage",
 ))  # fmt: skip
-"""Names that bluesky's devices have for themselves: an entry of the tree gets a `_`."""
+"""Names that bluesky's devices reserve; an entry of the tree with such a name gets a `_`."""
 TEXTS = ("text", ArgumentKind.CHOICE.value, ArgumentKind.OF_ACTION.value)
-"""Kinds of arguments that are texts."""
+"""Kinds of arguments that are passed as texts."""
 RUN = "run"
-"""First part of the names of the run."""
+"""First part of the names of variables of the run."""
 AXIS_ENTRIES = ("target", "stop")
-"""Entries of an axis in the tree that are none of its parts."""
+"""Entries of an axis in the tree that are not parts of it."""
 PRECISION = 3
 """Digits after the point if neither a resolution nor a range gives them."""
 JOINED = coded(".")
-"""Joins the entry of an alarm and that of its object, which is not a device. No part of a name has it."""
+"""Joins the entry of an alarm to the entry of its object, which is not a device. It occurs in no part of a name."""
 IN_LIST = "__"
 """Stands before the number of an entry in a list."""
 TREE = "PVI"
@@ -53,7 +53,7 @@ NameParts = tuple[str, ...]
 """A name without its prefix: its parts, in letters, digits and `_` of ASCII."""
 Ask = Callable[..., Any]
 Show = Callable[[float, Mapping[str, Any]], None]
-"""Shows a value, with the fields of its alarm and time."""
+"""Function that shows a value, with the fields of its alarm and time."""
 
 
 class EpicsVariables:
@@ -85,7 +85,7 @@ class EpicsVariables:
         return self.prefix + ":".join(parts)
 
     def enter(self, parts: NameParts, entry: dict[str, str]) -> None:
-        """An entry of the tree, and the devices above it."""
+        """Add an entry to the tree, with the devices above it."""
         device, name = parts[:-1], entry_of(parts[-1])
         if device in self._leaves:  # an alarm of an object
             device, name = device[:-1], f"{entry_of(device[-1])}{JOINED}{name}"
@@ -95,7 +95,7 @@ class EpicsVariables:
         self._tree[device][name] = entry
 
     def follow(self, item: MachineItem, show: Show) -> None:
-        """Call it with each new value of an item."""
+        """Call a function with each new value of an item."""
         self._shows[item.number].append(show)
 
     def add_item(self, item: MachineItem) -> None:
@@ -119,7 +119,8 @@ class EpicsVariables:
         return lambda user, given: self.ask(user, verb.name, path, value=read(given))
 
     def add_action(self, about: Mapping[str, Any]) -> None:
-        """A put of anything calls it without arguments, an RPC with those of its query."""
+        """Add a variable for an action. A put of any value calls the action without arguments; an RPC calls it with the
+        arguments of its query."""
         path = str(about["path"])
         arguments = {str(each["name"]): each for each in about["arguments"]}
 
@@ -134,8 +135,9 @@ class EpicsVariables:
         self.add(parts_of(path), "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
 
     def add_verb(self, parts: NameParts, verb: Verb, path: str | None) -> None:
-        """A put gives the verb: of anything, or of its one number or text; an RPC has its arguments by name. `path`:
-        None if it is an argument, too, and what is put of a verb without arguments."""
+        """Add a variable for a verb. A put of any value gives the verb, or its one number or text; an RPC has its
+        arguments by name. `path`: None if the path is an argument, too; then a put of a verb without arguments is the
+        path."""
         about = {each.name: each.plain() for each in verb.arguments}
         single = verb.arguments[0] if len(verb.arguments) == 1 and path is not None else None
 
@@ -193,13 +195,13 @@ def variables_of(machine: Declaration, prefix: str, commands: Commands) -> Epics
 
 
 def own_parts() -> frozenset[str]:
-    """Last parts of names that no part of a path has: one of this name is escaped."""
+    """The last parts of names that umo uses itself; a part of a path with such a name is escaped."""
     return frozenset((*SUFFIXES.values(), TREE, *(verb.word for verb in naming(*OF_ITEMS.values()))))
 
 
 def parts_of(path: str, own: str = "") -> NameParts:
-    """The parts of the name of what has this path. `own`: one of `own_parts`, which follows. A part of the path that is
-    one of these, or is first and that of the run, is escaped."""
+    """The parts of the name for an object with this path. `own`: one of `own_parts`, which follows. A part of the path
+    that is one of these, or that is first and equals that of the run, is escaped."""
     first, *others = (escaped(each or NO_NAME, is_word, own_parts()) for each in path.split("."))
     parts = (escaped(first, is_word, (RUN,)), *others) if path else ()
     return (*parts, own) if own else parts
@@ -240,7 +242,7 @@ def _state_shown(variable: ProcessVariable, item: MachineItem) -> Show:
             fields["value.index"] = places[int(value)]
             severity, text = _severity(item, state), str(item.about.get("text", state))
         else:  # the index is the last one
-            severity, text = INVALID, f"{value:g} is none of its states"
+            severity, text = INVALID, f"{value:g} is not one of its states"
         if severity > fields["alarm.severity"]:
             fields |= {"alarm.severity": severity, "alarm.status": RECORD, "alarm.message": text}
         variable.show(fields)
@@ -288,7 +290,7 @@ def _name_in(item: MachineItem, given: Value) -> str:
     index = int(given["value.index"]) if given.changed("value") or given.changed("value.index") else -1
     if not 0 <= index < len(names):
         raise CommandRefused(
-            f"{item.path}: {index} is none of {', '.join(f'{n} {each}' for n, each in enumerate(names))}"
+            f"{item.path}: {index} is not one of {', '.join(f'{n} {each}' for n, each in enumerate(names))}"
         )
     return names[index]
 

@@ -17,7 +17,7 @@ from umo.process.frames.machine_items import MachineItem
 
 AT_REST = ("disabled", "standstill", "error_stop")
 JOG_SHARE = 0.1
-"""Velocity of a jog: share of the largest."""
+"""Velocity of a jog, as a share of the largest velocity."""
 
 
 class MotorRecord:

@@ -22,14 +22,15 @@ TYPES: Mapping[str, Type] = {
     "s": NTScalar.buildType("s", display=True),
     "enum": NTEnum.buildType(extra=[("descriptor", "s")]),
 }
-"""By the code of the value: a number, an integer, a text, a name out of a list."""
+"""Normative types by the code of the value: a number, an integer, a text, a name out of a list."""
 INVALID, UNDEFINED = 3, 6
-"""Severity and status of what has no value."""
+"""Severity and status of a variable without a value."""
 
 
 class ProcessVariable:
-    """`write`: for a put, `call`: for an RPC; without them they are refused. `kept_up`: what is put is kept up while
-    the channel of its client is open, so each client has a channel of its own, and is seen to go."""
+    """`write` carries out a put and `call` an RPC; without them a put or an RPC is refused. `kept_up`: a written value
+    is held while the channel of its client is open. Each client then has a channel of its own, so its end is
+    noticed."""
 
     def __init__(
         self,
@@ -40,14 +41,14 @@ class ProcessVariable:
         kept_up: bool = False,
     ) -> None:
         self.value = value
-        """The first one; of what is kept up the last one."""
+        """The first value, or the last value if `kept_up`."""
         self.write, self.call, self.kept_up = write, call, kept_up
         self.channels: list[SharedPV] = []
         self._lock = threading.Lock()
         """Held while the channels, or the value of what is kept up, change: p4p's threads add channels."""
 
     def show(self, fields: Mapping[str, Any]) -> None:
-        """Tell the clients new values of fields."""
+        """Send new values of fields to the clients."""
         with self._lock:
             channels = tuple(self.channels)
             for name, each in fields.items() if self.kept_up else ():
@@ -75,7 +76,7 @@ class ProcessVariable:
 
 
 def scalar(value: float | int | str, code: str = "d", **about: Any) -> Value:
-    """A normative scalar of now. `about`: fields of `display`."""
+    """A normative scalar with the present time. `about`: fields of `display`."""
     return Value(TYPES[code], {"value": value, "display": about, "timeStamp": _now()})
 
 
@@ -96,7 +97,7 @@ def _now() -> dict[str, int]:
 
 
 def pvi(entries: Mapping[str, Mapping[str, str]]) -> Value:
-    """The PVI of one device: each entry with its access (r, rw, x; d: a device) and its variable."""
+    """The PVI of one device: each entry with its access (r, rw or x; d for a device) and its variable."""
     shape = [(name, ("S", None, [(access, "s") for access in entry])) for name, entry in entries.items()]
     fields = [("value", ("S", None, shape)), ("alarm", alarm), ("timeStamp", timeStamp)]
     return Value(Type(fields, id="epics:nt/NTPVI:1.0"), {"value": entries})

@@ -20,13 +20,14 @@ from umo.errors import CommandRefused, UmoError, text_of
 from umo.system.peer_account import account_of, peer_uid
 
 BEGUN_AFTER = 1.0
-"""Time in s after which a put that does not wait for completion is answered, if it was not refused until then."""
+"""Time in s after which a put that does not wait for completion is answered if it has not been refused."""
 SILENCE = 20
-"""Time in s after which a client that hangs is taken for gone: its library gives a sign of life every 15 s."""
+"""Time in s after which a client that hangs counts as disconnected; its library gives a sign of life every 15 s."""
 MAX_CHANNELS = 1000
-"""Channels at most to what is kept up: each client has its own."""
+"""Largest number of channels to variables that are held by their clients: each client has its own."""
 MAX_ASKED = 32
-"""Puts and calls of one connection at most whose user is being looked up: a flood keeps no other waiting for long."""
+"""Largest number of puts and calls of one connection whose user is being looked up: a flood keeps no other waiting for
+long."""
 
 
 class PvaServer:
@@ -47,7 +48,7 @@ class PvaServer:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def open(self) -> str:
-        """Its address. UmoError if the port is taken."""
+        """Start the server and return its address. UmoError if the port is in use."""
         self._loop = asyncio.get_running_loop()
         endpoint = self._endpoint
         endpoint.listening().close()  # the server would silently take another port
@@ -94,12 +95,12 @@ class PvaServer:
     # In p4p's threads ----------------------------------------------------------------------------------
 
     def testChannel(self, name: str) -> bool:
-        """True if a client can have a channel of its own to it."""
+        """True if a client can open a channel to this variable."""
         variable = self.variables.get(name)
         return variable is not None and variable.kept_up
 
     def makeChannel(self, name: str, peer: str) -> SharedPV | None:
-        """The channel of one client."""
+        """Return the channel for one client."""
         variable = self.variables.get(name)
         count = sum(len(each.channels) for each in self.variables.values() if each.kept_up)
         if variable is None or count >= MAX_CHANNELS:
@@ -120,7 +121,9 @@ class PvaServer:
     async def _answer(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
         try:
             if carry_out is None:
-                raise CommandRefused("it is read only" if not operation.is_call else "it cannot be called")
+                raise CommandRefused(
+                    "this variable is read-only" if not operation.is_call else "this variable cannot be called"
+                )
             user = await self._user(operation)
             operation.done(await operation.awaited(carry_out, user))
         except asyncio.CancelledError:
@@ -132,7 +135,7 @@ class PvaServer:
 
     async def _user(self, operation: ClientRequest) -> User:
         if self._asked[operation.peer] >= MAX_ASKED:
-            raise CommandRefused(f"up to {MAX_ASKED} puts and calls of a connection at once")
+            raise CommandRefused(f"a connection may have at most {MAX_ASKED} puts and calls in progress")
         self._asked[operation.peer] += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(self._asking, operation.user, self._port)
@@ -142,7 +145,8 @@ class PvaServer:
 
 
 class ChannelHandler:
-    """Takes the puts and calls of a variable's channel: of one client if the variable is kept up, else of all."""
+    """Takes the puts and calls of a variable's channel, which serves one client if the variable is held, otherwise all
+    clients."""
 
     def __init__(self, server: PvaServer, variable: ProcessVariable) -> None:
         self._server, self._variable = server, variable
@@ -165,7 +169,7 @@ class ChannelHandler:
 
 
 class ClientRequest:
-    """A put, or a call, that a client waits for. `channel`: on which what is put is kept up."""
+    """A put or a call that a client waits for. `channel`: the channel that holds the written value."""
 
     def __init__(self, operation: Any, given: Value, channel: ChannelHandler | None, *, is_call: bool) -> None:
         self._operation, self._given, self._channel, self.is_call = operation, given, channel, is_call
@@ -196,7 +200,7 @@ class ClientRequest:
         return User(name, proved=uid is not None, is_owner=uid == os.getuid(), is_alive=alive)
 
     async def awaited(self, carry_out: CarryOut, user: User) -> Any:
-        """Carry it out up to where the client waits."""
+        """Carry out the request, up to the point for which the client waits."""
         task = asyncio.ensure_future(carry_out(user, self._given))
         if not self._waits:
             done, _ = await asyncio.wait([task], timeout=BEGUN_AFTER)

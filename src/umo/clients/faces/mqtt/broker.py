@@ -21,13 +21,13 @@ KEEPALIVE = 5
 """Time in s without a sign of life; the broker declares a client dead after one and a half of it."""
 CONNECT_TIMEOUT = 2.0
 FIRST_PAUSE, MAX_PAUSE = 1, 8
-"""Time in s to the next try to connect: it doubles."""
+"""Time in s to the next attempt to connect: the first one and the longest one. It doubles after each failure."""
 MAX_UNSENT = 4_000_000
-"""Bytes that wait for the network at most; what comes beyond is not taken."""
+"""Largest number of bytes that wait for the network; further messages are not accepted."""
 MAX_MESSAGE = 65_536
-"""Bytes of a message to the face at most; longer ones are dropped."""
+"""Largest number of bytes of a message to the face; longer ones are dropped."""
 MAX_HEARD = 256
-"""Messages to the face that wait at most; what comes beyond is dropped."""
+"""Largest number of messages to the face that wait; further messages are dropped."""
 LAST_MESSAGE_TIMEOUT = 1.0
 """Time in s within which the broker must have confirmed the last message."""
 
@@ -82,12 +82,12 @@ class Broker:
         return client
 
     def start(self) -> None:
-        """Begin to connect."""
+        """Start connecting."""
         self._client.connect_async(self._address.host, self._address.port, KEEPALIVE)
         self._client.loop_start()
 
     def send(self, topic: str, payload: bytes, retain: bool = False) -> bool:
-        """True if the message was taken: not without a connection, or while too much waits."""
+        """Send a message. Return False if there is no connection, or if too many bytes wait."""
         while self._unsent and self._unsent[0][0].is_published():
             self._bytes -= self._unsent.popleft()[1]
         if not self.is_up or self._bytes + len(payload) > MAX_UNSENT:
@@ -100,7 +100,8 @@ class Broker:
         return True
 
     async def stop(self, last: Message) -> None:
-        """End with a last message. If the broker does not confirm it, the connection breaks, and the will tells."""
+        """End with a last message. If the broker does not confirm it, the connection is broken off, so that the broker
+        publishes the will."""
         self._is_stopped = True
         await asyncio.to_thread(self._stop, last)
 
@@ -135,7 +136,7 @@ class Broker:
         self._is_refused = reason.is_failure
         if reason.is_failure:
             user = self._address.user
-            self._tell(f"refuses the user {user}: {reason}" if user else f"refuses who has no user: {reason}")
+            self._tell(f"refuses the user {user}: {reason}" if user else f"refuses clients without a user: {reason}")
             return
         self._told = ""
         if self._topics:

@@ -1,4 +1,4 @@
-"""The address of an MQTT broker, with what proves each to the other: certificates, a user and a password."""
+"""The address of an MQTT broker, with the credentials of both sides: certificates, a user and a password."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from umo.clients.faces.endpoint import is_local
 from umo.errors import OptionError
 
 MAX_PASSWORD = 1024
-"""Characters of a password at most."""
+"""Largest number of characters of a password."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class BrokerAddress:
                 file = self.certificate
                 context.load_cert_chain(file)
         except OSError as error:
-            raise OptionError(f"{file}: no certificates ({reason_of(error)})") from None
+            raise OptionError(f"{file}: these are not certificates ({reason_of(error)})") from None
         return context
 
     def password(self) -> str | None:
@@ -68,9 +68,9 @@ class BrokerAddress:
                     raise PermissionError("others may read it: chmod 600")
                 line = stream.readline(MAX_PASSWORD).rstrip("\r\n")
         except (OSError, ValueError) as error:
-            raise OptionError(f"{self.password_file}: no password ({reason_of(error)})") from None
+            raise OptionError(f"{self.password_file}: the password cannot be read ({reason_of(error)})") from None
         if not line:
-            raise OptionError(f"{self.password_file}: its first line is no password")
+            raise OptionError(f"{self.password_file}: its first line is not a password")
         return line
 
     def __str__(self) -> str:
@@ -78,6 +78,6 @@ class BrokerAddress:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """Return the cause of a failure in short; for a certificate what is wrong with it."""
+    """Return a short cause of a failure; for a certificate, the defect."""
     told = getattr(error, "verify_message", "") or getattr(error, "reason", "") or getattr(error, "strerror", "")
     return str(told or error)

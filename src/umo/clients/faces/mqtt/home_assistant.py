@@ -33,11 +33,11 @@ from umo.process.frames.machine_items import Declaration, MachineItem
 from umo.text import did_you_mean
 
 USER = "homeassistant"
-"""The name of the user of every command: the protocol tells none."""
+"""The name of the user of every command: the protocol transmits none."""
 ONLINE, OFFLINE = b"online", b"offline"
 INTERVAL = 1.0
 FASTEST, SLOWEST = 0.1, 3600.0
-"""Times in s from one message of a number to the next: default and limits."""
+"""Shortest and longest time in s from one message of a number to the next."""
 
 
 class HomeAssistant(Face):

@@ -20,7 +20,7 @@ STEP = 0.001
 """Smallest step of a number that Home Assistant can set."""
 DEFAULT_LIMITS = -1e9, 1e9
 DISPLAYED = (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED)
-"""The qualities with which an entity has its value; with the others it is unavailable."""
+"""The qualities with which an entity shows its value; with the others it is unavailable."""
 PROBLEMS = (ItemKind.ALARM, ItemKind.EQUIPMENT)
 """Items that become a binary sensor of class `problem`."""
 UNITS = {"l": "L", "ml": "mL", "l/min": "L/min"}
@@ -35,12 +35,13 @@ DEVICE_CLASSES = {
     }.items()
     for unit in units.split()
 }  # fmt: skip
-"""The class that a sensor's unit tells. K tells none, and what is computed has none (the error of a law is a difference
-in °C): Home Assistant would convert differences as temperatures."""
+"""The device class that follows from a sensor's unit. K gives none, and a computed value has none (the error of a law
+is a difference in °C): Home Assistant would convert differences as temperatures."""
 
 
 ENTITIES = Identities("-", "--", is_word)
-"""Identifiers of entities: `tunable:cell.gain` is `tunable--cell-gain`. Home Assistant has letters, digits, _ and -."""
+"""Identifiers of entities: `tunable:cell.gain` is `tunable--cell-gain`. Home Assistant allows letters, digits, _ and
+-."""
 TOPICS = Identities("/", ":", is_topic)
 """Below `value`, `set` and `press`: `tunable:cell.gain` is `tunable:cell/gain`."""
 
@@ -59,7 +60,7 @@ def text_of_time(utc: float) -> str | None:
 
 
 def told(item: MachineItem, changes: Changes) -> bytes:
-    """Value, quality and time of an item as JSON."""
+    """Return value, quality and time of an item as JSON."""
     value, quality = float(changes.values[item.number]), changes.quality_of(item.number)
     shown: Any = None
     if not isnan(value) and quality is not Quality.BAD:
@@ -113,8 +114,8 @@ def pressed(machine: Declaration) -> list[str]:
 
 
 def former_topics(machine: Declaration, prefix: str) -> list[str]:
-    """Topics of discovery as umo 0.2 had them: two names could have one identity. What the broker keeps there is
-    deleted, so that Home Assistant has each entity once."""
+    """Topics of discovery as umo 0.2 had them: two names could have one identity. Messages that the broker retains
+    there are deleted, so that Home Assistant has each entity once."""
     found: list[str] = []
 
     def add(component: str, name: str) -> None:
@@ -134,7 +135,8 @@ def former_topics(machine: Declaration, prefix: str) -> list[str]:
 
 
 def mark_of(machine: Declaration) -> str:
-    """Tells declarations apart: what the broker keeps of another one counts no longer."""
+    """Return a mark of the declaration, by which messages that the broker retains from another declaration are
+    ignored."""
     return f"{zlib.crc32(repr((machine.items, machine.actions)).encode()):08x}"
 
 

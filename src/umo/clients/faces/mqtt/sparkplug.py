@@ -1,4 +1,4 @@
-"""Sparkplug B: the station as an edge node of an MQTT broker, with birth, data by alias, death, and what was stored."""
+"""Sparkplug B: the station as an edge node of an MQTT broker, with birth, data by alias, death, and stored values."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from umo.process.frames.run_reader import NumberedEvent
 
 log = logging.getLogger("umo.faces")
 STORE = 50_000
-"""Values that are kept while the broker or the primary host is away, by default."""
+"""Default number of values that are kept while the broker or the primary host is away."""
 CHUNK, CHUNKS = 500, 10
-"""Stored values of one message, and messages of them for each look."""
+"""Number of stored values in one message, and of such messages for each look."""
 MAX_METRICS = 100
-"""Metrics of one command message at most; the others are refused."""
+"""Largest number of metrics in one command message; the others are refused."""
 REBIRTH_PAUSE = 0.5
-"""Time in s from one birth that was asked for to the next."""
+"""Shortest time in s between two requested births."""
 NOBODY = "sparkplug"
 """The name of a user who gives none."""
 
@@ -69,7 +69,7 @@ class Sparkplug(Face):
         self._group, self._name, self._primary = group or "umo", node, primary
         self._stored: deque[Any] = deque(maxlen=store)
         self.dropped = 0
-        """Values that were dropped as the store was full, since the start."""
+        """Number of values dropped since the start because the store was full."""
         self._bd_seq = int(time.time()) % 256  # another than that of a process that was killed just before
         self._commands: Commands | None = None
         self._changes: Changes | None = None
@@ -178,7 +178,7 @@ class Sparkplug(Face):
         for metric in message.metrics[:MAX_METRICS]:
             self._hear_metric(metric)
         if (more := len(message.metrics) - MAX_METRICS) > 0:
-            self._answer(REFUSAL, f"{more} metrics too many: {MAX_METRICS} at most in a message", {})
+            self._answer(REFUSAL, f"{more} metrics are too many: a message may have at most {MAX_METRICS}", {})
 
     def _hear_host(self, payload: bytes) -> None:
         """The primary host has come, or gone: then the session ends, and the next one waits for it."""
@@ -237,7 +237,7 @@ class Sparkplug(Face):
         if item is None:
             raise OptionError(f"there is no metric {name[:200]!r}")
         if (setting := item.verb) is None:
-            raise OptionError(f"{name} is only read")
+            raise OptionError(f"{name} is read-only")
         path = "" if setting.names is Names.NOTHING else item.path
         return await self._commands.ask(user, setting.name, path, value=value)
 

@@ -35,7 +35,7 @@ METRICS = Identities("/", ":", is_text, frozenset({EVENT, BD_SEQ}))
 ACTION = "action"
 """The kind of a metric that calls an action. Its value is the last result."""
 VERB = "verb"
-"""The kind of a metric that gives a verb: a JSON object of its path and arguments is written to it."""
+"""The kind of a metric that gives a verb: clients write a JSON object with its path and arguments to it."""
 QUALITY = "Quality"
 QUALITIES = {Quality.GOOD: GOOD, Quality.STALE: STALE}
 """Qualities of Sparkplug, which has three; all others are BAD. The property `quality` has umo's name."""
@@ -88,7 +88,7 @@ class SparkplugNode:
         return self.numbered(payload)
 
     def data(self, changes: Changes) -> Any:
-        """A payload of what has changed, still without its number."""
+        """Return a payload with the changes, still without its number."""
         payload = _payload()
         self._put_changes(payload, changes, changes.places.tolist())
         return payload

@@ -18,7 +18,7 @@ GOOD, BAD, STALE = 192, 0, 500
 """The values of the property Quality (section 6.4.15)."""
 PACKAGE = "umo.sparkplug_b"
 VALUES = "value"
-"""The one of a message's values that is set."""
+"""The field of a message that has its value."""
 FIELDS: Mapping[str, str] = {
     "Payload": "uint64 timestamp 1, Metric* metrics 2, uint64 seq 3, string uuid 4, bytes body 5",
     "Metric": "string name 1, uint64 alias 2, uint64 timestamp 3, uint32 datatype 4, bool is_historical 5, "
@@ -29,7 +29,8 @@ FIELDS: Mapping[str, str] = {
     "PropertyValue": "uint32 type 1, bool is_null 2, ?uint32 int_value 3, ?uint64 long_value 4, ?float float_value 5, "
     "?double double_value 6, ?bool boolean_value 7, ?string string_value 8, ?PropertySet propertyset_value 9",
 }
-"""Messages and their fields: type (`*`: repeated), name, number; `?`: one of the message's values."""
+"""Messages and their fields: type (`*` if repeated), name and number; `?` marks the alternatives for the message's
+value."""
 
 
 def _classes() -> Mapping[str, Any]:
@@ -58,12 +59,12 @@ Payload: Any = _classes()["Payload"]
 
 
 def put_value(metric: Any, value: float | int | bool | str | None) -> None:
-    """Give a metric its value and data type: of a float DOUBLE, of an int INT64."""
+    """Give a metric its value and data type: DOUBLE for a float, INT64 for an int."""
     metric.datatype = _put(metric, value)
 
 
 def put_property(metric: Any, key: str, value: float | int | bool | str | Mapping[str, str]) -> None:
-    """Add a property; a mapping is a set of properties, an int INT32."""
+    """Add a property; a mapping becomes a set of properties, an int an INT32."""
     _add_property(metric.properties, key, value)
 
 
@@ -98,7 +99,7 @@ def _put(found: Any, value: float | int | bool | str | None) -> int:
 
 
 def value_of(found: Any) -> Any:
-    """Return the value of a metric or property; None if it has no known one."""
+    """Return the value of a metric or property; None if it has no value of a known type."""
     field = found.WhichOneof(VALUES)
     if field is None or found.is_null:
         return None

@@ -173,7 +173,7 @@ class OpcUa(Face):
             self._happenings.event(each.event, self._utc)
 
     async def end(self, why: str) -> None:
-        """Mark every value as the last one, and answer the commands that wait."""
+        """Mark every value as the last one of the run, and answer the waiting commands."""
         commands, self._commands = self._commands, None
         if commands is not None:
             await commands.close()
@@ -199,7 +199,7 @@ class OpcUa(Face):
         if value.AttributeId not in space[node].attributes:
             return Answer(ua.StatusCode(_C.BadAttributeIdInvalid), "it has no such attribute")
         if self._nodes is None or node not in self._nodes.writable:
-            return Answer(NOT_WRITABLE, "only actuators and tunable numbers are written")
+            return Answer(NOT_WRITABLE, "only actuators and tunable numbers can be written")
         if self._commands is None:
             return GONE_ANSWER
         return await self._commands.write(session, value)

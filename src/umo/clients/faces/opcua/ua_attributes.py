@@ -39,7 +39,7 @@ class Rights:
 
 
 def missing(node: ua.NodeId) -> ua.StatusCode:
-    """The StatusCode of a node that is not there."""
+    """The StatusCode of a node that does not exist."""
     return ua.StatusCode(_C.BadNodeIdInvalid if node.is_null() else _C.BadNodeIdUnknown)
 
 
@@ -50,7 +50,7 @@ class ResponseSpace:
         self._left = MAX_RESPONSE
 
     def take(self, weight: int) -> None:
-        """ServiceError if there is none left."""
+        """Reserve bytes. ServiceError if the response has no space left."""
         self._left -= weight
         if self._left < 0:
             raise ServiceError(_C.BadResponseTooLarge)
@@ -67,7 +67,7 @@ def weight(value: Any) -> int:
 
 
 class Attributes:
-    """Reads attributes. What depends on the user is computed for each session."""
+    """Reads attributes. Attributes that depend on the user are computed for each session."""
 
     def __init__(self, space: AddressSpace, rights: Rights) -> None:
         self.space, self._rights = space, rights
@@ -95,7 +95,8 @@ class Attributes:
         return ua.DataValue(StatusCode=ua.StatusCode(code)) if code else ranged(value, asked.IndexRange)
 
     def refusal(self, asked: ua.ReadValueId, value: ua.DataValue) -> int:
-        """Return why this cannot be read, as a status code; 0 if it can. `value`: of the whole attribute."""
+        """Return the status code for an attribute that cannot be read, or 0 if it can. `value`: the value of the whole
+        attribute."""
         if asked.IndexRange and bounds(asked.IndexRange) is None:
             return _C.BadIndexRangeInvalid
         encoding = asked.DataEncoding
@@ -162,7 +163,7 @@ def bounds(text: str) -> list[slice] | None:
 
 
 def ranged(value: ua.DataValue, text: str | None) -> ua.DataValue:
-    """The part of a value that a range of indices names: of an array, or of the characters of a text."""
+    """The part of an array, or of the characters of a text, that a range of indices selects."""
     if not text or (value.StatusCode is not None and value.StatusCode.is_bad()):
         return value
     slices, variant = bounds(text), value.Value

@@ -22,7 +22,7 @@ from umo.errors import PathError, UmoError
 from umo.operation.commands.verb import Verb
 
 BEGUN_WITHIN = 0.5
-"""Time in s after which an action that is kept up, and was not refused, counts as begun."""
+"""Time in s after which an action that its client holds, and that was not refused, counts as begun."""
 PATIENCE = 10.0
 """Time in s after which an action that still runs is answered with GoodCompletesAsynchronously: clients wait for 15 s
 or longer."""
@@ -42,7 +42,7 @@ class ClientCommands:
         self._running: set[asyncio.Task[Any]] = set()
 
     def may(self, session: Any, do: str, path: str) -> bool:
-        """True if a session may give a command, as far as its user goes."""
+        """True if the user of a session may give a command."""
         user: User | None = session.user.user
         return user is not None and self._commands.may(user, do, path)
 
@@ -50,12 +50,12 @@ class ClientCommands:
         """Write the value of an existing node."""
         item = self._nodes.writable.get(value.NodeId)
         if item is None or value.AttributeId != ua.AttributeIds.Value:
-            return Answer(NOT_WRITABLE, "only actuators and tunable numbers are written")
+            return Answer(NOT_WRITABLE, "only actuators and tunable numbers can be written")
         try:
             _user_of(session)
             if value.IndexRange:
                 code = _C.BadIndexRangeInvalid if bounds(value.IndexRange) is None else _C.BadIndexRangeNoData
-                raise UaRefusal(code, f"{item.path} is no array")
+                raise UaRefusal(code, f"{item.path} is not an array")
             new = given(item, value.Value)
             verb = item.verb
             assert verb is not None
@@ -65,7 +65,7 @@ class ClientCommands:
         return Answer(GOOD)
 
     async def call(self, session: UaSession, method: ua.NodeId, arguments: list[ua.Variant], called: Called) -> Answer:
-        """A method that its object has."""
+        """Call an existing method of an object."""
         try:
             _user_of(session)
             result = check(self._space, method, arguments, called.optional)
@@ -86,7 +86,7 @@ class ClientCommands:
     def _wrong(self, session: UaSession, called: Called, result: ua.CallMethodResult) -> Answer:
         """Return the answer to arguments that are not those declared."""
         takes = ", ".join(f"{name} ({kind})" for name, kind in called.kinds.items()) or "no arguments"
-        refusal = self._refusal(session, UaRefusal(result.StatusCode.value, f"it takes {takes}"))
+        refusal = self._refusal(session, UaRefusal(result.StatusCode.value, f"the method takes {takes}"))
         refusal.result = result
         return refusal
 

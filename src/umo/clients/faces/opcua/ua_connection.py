@@ -1,7 +1,7 @@
 """Connections of OPC UA: what asyncua's lack.
 
-A Write or a Call is answered when the machine has answered, node by node, while the connection continues; the words of
-a refusal are in its DiagnosticInfo. A client that does not take what it has asked for is disconnected.
+A Write or a Call is answered when the machine has answered, node by node, while the connection continues; the text of a
+refusal is in its DiagnosticInfo. A client that does not read its responses is disconnected.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from umo.clients.faces.opcua.ua_subscriptions import fault
 
 log = logging.getLogger("umo.faces.opcua")
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
-"""A computer that does not answer any more is noticed after 4 s, in s and tries."""
+"""Settings of the TCP keep-alive, in s and attempts: a computer that no longer answers is noticed after 4 s."""
 UNSENT_TIMEOUT = 5_000
-"""Time in ms after which a computer that does not take what was sent is gone."""
+"""Time in ms after which a connection is closed if the computer does not acknowledge sent data."""
 ADDITIONAL_INFO = 0x80
 """Bit of `ReturnDiagnostics`: words of the results of single operations (OPC 10000-4, 7.32)."""
 
@@ -42,7 +42,7 @@ CREATE, ACTIVATE, CLOSE = (service(f"{each}Session") for each in ("Create", "Act
 OPEN = (service("GetEndpoints"), service("FindServers"), service("CloseSecureChannel"))
 """Services that need neither a session nor a secured channel."""
 WITHOUT_SESSION = (*OPEN, CREATE, ACTIVATE, CLOSE)
-"""Services that asyncua answers. All others are answered here, or are not there."""
+"""Services that asyncua answers. The others are answered here, or are not supported."""
 
 
 class Answer:
@@ -92,7 +92,7 @@ class Services(InternalServer):
 
 
 class Processor(UaProcessor):
-    """The messages of one connection."""
+    """Processes the messages of one connection."""
 
     iserver: Services
     _session_watchdog_task: asyncio.Task[None] | None
@@ -203,14 +203,14 @@ class Processor(UaProcessor):
     def send_response(
         self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage
     ) -> None:
-        """A fault, if it cannot be sent."""
+        """Send a response, or a fault if the response cannot be sent."""
         if code := self.sent(handle, sequence, response, kind):
             self.sent(handle, sequence, fault(code), kind)
 
     def sent(self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage) -> int:
-        """Send a response. 0: it is sent, or the connection has gone. Else nothing was sent, and the code says why: it
-        cannot be encoded, or its client does not take so much. Who does not take what it has asked for is
-        disconnected."""
+        """Send a response. Return 0 if it is sent or the connection is closed. Otherwise nothing was sent, and the
+        returned code gives the reason: it cannot be encoded, or it is larger than its client accepts. A client that
+        does not read its responses is disconnected."""
         if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
             self._transport.abort()
         if not self.is_open:
@@ -234,7 +234,7 @@ class Processor(UaProcessor):
         return not self._transport.is_closing()
 
     async def close(self) -> None:
-        """The connection has gone: drop its Publish requests."""
+        """Called when the connection is closed: drop its Publish requests."""
         session: Any = self.session
         if session is not None and session.processor is self:
             session.publisher.requests.clear()

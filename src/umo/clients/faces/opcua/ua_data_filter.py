@@ -21,13 +21,13 @@ NO_DEADBAND, ABSOLUTE, PERCENT = range(3)
 
 @dataclass(frozen=True)
 class DataFilter:
-    """`deadband`: a number tells a change of more than this; 0: every change."""
+    """`deadband`: a change of a number is reported if it is larger than this; 0 means every change."""
 
     trigger: int = VALUE
     deadband: float = 0.0
 
     def tells(self, before: ua.DataValue | None, after: ua.DataValue) -> bool:
-        """True if a value is told after another one has been. A change of status always is."""
+        """True if a value is to be reported after another one. A change of status is always reported."""
         if before is None or _status(before) != _status(after):
             return True
         if self.trigger == STATUS:

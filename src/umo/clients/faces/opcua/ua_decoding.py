@@ -24,7 +24,7 @@ _primitives, _shaped = binary._create_uatype_array_deserializer, binary._reshape
 
 
 def bound() -> None:
-    """Have asyncua decode by what is below."""
+    """Make asyncua decode with the functions below."""
     binary._Bytes.unpack = staticmethod(_bytes)
     binary._create_uatype_array_deserializer = _array
     binary._create_list_deserializer = _list

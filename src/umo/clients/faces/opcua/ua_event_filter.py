@@ -20,7 +20,7 @@ _F = ua.FilterOperator
 _A = ua.AttributeIds
 BASE_EVENT = ua.NodeId(ua.ObjectIds.BaseEventType)
 MAX_ELEMENTS, MAX_CLAUSES = 100, 200
-"""Elements of a where clause, and fields, at most."""
+"""Largest numbers of elements of a where clause, and of fields."""
 COMPARISONS: Mapping[Any, Callable[[Any, Any], Any]] = {
     _F.Equals: operator.eq,
     _F.GreaterThan: operator.gt,
@@ -33,7 +33,8 @@ OPERANDS: Mapping[Any, tuple[int, int]] = {
     _F.IsNull: (1, 1), _F.Not: (1, 1), _F.OfType: (1, 1), _F.Like: (2, 2), _F.And: (2, 2), _F.Or: (2, 2),
     _F.Between: (3, 3), _F.InList: (2, MAX_ELEMENTS),
 }  # fmt: skip
-"""Operators that this server has: fewest and most operands. It has no Cast, InView, RelatedTo and no bits."""
+"""Supported operators, each with the fewest and most operands. Cast, InView, RelatedTo and the bit operators are not
+supported."""
 
 
 class EventFilter:
@@ -55,9 +56,9 @@ class EventFilter:
             WhereClauseResult=ua.ContentFilterResult(ElementResults=elements),
         )
         self.is_whole = not any(clauses)
-        """True if it has every field."""
+        """True if every requested field exists."""
         self.is_valid = not too_many and not all(clauses) and all(each.StatusCode.is_good() for each in elements)
-        """At least one field, and a where clause that can be evaluated."""
+        """True if there is at least one valid field, and a where clause that can be evaluated."""
         self.cost = self._cost()
         """The cost of an event, in about 2 us: each field, each element of the where clause, and each text in it."""
 
@@ -70,7 +71,7 @@ class EventFilter:
     # Fields ------------------------------------------------------------------------------------------------
 
     def _clause(self, clause: Any) -> int:
-        """The code of a field that is not there; 0: it may be there."""
+        """The code of a field that is not there, or 0 if it may be there."""
         if not below(self._space, clause.TypeDefinitionId, BASE_EVENT):
             return _C.BadTypeDefinitionInvalid
         if clause.AttributeId not in (_A.Value, _A.NodeId):
@@ -99,7 +100,7 @@ class EventFilter:
         return False
 
     def fields(self, event: Any) -> list[ua.Variant]:
-        """The fields of an event that are asked for; null for those that it does not have."""
+        """Return the requested fields of an event; null for those that it does not have."""
         return [_field(event, each) for each in self._select]
 
     # Where clause ------------------------------------------------------------------------------------------

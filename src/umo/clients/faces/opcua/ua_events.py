@@ -60,7 +60,7 @@ class Kinds:
 
 
 class MachineEvents:
-    """Tells the clients of a server what happens in one machine."""
+    """Reports the events of one machine to the clients of a server."""
 
     def __init__(self, server: Any, kinds: Kinds, nodes: MachineNodes) -> None:
         self._monitoring = server.iserver.monitoring
@@ -124,11 +124,12 @@ class MachineEvents:
         return bytes(event.EventId)
 
     def is_last(self, path: str, event_id: object) -> bool:
-        """True if a client has seen the last event of an alarm: what it has not seen it cannot acknowledge."""
+        """True if a client has seen the last event of an alarm: a client cannot acknowledge an event that it has not
+        seen."""
         return self._ids.get(path) == event_id
 
     def end(self, why: str) -> None:
-        """The run is over: no alarm stands."""
+        """Called when the run is over: no alarm is active any more."""
         retained = self._monitoring.retained
         for path, node in self._nodes.alarms.items():
             if node in retained:

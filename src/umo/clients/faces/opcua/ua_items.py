@@ -1,4 +1,4 @@
-"""Monitored items: what is sampled, what waits to be told (OPC 10000-4, 5.13)."""
+"""Monitored items: what is sampled, and what waits to be published (OPC 10000-4, 5.13)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class MonitoredItem:
         return self.mode == REPORTING and bool(self.queue)
 
     def settle(self, now: float) -> bool:
-        """Take what is due. Return True if something remains for later."""
+        """Take the due samples. Return True if something remains for later."""
         return False
 
     def set_mode(self, mode: int) -> None:
@@ -81,8 +81,9 @@ class MonitoredItem:
 class DataItem(MonitoredItem):
     """Monitors an attribute.
 
-    A value comes when it changes. It is sampled at the next multiple of the sampling interval, a value of another
-    status at once: no failure falls between two samples. `sampling`: revised, ms; 0: each value is taken as it comes.
+    A value comes when it changes. It is sampled at the next multiple of the sampling interval, a value with another
+    status at once, so that no failure is missed between two samples. `sampling`: revised, ms, or 0 if each value is
+    taken as it comes.
     """
 
     def __init__(
@@ -115,7 +116,7 @@ class DataItem(MonitoredItem):
         self.take(value)
 
     def take(self, value: ua.DataValue) -> None:
-        """A value has come. If it cannot be stored, the client gets a notice that one is missing, and the face
+        """Take a new value. If it cannot be stored, the client gets a notice that one is missing, and the face
         continues."""
         try:
             self._take(value)
@@ -184,7 +185,7 @@ class DataItem(MonitoredItem):
             self._stir(self)
 
     def resend(self) -> None:
-        """Tell the last value again (ResendData)."""
+        """Publish the last value again (ResendData)."""
         if self.mode == REPORTING and not self.queue and self._last is not None:
             self.queue.append(self._last)
             self._stir(self)
@@ -198,12 +199,12 @@ class DataItem(MonitoredItem):
 
 
 class EventItem(MonitoredItem):
-    """Monitors the events of a notifier. When some were left out an event of its own says so."""
+    """Monitors the events of a notifier. If events were left out, a separate event reports that."""
 
     def __init__(
         self, number: int, stir: Stir, node: ua.NodeId, request: Any, events: EventFilter, overflown: Callable[[], Any]
     ) -> None:
-        """`overflown` makes the event that says that some were left out."""
+        """`overflown` makes the event that reports that events were left out."""
         super().__init__(number, stir, int(request.MonitoringMode), request.RequestedParameters)
         self.node, self.filter, self._overflown = node, events, overflown
         self.sampling = 0.0
@@ -217,7 +218,7 @@ class EventItem(MonitoredItem):
         return self.mode == REPORTING and (bool(self.queue) or self._overflow is not None)
 
     def take(self, event: Any, always: bool = False) -> None:
-        """An event has come. `always`: whatever the filter."""
+        """Take a new event. `always`: regardless of the filter."""
         if self.mode == DISABLED or not (always or self.filter.passes(event)):
             return
         self._queue(self.filter.fields(event))
@@ -251,7 +252,7 @@ class EventItem(MonitoredItem):
 
 
 def revised_sampling(asked: float, publishing: float) -> float:
-    """The sampling interval in ms; a negative one is that of the publishing."""
+    """The sampling interval in ms; for a negative one, the publishing interval."""
     if asked < 0:
         return publishing
     return min(asked, LONGEST_INTERVAL) if isfinite(asked) else LONGEST_INTERVAL if asked > 0 else 0.0

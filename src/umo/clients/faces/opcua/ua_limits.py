@@ -10,56 +10,61 @@ from asyncua.server.address_space import AddressSpace
 from asyncua.server.internal_server import InternalServer
 
 MAX_CLIENTS = 32
-"""Connections at once at most; more are closed."""
+"""Largest number of connections at once; more are closed."""
 MAX_SUBSCRIPTIONS = 64
-"""Subscriptions of all clients at most."""
+"""Largest number of subscriptions of all clients."""
 MAX_ITEMS = 10_000
-"""Monitored items of all clients at most."""
+"""Largest number of monitored items of all clients."""
 MAX_QUEUE = 100
-"""Values of one monitored item that wait to be sent at most: then the oldest are left out."""
+"""Largest number of values of one monitored item that wait to be sent: then the oldest are left out."""
 MAX_UNACKNOWLEDGED = 100
-"""Messages of a subscription that are kept to be sent again at most."""
+"""Largest number of messages of a subscription that are kept to be sent again."""
 MAX_KEPT = 20_000
-"""Notifications in these messages at most: then the oldest are forgotten, all but the last."""
+"""Largest number of notifications in these messages: then the oldest are forgotten, all but the last."""
 SHORTEST_PUBLISHING = 50.0
 """Shortest publishing interval, ms."""
 LONGEST_INTERVAL = 3_600_000.0
 """Longest publishing and sampling interval, ms."""
 KEEP_ALIVE, MAX_KEEP_ALIVE, MAX_LIFETIME = 10, 5_000, 15_000
-"""Publishing cycles without a notification: by default, and at most; without a Publish request at most."""
+"""Numbers of publishing cycles: default and largest number without a notification, and largest number without a Publish
+request."""
 MAX_NOTIFICATIONS = 10_000
-"""Notifications of one Publish response at most."""
+"""Largest number of notifications of one Publish response."""
 MAX_PUBLISH = 100
-"""Publish requests of one session that wait at most."""
+"""Largest number of publish requests of one session that wait."""
 MAX_CONTINUATIONS = 16
-"""Continuation points of one session at most."""
+"""Largest number of continuation points of one session."""
 MIN_SESSION, MAX_SESSION = 2_000.0, 60_000.0
-"""Time in ms without a request after which a session ends: what a client may ask for."""
+"""Shortest and longest time in ms without a request after which a session ends; a client may request a value between
+them."""
 LOGIN_TIME = 10.0
 """Time in s that a connection has to open a session."""
 LOGIN_PAUSE = 0.1
-"""Time in s after a wrong password in which nobody logs in: each costs 50 ms of the face, or more."""
+"""Time in s after a wrong password in which no login is accepted, because checking a password takes the face 50 ms or
+more."""
 MAX_MESSAGE = 1 << 20
 """Largest number of bytes of a message."""
 CHUNK = 65_535
 MAX_PENDING = 100
-"""Messages of one connection that have come and are not yet looked at, at most: then it is closed."""
+"""Largest number of messages of one connection that have come and are not yet looked at: then it is closed."""
 MAX_ANSWERS = 32
-"""Write and Call requests of one connection whose answer is still to come, at most: others are refused."""
+"""Largest number of Write and Call requests of one connection whose answer is still to come: others are refused."""
 MAX_UNSENT = 16 << 20
-"""Bytes that a client has asked for and does not take, at most: then its connection is closed."""
+"""Largest number of bytes that a client has asked for and does not take: then its connection is closed."""
 MAX_OPERATIONS = 1_000
-"""Nodes of one Write or Call request at most."""
+"""Largest number of nodes of one Write or Call request."""
 MAX_READ = 10_000
-"""Nodes of one Read request at most."""
+"""Largest number of nodes of one Read request."""
 MAX_RESPONSE = 4 << 20
-"""Bytes of a response at most, as they are estimated while it is made: each 100 kB take 10 ms of the face, or more."""
+"""Largest number of bytes of a response, as they are estimated while it is made: each 100 kB take 10 ms of the face, or
+more."""
 MAX_EVENT_COST = 10_000
-"""Cost of the filters of all event items at most: each event then costs about 30 ms."""
+"""Largest cost of the filters of all event items: each event then costs about 30 ms."""
 MAX_ELEMENTS = 2 * MAX_READ
-"""Elements of an array in a message, with those of the arrays in it, at most: each takes 20 us and 300 bytes."""
+"""Largest number of elements of an array in a message, with those of the arrays in it: each takes 20 us and 300
+bytes."""
 MAX_DIMENSIONS = 8
-"""Dimensions of an array at most."""
+"""Largest number of dimensions of an array."""
 
 
 _CALLS = (
@@ -85,7 +90,7 @@ CAPABILITIES: Mapping[str, tuple[float, str]] = {
 
 
 def tell(space: AddressSpace) -> None:
-    """Show clients these limits instead of those of asyncua."""
+    """Show these limits to clients instead of those of asyncua."""
     for name, (value, kind) in CAPABILITIES.items():
         node = space.get(ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}")))
         if node is not None:

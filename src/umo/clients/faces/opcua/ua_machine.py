@@ -21,14 +21,14 @@ RUN, ALARMS, REFUSAL = "Run", "Alarms", "LastRefusal"
 EQUIPMENT, AXIS, UNIT = "EquipmentState", "AxisState", "PackML"
 """Names of nodes of umo's own, beside those of the machine."""
 IDENTITIES = Identities(".", ":", is_text, frozenset({"machine", "refusal"}))
-"""Identifiers of nodes. What belongs to a node has its identifier, a slash and a name."""
+"""Identifiers of nodes. A node below another one has the other's identifier, a slash and a name."""
 PARTS = Identities(".", ":", is_text, frozenset({RUN, ALARMS}))
-"""Identifiers of parts; two folders of umo's own have such ones."""
+"""Identifiers of parts; two folders of umo's own have such identifiers, too."""
 ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
 """Data types of the arguments of actions by their kinds; the others are texts."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
 PATH = "Path"
-"""The argument of a verb that tells its path."""
+"""The argument of a verb that has its path."""
 VERB_TYPES: Mapping[ArgumentKind, int] = {
     ArgumentKind.NUMBER: O.Double,
     ArgumentKind.TIME: O.Double,
@@ -38,8 +38,8 @@ VERB_TYPES: Mapping[ArgumentKind, int] = {
 """Data types of the arguments of verbs by their kinds; the others are texts, those of an action JSON."""
 OF_PARTS = frozenset({EQUIPMENT, AXIS, UNIT})
 """Names of umo's own nodes in each part."""
-EVENT = (argument("EventId", O.ByteString, "of the event that is acknowledged; nothing: of the last one"),)
-COMMENT = (argument("Comment", O.LocalizedText, "is not kept"),)
+EVENT = (argument("EventId", O.ByteString, "EventId of the event to acknowledge; empty for the last event"),)
+COMMENT = (argument("Comment", O.LocalizedText, "accepted, and not stored"),)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Called:
     kinds: Mapping[str, str]
     keeps_up: bool = False
     arguments: Sequence[Mapping[str, Any]] = ()
-    """The declarations of the arguments in the action or the verb."""
+    """The arguments as the action or the verb declares them."""
 
     @property
     def optional(self) -> frozenset[str]:
@@ -61,7 +61,7 @@ class Called:
 
 
 def acknowledging(alarm: str) -> Called:
-    """Return the effect of Acknowledge. Its arguments may be null; they are not arguments of the command."""
+    """Return the effect of the method Acknowledge. Its arguments may be null; they are not passed on to the command."""
     optional = tuple({"name": each.Name, "required": False} for each in (*EVENT, *COMMENT))
     return Called(ACKNOWLEDGE_ALARM, alarm, {}, arguments=optional)
 
@@ -79,7 +79,7 @@ def of_the_machine() -> frozenset[str]:
 
 
 def browse_name(path: str) -> str:
-    """The name of what has this path, within its part: never that of a node of umo's own."""
+    """The name of the node with this path, within its part. It never equals the name of a node of umo's own."""
     part, _, name = path.rpartition(".")
     return escaped(name, is_text, OF_PARTS if part else of_the_machine())
 
@@ -91,7 +91,7 @@ class MachineNodes:
         self._tree, self._machine = tree, machine
         self._tuned = {item.path for item in machine.of_kind(ItemKind.TUNABLE)}
         self.texts: dict[int, AttributeValue] = {}
-        """ValueAsText of those items that have it."""
+        """The nodes ValueAsText of the items that have one."""
         self.writable: dict[ua.NodeId, MachineItem] = {}
         self.methods: dict[ua.NodeId, Called] = {}
         self.alarms: dict[str, ua.NodeId] = {}
@@ -105,11 +105,11 @@ class MachineNodes:
         self._folders: dict[str, ua.NodeId] = {}
         self.refusal = tree.variable(
             self.root, "refusal", REFUSAL, O.BaseDataVariableType, O.String,
-            description="The last command that was refused: whose, and why.",
+            description="The last refused command, with its user and the reason.",
         )  # fmt: skip
         nodes = {item.number: self._add(item) for item in sorted(machine.items, key=_depth)}
         self.values: list[AttributeValue] = [tree.value_of(nodes[item.number]) for item in machine.items]
-        """The place of each item's value, by its number."""
+        """The place of each item's value, by the number of the item."""
         for action in machine.actions:
             self._add_action(action)
         for verb in offered():
@@ -117,7 +117,8 @@ class MachineNodes:
             self._add_verb(self.root, f"command:{verb.name}", verb.title, calling(verb, path))
 
     def part(self, path: str) -> ua.NodeId:
-        """The object of a compound; "": the machine. What is below an object (its velocity) is below its variable."""
+        """The object of a compound; "" means the machine. A node below an object, such as its velocity, is below the
+        variable of the object."""
         if path not in self._parts:
             above = self.part(path.rpartition(".")[0])
             self._parts[path] = self._tree.object(above, PARTS.of(path, "part"), browse_name(path))

@@ -1,4 +1,4 @@
-"""Methods: which of them an object has, and whether arguments are those that are declared (OPC 10000-4, 5.12)."""
+"""Methods: which of them an object has, and whether arguments are as declared (OPC 10000-4, 5.12)."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def check(space: AddressSpace, method: ua.NodeId, given: list[ua.Variant], optio
 
 
 def wrong(codes: list[int]) -> ua.CallMethodResult:
-    """The result of a call whose arguments are wrong, one by one."""
+    """The result of a call with wrong arguments, with a status code for each argument."""
     return ua.CallMethodResult(
         ua.StatusCode(_C.BadInvalidArgument), InputArgumentResults=[ua.StatusCode(each) for each in codes]
     )
@@ -119,7 +119,7 @@ STANDARD: Mapping[Any, Callable[[Any, list[Any]], list[Any]]] = {
 
 
 def call_standard(session: Any, request: ua.CallMethodRequest) -> ua.CallMethodResult:
-    """Call a method of the server. It has been checked that the object has it."""
+    """Call a method of the server. The caller has checked that the object has this method."""
     do = STANDARD.get(request.MethodId)
     if do is None:
         return ua.CallMethodResult(ua.StatusCode(_C.BadNotExecutable))

@@ -27,11 +27,11 @@ _C = ua.StatusCodes
 _A = ua.AttributeIds
 _O = ua.ObjectIds
 OF_SESSION = (_A.UserAccessLevel, _A.UserExecutable, _A.Executable)
-"""Attributes that are computed for each session, and do not change while it lives."""
+"""Attributes that are computed for each session, and do not change during it."""
 SUBSCRIBE_TO_EVENTS = 1
 """Bit of EventNotifier."""
 OWN_SEVERITY = 100
-"""Severity of events that concern events: a refresh, an overflow."""
+"""Severity of events about events: a refresh, an overflow."""
 GOOD = ua.StatusCode()
 
 
@@ -48,7 +48,7 @@ class Monitoring:
         """An event of each type of our own, to be copied."""
 
     async def prepare(self, server: Any) -> None:
-        """Look up the types of events of our own."""
+        """Look up the types of umo's own events."""
         for kind in (_O.RefreshStartEventType, _O.RefreshEndEventType, _O.EventQueueOverflowEventType):
             node = Node(server.iserver.isession, ua.NodeId(kind))
             event = self._own[kind] = await templates.get_event_obj_from_type_node(node)
@@ -67,11 +67,11 @@ class Monitoring:
         return ua.CreateSubscriptionResult(number, made.interval, made.lifetime, made.keep_alive)
 
     def forget(self, subscription: UaSubscription) -> None:
-        """A subscription has ended."""
+        """Forget a subscription that has ended."""
         self.subscriptions.pop(subscription.number, None)
 
     def of(self, session: Any, number: int) -> UaSubscription:
-        """A subscription of a session. ServiceError if it has no such."""
+        """Return a subscription of a session. ServiceError if the session has no such subscription."""
         found = session.publisher.subscriptions.get(number)
         if found is None:
             raise ServiceError(_C.BadSubscriptionIdInvalid)
@@ -85,7 +85,7 @@ class Monitoring:
         return ua.ModifySubscriptionResult(changed.interval, changed.lifetime, changed.keep_alive)
 
     def each(self, session: Any, numbers: list[int], do: Callable[[UaSubscription], object]) -> list[ua.StatusCode]:
-        """Do something with several subscriptions. Return the result for each."""
+        """Call a function for several subscriptions. Return the result for each."""
         results = []
         for number in numbers:
             try:
@@ -210,7 +210,7 @@ class Monitoring:
         self.tell(event)
 
     def tell(self, event: Any) -> None:
-        """An event has happened. A condition is kept while it is to be retained."""
+        """Report an event. A condition is kept while it is to be retained."""
         if hasattr(event, "Retain") and hasattr(event, "NodeId"):
             self.retained.pop(event.NodeId, None)
             if event.Retain:
@@ -221,8 +221,8 @@ class Monitoring:
                     item.take(event)
 
     def refresh(self, subscription: UaSubscription, only: int | None = None) -> None:
-        """Tell the retained conditions again, between two events that say so. `only`: one item. ServiceError if the
-        subscription has no such item."""
+        """Report the retained conditions again, between the two refresh events. `only`: for one item. ServiceError if
+        the subscription has no such item."""
         items = [each for each in _notifiers(subscription) if only is None or each.number == only]
         if only is not None and not items:
             raise ServiceError(_C.BadMonitoredItemIdInvalid)

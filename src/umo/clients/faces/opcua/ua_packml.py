@@ -42,7 +42,7 @@ METHODS: Mapping[str, Mapping[str, str]] = {
 
 
 def inside(state: PackMLState) -> list[tuple[str, int, str]]:
-    """The state of each state machine, the outermost first: node and name; 0, "": it is in none."""
+    """The state of each state machine, the outermost first, as node and name; 0 and "" if it is in none."""
     name = state.name.title()
     if state in ABORTED:
         return [(BASE, ABORTED[state], name), (MACHINE, 0, ""), (EXECUTE, 0, "")]
@@ -89,7 +89,7 @@ class PackMLUnits:
         self._modes[machine.by_name[f"{path}.mode"].number] = text
 
     def show(self, place: int, value: ua.DataValue) -> None:
-        """The state, or the mode, of a unit has changed, if this item is one."""
+        """Show the new state or mode of a unit, if this item is one."""
         if place in self._modes:
             put(self._tree.value_of(self._tree.id(f"{self._modes[place]}.Status.UnitModeCurrent")), value)
         if place not in self._states:

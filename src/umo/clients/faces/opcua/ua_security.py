@@ -35,8 +35,8 @@ class Security:
             _certificates(self._clients)
 
     def is_trusted(self, der: bytes) -> bool:
-        """True if a program with this certificate may connect: one of `clients` as the file is now, valid today; a file
-        that cannot be read lets nobody in. Without `clients` any program of this computer may."""
+        """True if a program with this certificate may connect: one of `clients` as the file is now, valid today; no
+        program may connect if the file cannot be read. Without `clients` any program of this computer may connect."""
         if self._clients is None:
             return True
         try:
@@ -47,7 +47,7 @@ class Security:
         return known is not None and known.not_valid_before_utc <= datetime.now(UTC) <= known.not_valid_after_utc
 
     def uri(self, station: str) -> str:
-        """The ApplicationUri: that of the certificate, as OPC UA wants it."""
+        """The ApplicationUri, which OPC UA requires to be that of the certificate."""
         if self._server is not None:
             try:
                 names = self._server[0].extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -79,11 +79,11 @@ def _pair(file: Path) -> tuple[x509.Certificate, object]:
             raise OptionError(f"{file}: there is no private key in it; it needs the certificate and its key (PEM)")
         return x509.load_pem_x509_certificate(data), load_pem_private_key(found[0], None)
     except (OSError, ValueError, TypeError) as error:
-        raise OptionError(f"{file}: no certificate with its key ({error})") from None
+        raise OptionError(f"{file}: this is not a certificate with its key ({error})") from None
 
 
 def _certificates(file: Path) -> list[x509.Certificate]:
     try:
         return x509.load_pem_x509_certificates(file.read_bytes())
     except (OSError, ValueError) as error:
-        raise OptionError(f"{file}: no certificates ({error})") from None
+        raise OptionError(f"{file}: these are not certificates ({error})") from None

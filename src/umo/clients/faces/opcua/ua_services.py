@@ -2,7 +2,7 @@
 
 Write and Call are answered by `ua_connection`, as the machine takes its time. The structures of requests are those of
 the standard with numbers instead of enumerations: asyncua 2.1 cannot decode a number that an enumeration does not have,
-and for each of these there is a code of its own.
+and the standard has a status code for each such case.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from umo.clients.faces.opcua.ua_attributes import ResponseSpace, check_timestamp
 
 _C = ua.StatusCodes
 REFERENCE = 100
-"""About how many bytes a reference takes."""
+"""Approximate size of a reference in bytes."""
 
 
 def service(name: str) -> ua.NodeId:
@@ -39,7 +39,7 @@ def decoded(kind: Any, body: Any) -> Any:
 
 
 def counted(operations: list[Any], most: int = limits.MAX_OPERATIONS) -> list[Any]:
-    """The operations of a request. ServiceError if there are none, or too many."""
+    """Return the operations of a request. ServiceError if it has none, or too many."""
     if not operations:
         raise ServiceError(_C.BadNothingToDo)
     if len(operations) > most:
@@ -238,4 +238,4 @@ SERVICES: Mapping[Any, tuple[Any, Callable[[Any, Any], Any]]] = {
     service("SetMonitoringMode"): (SetModeParameters, _set_mode),
     service("DeleteMonitoredItems"): (ua.DeleteMonitoredItemsParameters, _delete_items),
 }
-"""Services that are answered at once: the structure of the request, and what answers it."""
+"""Services that are answered at once: the structure of the request, and the function that answers it."""

@@ -24,16 +24,17 @@ from umo.clients.faces.opcua.ua_view import Browsing
 from umo.system.peer_account import is_own
 
 SILENCE = 5.0
-"""Time in s without a request after which what a client holds is released. A closed connection is noticed at once."""
+"""Time in s without a request after which the holds of a client are released. A closed connection is noticed at
+once."""
 
 
 @dataclass
 class Client(permission_rules.User):
-    """A user as asyncua has them, and as umo has them; None: anonymous."""
+    """A user in the form of asyncua and in the form of umo, or None for an anonymous user."""
 
     user: User | None = None
     holder: User | None = None
-    """The same, who lives only while requests come: for what must be kept up."""
+    """The same user, who counts as alive only while requests arrive; for dead-man commands."""
 
 
 class UaSession(InternalSession):
@@ -50,9 +51,9 @@ class UaSession(InternalSession):
         self.publisher = Publisher(self._send, self.iserver.monitoring.clock)
         self.view = Browsing(self.aspace)
         self.most = 0
-        """Bytes of a response that its client takes at most; 0: any."""
+        """Largest number of bytes of a response that its client accepts; 0 means any."""
         self.ordered = asyncio.Lock()
-        """Writes are carried out in the order in which they came."""
+        """Lock by which writes are carried out in the order in which they arrived."""
         if external:  # asyncua counts its tokens up: another client could guess them
             self.iserver.unregister_external_session(self)
             self.auth_token = ua.NodeId(secrets.token_bytes(32), 0, ua.NodeIdType.ByteString)
@@ -67,7 +68,7 @@ class UaSession(InternalSession):
     def activate_session(
         self, params: ua.ActivateSessionParameters, peer_certificate: bytes | None
     ) -> ua.ActivateSessionResult:
-        """Find out who it is. Another user cannot take the session over."""
+        """Identify the user. Another user cannot take over the session."""
         before, token, host = self.user, params.UserIdentityToken, str(self.name[0])
         if not isinstance(token, ua.UserNameIdentityToken | ua.X509IdentityToken) and not is_local(host):
             raise ServiceError(ua.StatusCodes.BadIdentityTokenRejected)

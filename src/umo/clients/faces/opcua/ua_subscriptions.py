@@ -1,4 +1,4 @@
-"""Subscriptions: when what is told, and in which portions (OPC 10000-4, 5.14)."""
+"""Subscriptions: when changes are published, and in which portions (OPC 10000-4, 5.14)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from umo.clients.faces.opcua.ua_items import EventItem, MonitoredItem
 log = logging.getLogger("umo.faces.opcua")
 _C = ua.StatusCodes
 LAST_NUMBER = (1 << 32) - 1
-"""After it sequence numbers begin again at 1."""
+"""The last sequence number; the next one is 1."""
 
 
 @dataclass
@@ -34,13 +34,14 @@ class PublishRequest:
     came: float
 
     def is_over(self, now: float) -> bool:
-        """True if its client does not wait any more."""
+        """True if its client no longer waits."""
         hint = self.header.TimeoutHint
         return bool(hint) and now - self.came > hint / 1e3
 
 
 Send = Callable[[PublishRequest, Any], int]
-"""Answers a Publish request with a response. 0, or why it cannot be sent: then nothing was sent."""
+"""Answers a Publish request with a response. Returns 0, or a status code if it cannot be sent; then nothing was
+sent."""
 
 
 def fault(code: int) -> Any:
@@ -62,7 +63,7 @@ class Publisher:
     """Notifications that subscriptions have ended by themselves, not sent yet."""
 
     def publish(self, header: Any, sequence: Any, acknowledged: Iterable[Any]) -> None:
-        """A Publish request has come."""
+        """Take a Publish request."""
         if not self.subscriptions and not self._ended:
             raise ServiceError(_C.BadNoSubscription)
         results = [self._acknowledge(each) for each in acknowledged]
@@ -94,7 +95,8 @@ class Publisher:
         return bool(self.requests)
 
     def answer(self, result: ua.PublishResult) -> int:
-        """Answer the oldest request. 0, or why this cannot be sent: then the request still waits."""
+        """Answer the oldest request. Return 0, or a status code if the answer cannot be sent; then the request still
+        waits."""
         request = self.requests[0]
         result.Results = request.results
         code = self.send(request, ua.PublishResponse(Parameters=result))
@@ -172,7 +174,7 @@ class UaSubscription:
         self.keep_alive = min(given.RequestedMaxKeepAliveCount or limits.KEEP_ALIVE, limits.MAX_KEEP_ALIVE)
         self.lifetime = max(3 * self.keep_alive, min(given.RequestedLifetimeCount, limits.MAX_LIFETIME))
         self.portion = min(given.MaxNotificationsPerPublish or limits.MAX_NOTIFICATIONS, limits.MAX_NOTIFICATIONS)
-        """Notifications of one response at most."""
+        """Largest number of notifications in one response."""
         self.priority = int(given.Priority)
         self._silent = 0
 
@@ -191,7 +193,7 @@ class UaSubscription:
             self.tick()
 
     def tick(self) -> None:
-        """A publishing cycle. An error of the library below costs its message, not the subscription."""
+        """A publishing cycle. An error of asyncua loses its message, but does not end the subscription."""
         try:
             self._tick()
         except Exception as error:
@@ -225,7 +227,7 @@ class UaSubscription:
             self._send([])
 
     def catch_up(self) -> None:
-        """A request has come for what is late."""
+        """Publish late notifications, as a request has arrived."""
         if self.publisher.requests:
             self._silent = 0
             self._settle()
@@ -298,7 +300,7 @@ class UaSubscription:
         )  # fmt: skip
 
     def touch(self) -> None:
-        """A request of its client that names it."""
+        """Note a request of the client that names this subscription."""
         self._silent = 0
 
     def add(self, item: MonitoredItem) -> None:

@@ -20,7 +20,7 @@ INT64_BITS = 63
 
 
 class NodeTree:
-    """Adds nodes with texts as identifiers. Whoever adds them gives names that their parents do not have yet."""
+    """Adds nodes with texts as identifiers. The caller must give names that the parent does not have yet."""
 
     def __init__(self, space: AddressSpace, nodes: NodeManagementService, namespace: int) -> None:
         self._space, self._nodes = space, nodes
@@ -51,7 +51,7 @@ class NodeTree:
     def property(
         self, parent: ua.NodeId, text: str, name: str, value: ua.Variant, data_type: int, own: int = 0
     ) -> ua.NodeId:
-        """A property that stays as it is; `own`: the namespace of its name."""
+        """A property with a constant value; `own`: the namespace of its name."""
         about = ua.VariableAttributes()
         about.DataType = ua.NodeId(data_type)
         about.ValueRank = ua.ValueRank.OneDimension if value.is_array else ua.ValueRank.Scalar
@@ -89,7 +89,7 @@ class NodeTree:
             self._nodes.add_references([item])[0].check()
 
     def adopt(self, nodes: Sequence[ua.NodeId]) -> None:
-        """Nodes that another has added: they are taken away, too."""
+        """Note nodes that other code has added, so that they are removed, too."""
         self._made += nodes
 
     def clear(self) -> None:
@@ -169,7 +169,7 @@ def argument(name: str, data_type: int, description: str = "") -> ua.Argument:
 
 
 def enum_values(states: Mapping[int, str]) -> ua.Variant:
-    """Return the enumeration of a variable with named values, for those that an Int64 can hold."""
+    """Return the enumeration of a variable with named values, for the values that an Int64 can hold."""
     names = {number: ua.LocalizedText(name) for number, name in states.items() if number.bit_length() <= INT64_BITS}
     values = [ua.EnumValueType(Value=number, DisplayName=name) for number, name in names.items()]
     return ua.Variant(values, ua.VariantType.ExtensionObject, is_array=True)

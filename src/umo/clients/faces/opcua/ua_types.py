@@ -40,7 +40,7 @@ def below(space: AddressSpace, kind: ua.NodeId, above: ua.NodeId) -> bool:
 
 
 def encoding(space: AddressSpace, kind: ua.NodeId) -> Any:
-    """The VariantType as which values of a data type are encoded; None: the type is abstract."""
+    """The VariantType in which values of a data type are encoded, or None if the type is abstract."""
     for each in lineage(space, kind):
         if each in (ENUMERATION, STRUCTURE):
             return ua.VariantType.Int32 if each == ENUMERATION else ua.VariantType.ExtensionObject
@@ -58,5 +58,5 @@ def fits(space: AddressSpace, kind: ua.NodeId, value: ua.Variant) -> bool:
 
 
 def is_structure(given: Any, kind: Any) -> bool:
-    """True if what was decoded is a structure of the standard. asyncua 2.1 has two classes of some of them."""
+    """True if a decoded value is a structure of the standard. asyncua 2.1 has two classes of some of them."""
     return bool(getattr(given, "data_type", None) == kind.data_type)

@@ -26,10 +26,10 @@ STATUS: Mapping[Quality, ua.StatusCode] = {
 NO_VALUE = ua.StatusCode(_C.BadNoData)
 """Status of a signal or a state without a value."""
 NO_STATE = ua.StatusCode(_C.BadOutOfRange)
-"""Status of a number that is not one of the named states, so that no client takes it for one."""
+"""Status of a number that is not one of the named states, so that no client mistakes it for one."""
 NOT_YET = ua.StatusCode(_C.BadWaitingForInitialData)
 GONE = ua.StatusCode(_C.UncertainNoCommunicationLastUsableValue)
-"""After the end of the run: the last value is still there."""
+"""Status after the end of the run, when the last value is still shown."""
 REFUSALS: tuple[tuple[type[UmoError], int], ...] = (
     (RangeError, _C.BadOutOfRange),
     (StateError, _C.BadOutOfRange),
@@ -62,12 +62,12 @@ def moment(utc: float) -> datetime | None:
 
 
 def is_switch(item: MachineItem) -> bool:
-    """True if it has two states, 0 and 1: a Boolean."""
+    """True if an item has two states, 0 and 1, and becomes a Boolean."""
     return set(item.states) == {0, 1}
 
 
 def type_of(item: MachineItem) -> Any:
-    """The type of its value; of named values one that has them all."""
+    """The data type of an item's value; for named values one that can hold them all."""
     if not item.states:
         return ua.VariantType.Double
     if is_switch(item):
@@ -105,7 +105,7 @@ def state_text(item: MachineItem, value: ua.DataValue) -> ua.DataValue:
 
 def given(item: MachineItem, data: ua.DataValue) -> Any:
     """Return a written value as the machine's commands take it: a number, or the name of a state. UaRefusal for another
-    type, or for more than a value."""
+    type, or for more than one value."""
     if (data.StatusCode is not None and data.StatusCode.value) or data.SourceTimestamp or data.ServerTimestamp:
         words = f"{item.path}: write the value alone, the machine gives status and times"
         raise UaRefusal(_C.BadWriteNotSupported, words)
@@ -126,7 +126,7 @@ def _states(item: MachineItem) -> str:
 
 
 def result_of(value: Any) -> ua.Variant:
-    """The result of an action: a list, a mapping, and a number that an Int64 does not have as text."""
+    """The result of an action. A list, a mapping, and a number that does not fit an Int64 become text."""
     if isinstance(value, bool):
         return ua.Variant(value, ua.VariantType.Boolean)
     if isinstance(value, int) and value.bit_length() <= 63:
@@ -137,7 +137,7 @@ def result_of(value: Any) -> ua.Variant:
 
 
 def unit_of(item: MachineItem) -> ua.EUInformation:
-    """Its unit, with the code of UN/ECE if it has one, else -1."""
+    """The unit of an item, with its UN/ECE code, or -1 if there is none."""
     code = unece.code_of(item.unit)
     return ua.EUInformation(
         NamespaceUri=unece.NAMESPACE if code else "urn:umo:units",

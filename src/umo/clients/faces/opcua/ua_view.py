@@ -16,7 +16,7 @@ from umo.clients.faces.opcua.ua_types import below
 
 _C = ua.StatusCodes
 FORWARD, INVERSE, BOTH = range(3)
-"""BrowseDirection."""
+"""Values of BrowseDirection."""
 RESULTS = (
     (1, "ReferenceTypeId", ua.NodeId()),
     (2, "IsForward", False),
@@ -25,12 +25,12 @@ RESULTS = (
     (16, "DisplayName", ua.LocalizedText()),
     (32, "TypeDefinition", ua.NodeId()),
 )
-"""Bits of a result mask: the part of a reference, and what stands in its place."""
+"""Bits of a result mask, each with the field of a reference and the value that replaces it if it is not requested."""
 REFERENCES = ua.NodeId(ua.ObjectIds.References)
 NO_PATH_LEFT = (1 << 32) - 1
 """RemainingPathIndex of a target in this server."""
 MAX_PATH = 100
-"""Elements of a browse path, and targets of it, at most."""
+"""Largest number of elements of a browse path, and of its targets."""
 
 
 class Browsing:
@@ -42,7 +42,7 @@ class Browsing:
         """The remaining results by continuation point, and how many are returned at once."""
 
     def browse(self, asked: Any, most: int) -> ua.BrowseResult:
-        """The references of one node, at most so many; 0: as many as the server gives."""
+        """The references of one node, up to the given number; 0 means as many as the server gives."""
         code = self._refusal(asked)
         if code is not None:
             return ua.BrowseResult(StatusCode=code)

@@ -35,7 +35,7 @@ CODES: Mapping[str, str] = {
 
 @cache
 def code_of(unit: str) -> str | None:
-    """The common code of a unit; None: it has none that is known here."""
+    """The common code of a unit, or None if no code is known for it."""
     if not unit or unit in CODES:
         return CODES.get(unit)
     return next((code for known, code in CODES.items() if same_unit(unit, known)), None)

@@ -39,7 +39,7 @@ def test_the_plant_fills_and_leaks() -> None:
 
 
 def test_an_overflow_stops_the_machine_with_both_valves_closed() -> None:
-    """Everything on simulated channels: the test is the plant."""
+    """All channels are simulated, and the test itself plays the plant."""
     connection = connect(machine())
     with pytest.raises(TaskFailed, match="overflows"), connection as m:
         m.aim(300.0)
