@@ -34,6 +34,10 @@ class PlantedFault:
     wrong: str
     layer: str = ""
     """What covers it, in words; "": it is found by itself."""
+    also: Sequence[str] = ()
+    """The faults that are planted with it, by what they are: those layers."""
+    by: str = ""
+    """A schedule that finds it, which is tried first."""
 
     def place(self, tree: Path = ROOT) -> Path:
         """The file; ValueError if it does not contain the text of this fault exactly once."""

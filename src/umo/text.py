@@ -11,6 +11,7 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from enum import IntEnum
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -28,6 +29,13 @@ STATIONS = f"{UMO}stations{os.sep}"
 """Folder of the shipped stations, which count as a user's code."""
 MAX_NAMES = 2
 """Number of names that a list shows before the number of the others."""
+
+
+class NamedNumber(IntEnum):
+    """A number that is shown by its name, in words."""
+
+    def __str__(self) -> str:
+        return self.name.lower().replace("_", " ")
 
 
 class Moment(str):

@@ -74,6 +74,8 @@ def test_the_link_at_random(link: Run) -> None:
         pytest.param("greet R.H", id="the items of a START that is said again are not carried out again"),
         pytest.param("greet ..E", id="a session that has ended is not begun by a late copy of its START"),
         pytest.param("guardian ...L", id="a guardian says STOP again with a number that is answered"),
+        pytest.param("orphan E.H", id="a guardian greets again where another greeting has come after its own"),
+        pytest.param("guardian .SLL..L", id="a guardian takes no answer of another session"),
         pytest.param("run .WH", id="a value counts its age from when it was asked for"),
     ],
 )

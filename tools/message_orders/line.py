@@ -14,10 +14,10 @@ WAY = 0.001
 class Line:
     """`letters` decide over the messages that are sent while it `counts`. `short`, `late`: times in s.
 
-    `.` deliver, `L` lose, `R` repeat at once, `E` repeat after `late`, `W` hold for `short`, `H` hold for `late`,
-    `C` cut: the first half only, `X` change a bit."""
+    `.` deliver, `L` lose, `R` repeat in one piece, `S` repeat after `short`, `E` repeat after `late`, `W` hold for
+    `short`, `H` hold for `late`, `C` cut: the first half only, `X` change a bit."""
 
-    LETTERS, EACH = ".LREWHCX", ".LEHX"
+    LETTERS, EACH = ".LRESWHCX", ".LEHX"
     """All letters; and those that all schedules to a depth have: the others do less of the same."""
 
     def __init__(self, short: float, late: float) -> None:
@@ -57,12 +57,14 @@ class Line:
         elif letter == "X":
             at = 1 + self._decided % (len(data) - 2)
             data = data[:at] + bytes((data[at] ^ 1 << self._decided % 8,)) + data[at + 1 :]
+        elif letter == "R":
+            data += data
         is_whole = letter not in "CX"
         hold = {"W": self._short, "H": self._late}.get(letter, 0.0)
         due = self._held_until[way] = max(self.now + WAY + hold, self._held_until[way])
         self._put(way, due, data, is_new=is_whole and not way)
-        if letter in "RE":
-            self._put(way, due + (self._late if letter == "E" else 0.0), data)
+        if after := {"E": self._late, "S": self._short}.get(letter):
+            self._put(way, due + after, data)
 
     def _put(self, way: int, due: float, data: bytes, *, is_new: bool = False) -> None:
         number = next(self._order)
@@ -71,9 +73,9 @@ class Line:
         heappush(self._under_way[way], (due, number, data))
 
     def arrived(self, way: int) -> bytes:
-        """What has come since the last call."""
+        """What has come since the last call; the host takes one message after the other."""
         queue, found = self._under_way[way], b""
-        while queue and queue[0][0] <= self.now:
+        while self.has_come(way) and not (way and found):
             _, number, data = heappop(queue)
             found += data
             if number in self._new:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -41,11 +41,12 @@ from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
 from umo.generate.split.link_bodies import ControllerMode, ControllerState, StateReader
 from umo.generate.split.link_frames import FrameReader
+from umo.generate.split.link_host import LinkHost
 from umo.generate.split.link_stop import stop_controller
 from umo.generate.split.part_generator import part_files
 from umo.generate.split.part_plan import PartPlan
 
-SCENARIOS = ("run", "greet", "fault", "guardian")
+SCENARIOS = ("run", "greet", "fault", "guardian", "orphan")
 SHORT, LATE = 0.6 * HOST_TIMEOUT, 1.3 * HOST_TIMEOUT
 """Times in s for which a line holds a message: the host still counts as there, or does not."""
 RUNNING = 1
@@ -151,7 +152,7 @@ class LinkWorld(LineWorld):
 
     def plan(self, plan: PartPlan) -> None:
         """The plan of the part is known: what the controller says can be read."""
-        self._reader, self._states = FrameReader(plan.longest), StateReader(plan)
+        self._plan, self._reader, self._states = plan, FrameReader(plan.longest), StateReader(plan)
         places = {each.name: number for number, each in enumerate(plan.fields)}
         self.watch = ControllerWatch(self.program, places)
 
@@ -177,12 +178,18 @@ class LinkWorld(LineWorld):
         self._note(self.watch.look, line.now)
         self._note(self._look_at_silence, line.now - line.heard_at)
         if said:
-            self._sent += [state for body in self._reader.take(said) if (state := self._states.read(body)) is not None]
+            states = [state for body in self._reader.take(said) if (state := self._states.read(body)) is not None]
+            self._sent += states
+            self._note(self._look_at_answers, states)
             for frame in split_frames(said):
                 line.send(TO_HOST, frame)
 
     def _look_at_silence(self, silent: float) -> None:
         require(self.watch.mode != RUNNING or silent <= STOP_TIME, f"it runs after a silence of {silent:g} s")
+
+    def _look_at_answers(self, states: Sequence[ControllerState]) -> None:
+        gone = any(each.mode is ControllerMode.HOST_GONE for each in states)
+        require(not gone, "a session that has ended is answered")
 
     def _note(self, look: Callable[[Any], object], at: Any) -> None:
         """Look, and keep what is untrue until the host's call has returned, which would take it for its own failure."""
@@ -323,9 +330,24 @@ class LinkWorld(LineWorld):
         self._temperature = 20
 
     def _guardian(self) -> None:
-        """The control process has died after a period, and its guardian stops the controller."""
+        """The control process has died after a period, its guardian stops the controller, and another one begins."""
         self.line.counts = True
         self.host_period()
+        self._stopped_by_guardian()
+        self._driver.close()
+        with suppress(UmoError):
+            self._driver.open()
+        self.line.counts = False
+
+    def _orphan(self) -> None:
+        """A control process that takes the place of another one has died while it greets, and its guardian stops the
+        controller."""
+        self.line.counts = True
+        LinkHost(LineDial(), self._plan, "drive").look()
+        self._stopped_by_guardian()
+        self.line.counts = False
+
+    def _stopped_by_guardian(self) -> None:
         deadline = self.line.now + 20 * HOST_TIMEOUT
         try:
             stop_controller(LineDial(), "drive", deadline, HOST_TIMEOUT / 5)
@@ -333,7 +355,6 @@ class LinkWorld(LineWorld):
             require(not self.line.is_decided, "the guardian does not reach a controller whose messages come")
         else:
             require(self.watch.mode != RUNNING, "the guardian says that the controller is stopped")
-        self.line.counts = False
 
     def _both_stop(self) -> None:
         """The line carries nothing: the controller stops in time, and the host shows nothing as good."""

@@ -45,7 +45,8 @@ PLANTED: Sequence[Planted] = (
     InController("no check of repeated frames", "umo_link.c", " || !is_after(number, l->heard)) {", ") {"),
     InController("no check of the session", "umo_link.c", "!l->session || session != l->session ||", "!l->session ||"),
     InController("frames without a session", "umo_link.c",
-        "!l->session || session != l->session ||", "session != l->session ||"),
+        "!l->session || session != l->session ||", "session != l->session ||",
+        "no host says session 0; the rule `silence` of umo.testing (tests/generate/split/test_link_conformance.py)"),
     InController("START of any session", "umo_link.c",
         "session && session == l->offered && session != l->begun", "session && session != l->begun"),
     InController("a session begins again", "umo_link.c", "session != l->begun)", "session != l->session)"),
@@ -65,7 +66,8 @@ PLANTED: Sequence[Planted] = (
     InController("left out frames count as a sign of life", "umo_link.c",
         "    bool stops = body[0] == LINK_STOP;\n", "    bool stops = body[0] == LINK_STOP;\n    l->silent = 0;\n"),
     InController("each greeting offers a session", "umo_link.c",
-        "if (!l->offered || memcmp(l->nonce, &body[1], sizeof l->nonce) != 0)", "if (1)"),
+        "if (!l->offered || memcmp(l->nonce, &body[1], sizeof l->nonce) != 0)", "if (1)",
+        "both ends greet again; the rule `greeting` of umo.testing", ["the guardian does not greet again"]),
     InController("one session for all greetings", "umo_link.c",
         "        if (++l->offered == 0)\n", "        if (l->offered == 0)\n"),
     InController("STOP does not stop", "umo_link.c", "        l->mode = LINK_RESTING;\n", ""),
@@ -78,10 +80,10 @@ PLANTED: Sequence[Planted] = (
         "(tests/generate/split/test_link_conformance.py)"),
     InHost("no CRC in the host", "link_frames.py",
         'if crc32(body).to_bytes(CRC_BYTES, "little") == found[-CRC_BYTES:]:', "if True:"),
-    InHost("no check of the nonce", "link_host.py", "welcome.nonce != self._nonce or ", ""),
-    InHost("a second offer counts", "link_host.py",
-        "if welcome.nonce != self._nonce or self.offered:", "if welcome.nonce != self._nonce:"),
-    InHost("no check of the session in the host", "link_host.py", "if state.session != self.session:", "if False:"),
+    InHost("no check of the nonce", "link_host.py", "if welcome.nonce != self._nonce:", "if False:"),
+    InHost("no check of the session in the host", "link_host.py", "if state.session != self.session:", "if False:",
+        "an answer counts if this process still waits for its number; that two processes give the same number within "
+        "the time of a late copy takes one that dies at its start"),
     InHost("overtaken answers count", "link_host.py",
         "        if asked is None:\n            return",
         "        if asked is None:\n            asked = self._now()\n        if False:\n            return"),
@@ -107,10 +109,12 @@ PLANTED: Sequence[Planted] = (
     InHost("a lost answer is waited for", "link_host.py",
         "(not self.awaited or self._now() - self._sent[self._number] >= self._patience)", "not self.awaited"),
     InHost("the guardian takes any answer", "link_stop.py",
-        "return bool(of == session and mode == ControllerMode.RESTING)", "return True"),
-    InHost("the guardian takes any welcome", "link_stop.py", "welcome.nonce == nonce and ", ""),
+        "return bool(of == session and mode == ControllerMode.RESTING)", "return True", by="guardian .SLL..L"),
+    InHost("the guardian takes any welcome", "link_stop.py", "welcome.nonce == nonce and ", "",
+        "it greets again where its STOP is not answered", ["the guardian does not greet again"]),
     InHost("the guardian does not ask again", "link_stop.py",
         "    until = calls.now() + retry\n", "    until = deadline\n"),
+    InHost("the guardian does not greet again", "link_stop.py", "            session = 0  #", "            pass  #"),
     InFleet("a delta is taken twice", "run_feed.py", "if head.number < self.delta:", "if False:"),
     InFleet("deltas in the order in which they come", "run_feed.py",
         "self._held.pop(self.delta, None)", "self._held.pop(min(self._held, default=-1), None)"),
@@ -167,15 +171,25 @@ def measure(only: str = "") -> int:
         tree = copied(Path(folder))
         if said := "".join(_said_of([], tree, subject, "--depth", "1") for subject in ("link", "feed")):
             raise RuntimeError(f"without a fault: {said}")
-        missed = [each for each in chosen if not _is_found(each, tree)]
-    print(f"{len(chosen) - len(missed)} of {len(chosen)} found")
-    return int(not all(each.layer for each in missed))
+        missed = [each for each in chosen if not _is_found([each], tree)]
+        covered = [each for each in missed if _is_covered(each, tree)]
+    print(f"{len(chosen) - len(missed)} of {len(chosen)} found, {len(covered)} covered by another layer")
+    return int(len(covered) < len(missed))
 
 
-def _is_found(fault: Planted, tree: Path) -> bool:
-    ways = ("--depth", str(DEPTH)), ("--random", str(RANDOM))
-    said = next(filter(None, (_said_of([fault], tree, fault.SUBJECT, *way) for way in ways)), "")
-    print(fault.line(bool(said), said), flush=True)
+def _is_covered(fault: Planted, tree: Path) -> bool:
+    """True if another layer covers it: without that, it is found."""
+    others = [each for each in PLANTED if each.what in fault.also]
+    return _is_found([fault, *others], tree) if others else bool(fault.layer)
+
+
+def _is_found(faults: Sequence[Planted], tree: Path) -> bool:
+    fault = faults[0]
+    named = [("--replay", each.by) for each in faults if each.by]
+    ways = [*named, ("--depth", str(DEPTH)), ("--random", str(RANDOM))]
+    said = next(filter(None, (_said_of(faults, tree, fault.SUBJECT, *way) for way in ways)), "")
+    also = "".join(f" (with: {each.what})" for each in faults[1:])
+    print(fault.line(bool(said), said + also), flush=True)
     return bool(said)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from tools.planted_faults import PlantedFault, copied, played_with
@@ -21,14 +20,8 @@ FOUND = 40
 """So many are found by themselves, at least."""
 
 
-@dataclass(frozen=True)
 class Planted(PlantedFault):
     """A fault of the stop."""
-
-    also: Sequence[str] = ()
-    """The faults that are planted with it, by what they are: those layers."""
-    by: str = ""
-    """A schedule that finds it, which is tried first."""
 
 
 RUN_STATE, GUARDIAN, STANDBY = "process/run_state.py", "process/guardian.py", "process/standby.py"

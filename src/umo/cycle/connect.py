@@ -22,6 +22,7 @@ from umo.cycle.opened_drivers import OpenedDrivers
 from umo.cycle.program_end import check_thread
 from umo.cycle.restoring import restore
 from umo.cycle.segments import wait_for
+from umo.cycle.sequences import error_of
 from umo.cycle.stopping import StopFlag, end_forked
 from umo.drivers.optional import EndsWait
 from umo.drivers.wrapping import bare
@@ -235,7 +236,7 @@ class connect(Generic[C]):
         self.stop.is_leaving = True
         self.machine.contain_failures(False)
         try:
-            stopping = _error_of(self.machine.under_way.cancel)
+            stopping = error_of(self.machine.under_way.cancel)
             self.machine.end()
             found, late = self._drivers.reset()
             if self.wired.injection is not None and self.wired.injection.end():
@@ -244,7 +245,7 @@ class connect(Generic[C]):
             unreached = found
             self.reached = not unreached
             self.image.transfer.callees.end_writing()
-            showing = _error_of(self._show_last)  # what is shown comes after what is safe
+            showing = error_of(self._show_last)  # what is shown comes after what is safe
             if self.started:
                 self.reports.update(self._drivers.reports())
             failures = late + self._drivers.close()
@@ -312,15 +313,6 @@ def _moment(machine: ConnectedMachine) -> Moment | None:
 def _call_limit(wired: Wired) -> float:
     """Time in s after which a call of a driver hangs."""
     return call_limit([wired.drivers[name].timeout for name in wired.hardware])
-
-
-def _error_of(step: Callable[[], object]) -> BaseException | None:
-    """The error of a step: the machine is reset and left in any case."""
-    try:
-        step()
-    except BaseException as error:
-        return error
-    return None
 
 
 def _date(error: BaseException, moment: Moment | None) -> None:

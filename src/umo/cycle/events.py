@@ -7,12 +7,11 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from enum import IntEnum
 from typing import NamedTuple, overload
 
 from umo.objects.node import Node
 from umo.system.streams import log_without_waiting
-from umo.text import some
+from umo.text import NamedNumber, some
 
 log = logging.getLogger("umo")
 KEPT_EVENTS = 1000
@@ -47,7 +46,7 @@ ALARM = "alarm"
 """`Event.asked` of a change of the alarm at its path; the text begins with its new state (`umo.operation.alarms`)."""
 
 
-class CommandState(IntEnum):
+class CommandState(NamedNumber):
     """The state of a command. The numbers are stored in shared memory and keep their meaning."""
 
     NONE = 0
@@ -61,9 +60,6 @@ class CommandState(IntEnum):
     FAILED = 4
     """The command was carried out, and failed."""
     CANCELLED = 5
-
-    def __str__(self) -> str:
-        return self.name.lower()
 
 
 class EventLimit:

@@ -469,7 +469,7 @@ def _dropped(sequence: Any) -> bool:
     sequence that is a part of it is cancelled."""
     if not is_new(sequence):
         return False
-    errors = [error for task in reversed(_close(sequence)) if (error := _error_of(task.cancel)) is not None]
+    errors = [error for task in reversed(_close(sequence)) if (error := error_of(task.cancel)) is not None]
     if errors:
         raise with_notes(errors.pop(0), errors)
     return True
@@ -495,10 +495,10 @@ def _close(sequence: Any) -> list[Task]:
 def cancel_all(tasks: list[Task]) -> list[BaseException]:
     """Cancel all tasks, the last started first. An error in the `finally` blocks of one does not prevent the
     cancellation of the others."""
-    return [error for task in reversed(tasks) if (error := _error_of(task.end)) is not None]
+    return [error for task in reversed(tasks) if (error := error_of(task.end)) is not None]
 
 
-def _error_of(call: Callable[[], None]) -> BaseException | None:
+def error_of(call: Callable[[], object]) -> BaseException | None:
     """Return the error that a call raises, of any class: the outputs must still be reset."""
     try:
         call()

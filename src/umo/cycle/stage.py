@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from operator import index
 from typing import NamedTuple
 
 from umo.errors import RangeError
+from umo.text import NamedNumber
 
 
-class Stage(IntEnum):
+class Stage(NamedNumber):
     """The stage of a run. The numbers are stored in shared memory and keep their meaning."""
 
     STARTING = 0
@@ -20,9 +20,6 @@ class Stage(IntEnum):
     """The actuators are being brought to their defaults, the drivers closed."""
     ENDED = 3
     """The run, or its processes, have ended."""
-
-    def __str__(self) -> str:
-        return self.name.lower()
 
 
 class Progress(NamedTuple):

@@ -17,6 +17,7 @@ from umo.duration import duration
 from umo.errors import DriverError, WiringError
 from umo.objects.presentation.value_text import measure
 from umo.process.outcome import plain
+from umo.system.folders import remove
 from umo.text import reason_of
 from umo.wiring import Wired
 
@@ -165,8 +166,7 @@ class ReportFile:
             self._look()
             self._draft.replace(self._path)
         except OSError as error:
-            with contextlib.suppress(OSError):
-                self._draft.unlink()
+            remove(self._draft)
             raise DriverError(f"the report {self._given} cannot be written: {reason_of(error)}") from None
 
     def _look(self) -> None:

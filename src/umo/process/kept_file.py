@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +22,7 @@ from umo.errors import UmoError
 from umo.system import calls, folders
 from umo.system.device_record import state_folder
 from umo.system.file_locks import lock_within
+from umo.system.folders import remove
 
 FOLDER, SUFFIX = "kept", ".json"
 VERSION = 1
@@ -169,8 +170,7 @@ def set_aside(path: Path, now: float) -> Path:
         number += 1
     calls.replace(path, new)
     for old in sorted(path.parent.glob(f"{path.stem}.aside-*"))[:-MAX_ASIDE]:
-        with suppress(OSError):
-            calls.unlink(old)
+        remove(old)
     return new
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from umo.recording.copying import thin
 from umo.recording.part_names import part_name
 from umo.recording.record_settings import DEFAULT, RecordSettings
 from umo.recording.recording_file import OtherChannels, RecordingFile
+from umo.system.folders import remove
 
 PARTS_OF_LAST = 4
 """Number of files in which a flight recorder keeps its last minutes."""
@@ -105,5 +105,4 @@ class RecordingParts:
     def discard(self) -> None:
         """Remove all files, after `close`."""
         for path in self.paths:
-            with suppress(OSError):
-                path.unlink()
+            remove(path)

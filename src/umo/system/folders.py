@@ -132,15 +132,33 @@ def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryI
                 calls.fsync(file)
         calls.replace(new, path)
     except BaseException:
-        with suppress(OSError):
-            calls.unlink(new)
+        remove(new)
         raise
     if to_disk:
-        folder = calls.open(path.parent, os.O_RDONLY)
-        try:
-            calls.fsync(folder)
-        finally:
-            calls.close(folder)
+        sync(path.parent)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, unless it is gone, or cannot be removed."""
+    with suppress(OSError):
+        calls.unlink(path)
+
+
+def sync(folder: Path) -> None:
+    """Write the names in a folder to the disk."""
+    file = calls.open(folder, os.O_RDONLY)
+    try:
+        calls.fsync(file)
+    finally:
+        calls.close(file)
+
+
+def modified(path: Path) -> float:
+    """When a file was written last, s since 1970; 0 if it has just been removed."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
 
 
 def first_writable(places: Iterable[Path]) -> Path:

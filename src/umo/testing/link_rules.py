@@ -162,6 +162,7 @@ def silence(trial: LinkTrial) -> str:
         before = _running(trial, peer.asked(EXCHANGE))
         peer.silent(trial.plan.host_timeout + max(trial.patience, 5 * trial.plan.model.period))
         peer.refused(framed(peer.body(EXCHANGE)), f"after {trial.plan.host_timeout:g} s of silence a frame")
+        peer.refused(framed(peer.body(EXCHANGE, session=0)), "a frame of no session")
         after = peer.asked(STOP, session=peer.greeted().session)
         ran, limit = after.number - before.number, trial.plan.timeout_ticks
         if not ran <= limit:

@@ -18,6 +18,7 @@ from umo.cycle.frame import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
 from umo.exit_status import ExitStatus
+from umo.system.folders import remove
 from umo.system.processes import identity, is_used
 from umo_command.console import say
 from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
@@ -67,7 +68,7 @@ class TraceParts:
             self._sizes.append(0)
             rows = _encoded(next(lines(self._pending))) + rows
         while len(self._parts) > 1 and sum(self._sizes) + len(rows) > self._limit:
-            _remove(self._parts.popleft())
+            remove(self._parts.popleft())
             self._sizes.popleft()
         try:
             with self._parts[-1].open("ab") as file:
@@ -87,7 +88,7 @@ class TraceParts:
         if not size:
             self._parts.pop()
             self._sizes.pop()
-            _remove(path)
+            remove(path)
         if self.complete:
             self.complete = False
             say(f"{path} cannot be written: {text_of(error)}; the run continues, and its trace has a gap", "red")
@@ -186,11 +187,6 @@ def prune(keep: int, station: str | None = None) -> list[RecordedRun]:
 
 def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
-
-
-def _remove(path: Path) -> None:
-    with suppress(OSError):
-        path.unlink()
 
 
 def _size_of(folder: Path) -> int:

@@ -31,6 +31,7 @@ from umo.errors import UmoError, text_of
 from umo.objects.presentation.run_facts import clock_text
 from umo.process.job import Plan
 from umo.process.outcome import Outcome
+from umo.system.folders import remove
 from umo.system.processes import identity
 from umo.text import others, printable
 from umo.wiring.json_values import as_plain
@@ -262,7 +263,7 @@ class RunFolder:
             self._save("failure.txt", lambda file: _write(file, text))
         self._save("summary.json", result.save)
         if not self._save("trace.csv", trace.save):
-            _remove(self.path / "trace.csv")  # it ends before the run did
+            remove(self.path / "trace.csv")  # it ends before the run did
 
     def _save(self, name: str, write: Callable[[Path], object]) -> bool:
         try:
@@ -298,7 +299,7 @@ class TraceFile:
                 file.writelines(lines(self._trace, after=None if first else self._written))
         except OSError as error:
             self._failed = True
-            _remove(self._path)  # it may end in the middle of a row
+            remove(self._path)  # it may end in the middle of a row
             say(
                 f"{self._path} cannot be written: {text_of(error)}; the run continues, and its trace is written at "
                 "its end, if it can be",
@@ -317,13 +318,7 @@ def whole(path: Path) -> Iterator[Path]:
         if new.exists():
             new.replace(path)
     finally:
-        _remove(new)
-
-
-def _remove(path: Path) -> None:
-    """Remove a file, unless it is gone, or the disk has become read-only."""
-    with suppress(OSError):
-        path.unlink()
+        remove(new)
 
 
 def _write(file: Path, text: str) -> None:

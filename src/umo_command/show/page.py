@@ -72,11 +72,12 @@ def view(choice: ViewOptions) -> int:
     for library in LIBRARIES:
         if find_spec(library) is None:
             raise PageError(f"the page needs {library}: {how_to_install('page')}")
-    from umo.clients.page.access_control import is_loopback, new_token
+    from umo.clients.faces.endpoint import is_local
+    from umo.clients.page.access_control import new_token
     from umo.clients.page.server import Options, serve
     from umo.clients.page.session import InitialStation
 
-    local = is_loopback(choice.host) and choice.proxy is None
+    local = is_local(choice.host) and choice.proxy is None
     _check(choice, local)
     file = _recording(choice)
     elsewhere = None if file else _elsewhere(choice)

@@ -37,18 +37,18 @@ pytestmark = needs_a_compiler
 Umo = Callable[..., Result]
 GUIDE = Path(__file__).parents[3] / "docs" / "howto-split.md"
 OPTIONS = ("--zones", "1", "--laws", "1")
-SLOW = pytest.mark.full
-MUTANTS = {
-    "silence": ("umo_link.c", "if (l->silent <= LINK_HOST_TIMEOUT)", "if (l->silent <= 2 * LINK_HOST_TIMEOUT)"),
-    "repeated frame": ("umo_link.c", "|| !is_after(number, l->heard)) {", "|| number == 0) {"),
-    "not started": ("umo_link.c", "session == l->offered && session != l->begun", "session != l->begun"),
-    "second host": ("umo_link.c", "!l->session || session != l->session ||", "!l->session ||"),
-    "items": ("umo_link.c", " || (!stops && !items(l, body, FIRST, length, true))", ""),
-    "stop": ("umo_link.c", "l->mode = LINK_RESTING;", "l->mode = LINK_RUNNING;"),
-    "greeting": ("umo_link.c", "put_u16(l, l->offered);\n    send", "put_u16(l, 1);\n    send"),
-    "damaged frame": ("umo_frames.c", "!= (uint8_t)(crc >> 8 * i)", "!= (uint8_t)(crc >> 8 * i) && r->left"),
-}  # fmt: skip
-"""A rule, and the mistake in a controller's C that breaks it: a file, what stands there, and what is put there."""
+MUTANTS = (
+    ("silence", "umo_link.c", "if (l->silent <= LINK_HOST_TIMEOUT)", "if (l->silent <= 2 * LINK_HOST_TIMEOUT)"),
+    ("silence", "umo_link.c", "!l->session || session != l->session ||", "session != l->session ||"),
+    ("repeated frame", "umo_link.c", "|| !is_after(number, l->heard)) {", "|| number == 0) {"),
+    ("not started", "umo_link.c", "session == l->offered && session != l->begun", "session != l->begun"),
+    ("second host", "umo_link.c", "!l->session || session != l->session ||", "!l->session ||"),
+    ("items", "umo_link.c", " || (!stops && !items(l, body, FIRST, length, true))", ""),
+    ("stop", "umo_link.c", "l->mode = LINK_RESTING;", "l->mode = LINK_RUNNING;"),
+    ("greeting", "umo_link.c", "put_u16(l, l->offered);\n    send", "put_u16(l, 1);\n    send"),
+    ("damaged frame", "umo_frames.c", "!= (uint8_t)(crc >> 8 * i)", "!= (uint8_t)(crc >> 8 * i) && r->left"),
+)  # fmt: skip
+"""Rules, each with the mistake in a controller's C that breaks it: a file, what stands there, and what is put there."""
 
 
 def wiring(folder: Path, port: int) -> Path:
@@ -114,9 +114,10 @@ def test_a_part_is_generated_from_its_wiring_and_its_link_is_proved(umo: Umo, tm
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("rule", [pytest.param(each, marks=() if each == "silence" else SLOW) for each in MUTANTS])
-def test_a_mistake_of_a_controller_is_found(rule: str, folder: Path, tmp_path: Path) -> None:
-    name, right, wrong = MUTANTS[rule]
+@pytest.mark.parametrize(("rule", "name", "right", "wrong"), MUTANTS)
+def test_a_mistake_of_a_controller_is_found(
+    rule: str, name: str, right: str, wrong: str, folder: Path, tmp_path: Path
+) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(folder, broken)
     text = (broken / name).read_text()

@@ -26,6 +26,7 @@ from typing import Any
 import zenoh
 
 from umo.clients.faces.face import User
+from umo.clients.faces.kept_tasks import KeptTasks
 from umo.clients.fleet import fleet_keys as keys
 from umo.clients.fleet.fleet_keys import StationKey
 from umo.clients.fleet.sole_lease import SoleLease
@@ -105,7 +106,7 @@ class FleetCommands:
         """Commands of each user that have come and have no answer; changed in the thread of Zenoh and the loop's."""
         self._lock = threading.Lock()
         self._forgot = 0.0
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = KeptTasks()
         self._queries = session.declare_queryable(key.key(keys.COMMAND, keys.ANY), self._asked)
         self._signed = session.declare_subscriber(key.key(keys.SIGN, keys.ANY, keys.ANY), self._sign)
 
@@ -133,9 +134,7 @@ class FleetCommands:
     # Commands ------------------------------------------------------------------------------------------------
 
     def _begin(self, query: zenoh.Query) -> None:
-        task = self._loop.create_task(self._answer(query))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.begin(self._answer(query))
 
     async def _answer(self, query: zenoh.Query) -> None:
         name, reply = _name_in(query), partial(_reply, query)
@@ -236,9 +235,7 @@ class FleetCommands:
     async def close(self) -> None:
         self._queries.undeclare()
         self._signed.undeclare()
-        for task in list(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._tasks.end()
 
 
 def _name_in(query: zenoh.Query) -> str:

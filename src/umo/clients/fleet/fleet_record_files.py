@@ -28,6 +28,7 @@ from umo.clients.fleet.fleet_keys import StationKey
 from umo.clients.fleet.fleet_record_run import Recorded
 from umo.errors import OptionError
 from umo.recording.tables.value_tables import SCHEMAS
+from umo.system import folders
 
 KINDS = ("values", "events", "gaps")
 ABOUT = b"umo"
@@ -163,7 +164,7 @@ class RecordFolder:
         target = place / f"{hour}.parquet" if is_over else parts[-1].path
         schema = SCHEMAS[place.relative_to(self.root).parts[0]]
         write_whole(target, schema, _groups([each.path for each in merged]), about)
-        _sync_folder(place)
+        folders.sync(place)
         for each in merged:
             if each.path != target:
                 each.path.unlink(missing_ok=True)
@@ -206,7 +207,7 @@ class RecordFolder:
         return found
 
     def _newest(self, place: Path) -> list[HourFile]:
-        files = [(_modified(each.path), each) for each in hour_files(place)]
+        files = [(folders.modified(each.path), each) for each in hour_files(place)]
         parts = [each for _, each in files if each.number is not None]
         whole = sorted((each for each in files if each[1].number is None), key=lambda each: each[0])
         return parts + [each for _, each in whole[-self.looked_at :]]
@@ -279,18 +280,3 @@ def _groups(paths: Iterable[Path]) -> Iterator[pa.Table]:
 def _joined(tables: list[pa.Table]) -> pa.Table:
     plain = [each.replace_schema_metadata(None) for each in tables]
     return pa.concat_tables(plain).unify_dictionaries().combine_chunks()
-
-
-def _sync_folder(place: Path) -> None:
-    folder = os.open(place, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def _modified(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0

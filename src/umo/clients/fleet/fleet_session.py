@@ -12,12 +12,12 @@ import json
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
+from umo.clients.faces.endpoint import is_local
 from umo.clients.fleet import fleet_keys as keys
 from umo.clients.fleet import fleet_rules
 from umo.clients.fleet.fleet_diagnosis import NOBODY_ANSWERS, SILENT, why_not
@@ -88,11 +88,7 @@ class FleetNetwork:
 
 
 def _is_loopback(address: str) -> bool:
-    host = address.partition("/")[2].rpartition(":")[0].strip("[]")
-    try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return is_local(address.partition("/")[2].rpartition(":")[0].strip("[]"))
 
 
 def rules_of(network: FleetNetwork, mode: str) -> dict[str, Any] | None:

@@ -24,6 +24,7 @@ from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from umo.clients.faces.endpoint import is_local
 from umo.clients.page.visitor import PageToken, connection_of, visitor_of
 from umo.system.folders import written
 
@@ -81,7 +82,7 @@ class AccessControl:
         self._cookie = f"umo-{port}"  # cookies do not know ports
         self._secure = certified is not None or self._proxy.startswith("https:")
         self._certified = certified or frozenset()
-        self._everywhere = not is_loopback(host)
+        self._everywhere = not is_local(host)
         self._names = {*LOCAL_NAMES, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
         if self._proxy:
             self._names.add(urlsplit(self._proxy).hostname or "")
@@ -231,13 +232,6 @@ async def _body(receive: Receive) -> bytes:
         body += message.get("body", b"")
         more = message.get("more_body", False)
     return body
-
-
-def is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host.lower() == "localhost"
 
 
 FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>umo</title>

@@ -232,7 +232,7 @@ class LinkHost:
                 self._told(state)
 
     def _welcomed(self, welcome: Welcome) -> None:
-        if welcome.nonce != self._nonce or self.offered:
+        if welcome.nonce != self._nonce:
             return  # of another greeting
         if welcome.version != VERSION:
             text = f"speaks version {welcome.version} of the link, and this umo version {VERSION}"

@@ -65,6 +65,8 @@ def _stop(stream: Stream, name: str, deadline: float, retry: float) -> None:
                 break
             if session and _rests(body, session):
                 return
+        else:
+            session = 0  # it may have been offered to another greeting since: greet again
 
 
 def _bodies(stream: Stream, reader: FrameReader, deadline: float, retry: float) -> Iterator[bytes]:

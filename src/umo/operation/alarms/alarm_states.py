@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from enum import IntEnum
 from functools import cache
 
+from umo.text import NamedNumber
 
-class AlarmState(IntEnum):
+
+class AlarmState(NamedNumber):
     """The state of an alarm. The numbers are stored in frames."""
 
     NORMAL = 0
@@ -33,9 +35,6 @@ class AlarmState(IntEnum):
     """Its condition cannot be evaluated, and nobody has acknowledged this."""
     BAD_ACKNOWLEDGED = 9
     """Its condition cannot be evaluated; this is acknowledged."""
-
-    def __str__(self) -> str:
-        return self.name.lower().replace("_", " ")
 
 
 class Operation(IntEnum):

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
-from enum import IntEnum
 from sys import float_info
 from typing import Any
 
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.states import TwoState
-from umo.text import did_you_mean
+from umo.text import NamedNumber, did_you_mean
 from umo.user_code import check_acts_at_once
 
 MAX_TEXT = 200
 """Largest length of an alarm's text, in characters."""
 
 
-class Priority(IntEnum):
+class Priority(NamedNumber):
     """The urgency of an operator's response. The numbers are stored in frames."""
 
     LOW = 1
     MEDIUM = 2
     HIGH = 3
     CRITICAL = 4
-
-    def __str__(self) -> str:
-        return self.name.lower()
 
 
 @dataclass(frozen=True)

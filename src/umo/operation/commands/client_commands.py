@@ -6,12 +6,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from math import isfinite
 from typing import Any, Protocol
 
 from umo.cycle.capability import Capability
 from umo.errors import CommandRefused, LeaseHeld
+from umo.text import NamedNumber
 
 DEAD_MAN_TIME = 0.5
 """Time without a sign of life after which a written actuator or a jog ends, in s; shorter if the actuator expires
@@ -20,14 +20,11 @@ DEAD_MAN_REASON = "dead-man timeout"
 """The reason in the event of this end."""
 
 
-class Mode(IntEnum):
+class Mode(NamedNumber):
     """The mode of a machine. The numbers are stored in shared memory."""
 
     AUTOMATIC = 0
     MANUAL = 1
-
-    def __str__(self) -> str:
-        return self.name.lower()
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum
 from math import isfinite
 from typing import Any
 
@@ -15,19 +15,16 @@ from umo.errors import DeclarationError, RangeError
 from umo.operation.alarms.alarm_states import Operation
 from umo.operation.commands.client_commands import ClientCommand
 from umo.operation.commands.commanded import Commanded, VerbAnswer
-from umo.text import cut_repr
+from umo.text import NamedNumber, cut_repr
 
 
-class Role(IntEnum):
+class Role(NamedNumber):
     """The rights of a user. Each role includes those before it."""
 
     SEE = 0
     TUNE = 1
     OPERATE = 2
     MAINTAIN = 3
-
-    def __str__(self) -> str:
-        return self.name.lower()
 
 
 class Names(Enum):

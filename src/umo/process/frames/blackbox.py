@@ -82,7 +82,7 @@ def aftermath(period: float) -> float:
 
 def boxes(folder: Path) -> list[Path]:
     """The black boxes in a folder, oldest first."""
-    return sorted(folder.glob(f"*{SUFFIX}"), key=_age)
+    return sorted(folder.glob(f"*{SUFFIX}"), key=folders.modified)
 
 
 def name_for(folder: Path, station: str, now: float) -> Path:
@@ -106,12 +106,5 @@ def thin(folder: Path) -> None:
     for path in boxes(folder)[:-MAX_BOXES]:
         path.unlink(missing_ok=True)
     for path in folder.glob(f".*{SUFFIX}.*"):
-        if time.time() - _age(path) > UNFINISHED_AGE:
+        if time.time() - folders.modified(path) > UNFINISHED_AGE:
             path.unlink(missing_ok=True)
-
-
-def _age(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0  # it has just been removed

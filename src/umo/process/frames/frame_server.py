@@ -22,7 +22,7 @@ from pathlib import Path
 from umo.errors import FramesError
 from umo.process.frames.memory import RunDescriptors
 from umo.system import calls, folders, processes
-from umo.system.folders import is_own
+from umo.system.folders import is_own, remove
 from umo.system.processes import is_used
 
 GREETING = b"umo frames 6"
@@ -89,7 +89,7 @@ def rings() -> list[Path]:
         raise FramesError(f"the folder for frames cannot be used: {error}") from None
     for name in names:
         if (hidden := _HIDDEN.fullmatch(name)) and not is_used(int(hidden[1])):  # it died before it got its name
-            _remove(place / name)
+            remove(place / name)
     found = sorted((place / name for name in names if _OPEN.fullmatch(name)), key=_made)
     return [path for path in found if is_living(path)]
 
@@ -99,13 +99,8 @@ def is_living(path: Path) -> bool:
     changed."""
     served = is_served(path) if is_socket(path) else None
     if served is False:
-        _remove(path)
+        remove(path)
     return bool(served)
-
-
-def _remove(path: Path) -> None:
-    with suppress(OSError):
-        path.unlink(missing_ok=True)
 
 
 def _made(path: Path) -> int:
@@ -136,8 +131,7 @@ class FrameServer:
             self._socket.listen(MAX_WAITING)
             hidden.rename(self.path)
         except OSError as error:
-            with suppress(OSError):
-                hidden.unlink(missing_ok=True)
+            remove(hidden)
             raise FramesError(f"the socket for frames {self.path} cannot be made: {error.strerror or error}") from None
 
     def leave(self) -> None:
@@ -171,8 +165,7 @@ class FrameServer:
     def close(self) -> None:
         """From now on the run cannot be found; processes that have its memory keep it."""
         self._closed.set()
-        with suppress(OSError):
-            self.path.unlink(missing_ok=True)
+        remove(self.path)
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         if self._thread is not None:

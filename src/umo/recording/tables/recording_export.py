@@ -7,7 +7,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from umo.errors import FramesError, OptionError
 from umo.recording.tables.recorded_values import RecordedValues, TellTime
+from umo.system.folders import remove
 from umo.text import reason_of
 
 SUFFIXES = (".parquet", ".csv", ".npz")
@@ -58,8 +59,7 @@ def _renamed(path: Path) -> Iterator[Path]:
         os.chmod(name, 0o666 & ~mask)
         os.replace(name, path)
     except BaseException:
-        with suppress(OSError):
-            os.unlink(name)
+        remove(Path(name))
         raise
 
 

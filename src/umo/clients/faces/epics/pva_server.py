@@ -16,6 +16,7 @@ from p4p.server.raw import SharedPV
 from umo.clients.faces.endpoint import Endpoint
 from umo.clients.faces.epics.process_variable import CarryOut, ProcessVariable, result
 from umo.clients.faces.face import User
+from umo.clients.faces.kept_tasks import KeptTasks
 from umo.errors import CommandRefused, UmoError, text_of
 from umo.system.peer_account import account_of, peer_uid
 
@@ -45,7 +46,7 @@ class PvaServer:
         self._asked: Counter[str] = Counter()
         """Number of the puts and calls of each connection whose user is being looked up."""
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = KeptTasks()
 
     def open(self) -> str:
         """Start the server and return its address. UmoError if the port is in use."""
@@ -89,8 +90,7 @@ class PvaServer:
 
     def cancel(self) -> None:
         """Cancel the waits of clients, and answer them with an error."""
-        for task in self._tasks:
-            task.cancel()
+        self._tasks.cancel()
 
     # In p4p's threads ----------------------------------------------------------------------------------
 
@@ -114,9 +114,7 @@ class PvaServer:
     # In the loop ---------------------------------------------------------------------------------------
 
     def _begin(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
-        task = asyncio.create_task(self._answer(carry_out, operation))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.begin(self._answer(carry_out, operation))
 
     async def _answer(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
         try:

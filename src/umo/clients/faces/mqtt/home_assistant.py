@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Coroutine, Iterable
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from umo.clients.faces.command_users import arguments_of, asked_of
 from umo.clients.faces.face import Changes, Commands, Face, User
 from umo.clients.faces.face_image import NO_QUALITY
+from umo.clients.faces.kept_tasks import KeptTasks
 from umo.clients.faces.mqtt.broker import Broker, Message
 from umo.clients.faces.mqtt.broker_address import BrokerAddress
 from umo.clients.faces.mqtt.home_assistant_discovery import (
@@ -76,7 +76,7 @@ class HomeAssistant(Face):
         value."""
         self._is_behind = False
         """True if all of it is sent in order, as after connecting."""
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = KeptTasks()
 
     async def open(self) -> None:
         self._broker.context(), self._broker.password()
@@ -94,7 +94,7 @@ class HomeAssistant(Face):
             self._broker, f"{device_of(machine.station)}-ha", self._last, orders, self._came_up, self._hear
         )
         self._link.start()
-        self._keep(self._tell_numbers())
+        self._tasks.begin(self._tell_numbers())
 
     async def frames(self, changes: Changes) -> None:
         self._changes, places = changes, changes.places
@@ -104,8 +104,7 @@ class HomeAssistant(Face):
         self._send(self._topics[place] for place in places[at_once].tolist())
 
     async def end(self, why: str) -> None:
-        for task in self._tasks:
-            task.cancel()
+        self._tasks.cancel()
         link, self._link, self._commands = self._link, None, None
         if link is not None:
             await link.stop(self._last())
@@ -151,12 +150,7 @@ class HomeAssistant(Face):
     # Commands ------------------------------------------------------------------------------------------
 
     def _hear(self, topic: str, payload: bytes) -> None:
-        self._keep(self._carry_out(topic.removeprefix(f"{self._base}/"), payload))
-
-    def _keep(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._tasks.begin(self._carry_out(topic.removeprefix(f"{self._base}/"), payload))
 
     async def _carry_out(self, order: str, payload: bytes) -> None:
         assert self._commands is not None

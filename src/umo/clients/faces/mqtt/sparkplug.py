@@ -15,6 +15,7 @@ from google.protobuf.message import DecodeError
 
 from umo.clients.faces.command_users import arguments_of, asked_of
 from umo.clients.faces.face import Changes, Commands, Face, User
+from umo.clients.faces.kept_tasks import KeptTasks
 from umo.clients.faces.mqtt.broker import Broker, Message
 from umo.clients.faces.mqtt.broker_address import BrokerAddress
 from umo.clients.faces.mqtt.sparkplug_node import DONE, REBIRTH, REFUSAL, SparkplugNode
@@ -74,7 +75,7 @@ class Sparkplug(Face):
         self._commands: Commands | None = None
         self._changes: Changes | None = None
         self._link: Broker | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks = KeptTasks()
         self._is_born = self._is_asked = False
         self._host_online, self._host_time = False, -1
 
@@ -102,8 +103,7 @@ class Sparkplug(Face):
         self._send(self._node.events(events))
 
     async def end(self, why: str) -> None:
-        for task in self._tasks:
-            task.cancel()
+        self._tasks.cancel()
         await self._disconnect()
         self._changes = self._commands = None
 
@@ -194,7 +194,7 @@ class Sparkplug(Face):
         if online and not was:
             self._give_birth()
         elif was and not online:
-            self._keep(self._restart())
+            self._tasks.begin(self._restart())
 
     async def _restart(self) -> None:
         if self._link is None:  # it is on its way
@@ -212,7 +212,7 @@ class Sparkplug(Face):
             return
         given = properties_of(metric)
         about = {key: str(given[key])[:100] for key in ("user", "request") if key in given} | {"metric": name[:200]}
-        self._keep(self._carry_out(name, value_of(metric), about))
+        self._tasks.begin(self._carry_out(name, value_of(metric), about))
 
     def _bear_again(self) -> None:
         self._is_asked = False
@@ -243,8 +243,3 @@ class Sparkplug(Face):
 
     def _answer(self, name: str, text: str, about: dict[str, str]) -> None:
         self._send(self._node.one(name, text, about))
-
-    def _keep(self, work: Any) -> None:
-        task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)

@@ -12,6 +12,7 @@ from asyncua.server.address_space import AddressSpace
 
 from umo.clients.faces.command_users import arguments_of
 from umo.clients.faces.face import Commands, User
+from umo.clients.faces.kept_tasks import KeptTasks
 from umo.clients.faces.opcua.ua_attributes import bounds
 from umo.clients.faces.opcua.ua_connection import Answer
 from umo.clients.faces.opcua.ua_machine import PATH, Called, MachineNodes
@@ -39,7 +40,7 @@ class ClientCommands:
 
     def __init__(self, space: AddressSpace, nodes: MachineNodes, commands: Commands, refused: TellRefusal) -> None:
         self._space, self._nodes, self._commands, self._refused = space, nodes, commands, refused
-        self._running: set[asyncio.Task[Any]] = set()
+        self._running = KeptTasks()
 
     def may(self, session: Any, do: str, path: str) -> bool:
         """True if the user of a session may give a command."""
@@ -92,9 +93,7 @@ class ClientCommands:
 
     async def _patiently(self, session: UaSession, work: Coroutine[Any, Any, Any], patience: float) -> Answer:
         """The result of an action, or that it continues. It is not cancelled with the request."""
-        task = asyncio.create_task(work)
-        self._running.add(task)
-        task.add_done_callback(self._running.discard)
+        task = self._running.begin(work)
         done, _ = await asyncio.wait({task}, timeout=patience)
         if done:
             return Answer(_result(GOOD, task.result()))
@@ -117,9 +116,7 @@ class ClientCommands:
         return Answer(status_of(error), str(error))
 
     async def close(self) -> None:
-        for task in list(self._running):
-            task.cancel()
-        await asyncio.gather(*self._running, return_exceptions=True)
+        await self._running.end()
 
 
 def _user_of(session: UaSession) -> User:

@@ -21,6 +21,7 @@ from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import struct_to_binary
 
+from umo.clients.faces.kept_tasks import KeptTasks
 from umo.clients.faces.opcua import ua_limits as limits
 from umo.clients.faces.opcua.ua_attributes import Attributes, Rights
 from umo.clients.faces.opcua.ua_monitoring import Monitoring
@@ -70,7 +71,7 @@ class Services(InternalServer):
         self.monitoring = Monitoring(self.attributes)
         self.subscription_service = self.isession.subscription_service = self.monitoring
         self.is_trusted, self.only_secured = is_trusted, only_secured
-        self.answering: set[asyncio.Task[None]] = set()
+        self.answering = KeptTasks()
         self.logging_in = asyncio.Lock()
         limits.limit(self)
 
@@ -85,10 +86,7 @@ class Services(InternalServer):
 
     async def abandon(self) -> None:
         """Give up all operations in progress: the machine will not answer them."""
-        tasks = list(self.answering)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await self.answering.end()
 
 
 class Processor(UaProcessor):
@@ -261,9 +259,7 @@ class Processor(UaProcessor):
             work = self._call(session, counted(decoded(ua.CallParameters, body).MethodsToCall))
             response = ua.CallResponse()
         self._answers += 1
-        task = asyncio.create_task(self._answer(work, response, header, sequence))
-        self.iserver.answering.add(task)
-        task.add_done_callback(self.iserver.answering.discard)
+        self.iserver.answering.begin(self._answer(work, response, header, sequence))
 
     async def _write(self, session: UaSession, values: Sequence[Any]) -> list[Answer]:
         async with session.ordered:
