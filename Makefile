@@ -13,9 +13,14 @@ demo: $(STAMP)
 # Twice as many workers as processors: half of the time tests wait for processes.
 PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
 
-# Seven to eleven minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/control/test_pid.py -v".
+# ARGS goes to pytest here and below: make test ARGS="tests/control/test_pid.py -v". CHANGED=1: the tests that the change
+# since HEAD can reach by imports; CHANGED=REV: since that commit (tools/changed.py).
 test: $(COMPILED)
+ifdef CHANGED
+	modules=$$($(BIN)/python -m tools.changed $(CHANGED)) && { test -z "$$modules" || $(PYTEST) -m "not full" $(ARGS) $$modules; }
+else
 	$(PYTEST) -m "not full" $(ARGS)
+endif
 
 # The page in a browser; make test runs some of these tests. A browser has processes of its own: a worker for each processor.
 test-page: $(STAMP)

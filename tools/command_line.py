@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,9 @@ def leaves() -> list[tuple[str, Any]]:
     return [part for name in COMMANDS for part in _parts(name, _root().commands[name])]
 
 
+@cache
 def _root() -> Any:
+    """Made once: typer takes 0.1 s for it."""
     return typer.main.get_command(app)
 
 

@@ -15,11 +15,22 @@ from umo.process import guardian
 from umo.process.job import Job
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Outcome
+from umo.system import realtime
 from umo.system.device_record import Ended, all_standing
 
 TESTS = Path(__file__).parents[1]
+OWN = tuple(f"{TESTS.parent / each}{os.sep}" for each in ("tests", "tools", "bench"))
 NEIGHBOURS = "the control process did not get core"
 """The beginning of a notice that other stations had the core."""
+
+
+def as_if_begun_afresh(kept: set[str]) -> None:
+    """This process has imported all tests, which a guardian that is started afresh has not: a run would hash and read
+    them as the user's code, and lock all their memory, of which each process then gets a copy."""
+    realtime.lock_memory = lambda: None
+    for name, module in list(sys.modules.items()):
+        if name not in kept and (getattr(module, "__file__", None) or "").startswith(OWN):
+            del sys.modules[name]
 
 
 class RunEnded(AssertionError):
@@ -46,6 +57,7 @@ class Run:
             os.setsid()
             os.close(self._rest)
             self.channel.close()
+            as_if_begun_afresh({"helpers", "helpers.process_box", box})
             try:
                 os._exit(guardian.main(there.detach(), os.dup(file.fileno())))
             finally:

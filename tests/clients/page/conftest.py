@@ -23,12 +23,19 @@ from helpers.machines import bench, wired
 from helpers.patient import patient
 from umo import connect, published
 from umo.clients.faces.conformance.tried_machine import OWN_DEVICES, plant
+from umo.clients.page import feed
 from umo.testing import Scripted, VirtualTimer, periods
 
 TOKEN = "a token for the tests"
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 PATIENCE = 20.0
 """s"""
+
+
+@pytest.fixture(autouse=True)
+def stations_are_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page looks for them once a second."""
+    monkeypatch.setattr(feed, "SEARCH_PAUSE", 0.05)
 
 
 def eventually(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:

@@ -15,7 +15,7 @@ from conformance import broken, mutants
 from conformance.careful import Careful
 from conformance.mutants import MUTANTS, Mutant
 from conformance.subjects import careful
-from umo.testing.conformance import Certificate, Judgement, all_rules, conform, runner
+from umo.testing.conformance import Certificate, Judgement, all_rules, conform, driver_factory, leak_rules, runner
 
 ENOUGH_TO_GROW = 300
 HANGING = 1.0
@@ -109,8 +109,10 @@ def nothing_left(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def what_hangs_is_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def what_is_broken_is_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What hangs, and what is not closed: no driver here has to be waited for that long."""
     monkeypatch.setattr(runner, "HANG", HANGING)
+    monkeypatch.setattr(leak_rules, "MAX_CLOSING_TIME", 0.5)
 
 
 def tried(driver: type[Careful], cycles: int, only: list[str] | None = None) -> Certificate:
@@ -142,7 +144,10 @@ def test_a_rule_that_is_broken_fails(words: str) -> None:
         broken.TimesOutAsWhenItWasOpened,
     ),
 )
-def test_a_rule_is_broken_also_where_no_record_shows_a_pulse(driver: type[Careful]) -> None:
+def test_a_rule_is_broken_also_where_no_record_shows_a_pulse(
+    driver: type[Careful], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver_factory, "UNCONTROLLED_TIMEOUT", 0.5)  # the timeout of one that keeps its first one
     rule = broken.BREAKS[driver]
     with careful(driver, **({"levels": None} if rule == "glitch" else {})) as subject:
         found = conform(subject, only=[rule]).finding(rule)

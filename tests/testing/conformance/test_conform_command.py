@@ -18,12 +18,12 @@ from typer.testing import Result
 
 import umo as package
 from conformance.device import Device
-from helpers.tiers import first
+from helpers.tiers import first, named
 from umo.errors import AcknowledgeRequired
 from umo.process.station import StationError
 from umo.system.device_lock import DeviceLock
 from umo.system.device_record import DeviceClaim
-from umo.testing.conformance import Certificate, PtyTap, leak_rules, long_run
+from umo.testing.conformance import Certificate, PtyTap, all_rules, leak_rules, long_run, rules
 from umo_command.device import conform as conform_command
 
 Umo = Callable[..., Result]
@@ -75,6 +75,18 @@ def few_transfers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(leak_rules, "CYCLES", 10)
 
 
+@pytest.fixture(params=first(1, named(["few", "all"], [True, False])))
+def few_rules(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Of the kit `make test` tries these rules: a whole trial waits for 25 s, and test_kit.py has what they find."""
+
+    def only(*names: str) -> None:
+        few = tuple(rule for rule in all_rules() if rule.id in names)
+        for module in (conform_command, rules) if request.param else ():
+            monkeypatch.setattr(module, "all_rules", lambda: few)
+
+    return only
+
+
 @pytest.fixture
 def device() -> Iterator[Device]:
     with Device() as device:
@@ -109,7 +121,13 @@ def own_card(press: Path, text: str, *options: str) -> None:
     file.write_text("\n".join(line for each in lines for line in (options if each.startswith("port") else [each])))
 
 
-def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(umo: Umo, press: Path, device: Device) -> None:
+def test_a_wired_driver_is_tested_within_the_ranges_of_its_objects(
+    umo: Umo, press: Path, device: Device, few_rules: Callable[..., None]
+) -> None:
+    few_rules(
+        *("initialise", "range", "one beyond", "block write", "late answer", "garbled answer"),
+        *("directions", "vanish", "end"),
+    )
     device.levels("out:0")
     words = ("--yes", "--loopback", "motor=back", "--out", "made.json")
     result = umo("device", "conform", "press/wiring/card.toml", *words)
@@ -144,10 +162,14 @@ def test_only_the_listed_channels_are_used(umo: Umo, press: Path, device: Device
     assert device.levels("out:0") == [0]
 
 
-def test_inputs_alone_are_read_without_a_question_and_nothing_is_written(umo: Umo, press: Path, device: Device) -> None:
+def test_inputs_alone_are_read_without_a_question_and_nothing_is_written(
+    umo: Umo, press: Path, device: Device, few_rules: Callable[..., None]
+) -> None:
+    few_rules("answers", "readings", "directions", "block read", "late answer", "finalise")
     result = umo("device", "conform", "press", "-w", "card", "--only", "encoder", "--only", "back")
     assert result.exit_code == 0, said(result)
     assert "directions" not in said(result)
+    assert device.levels("out:0") == [0]
 
 
 @pytest.mark.full
@@ -206,8 +228,9 @@ def test_a_path_of_the_wiring_is_that_of_the_station(umo: Umo, press: Path, devi
 
 @pytest.mark.parametrize("word", first(1, ["chdir", "UMO_LASTING"]))
 def test_what_a_driver_changes_of_the_process_before_the_first_rule_is_told(
-    umo: Umo, press: Path, device: Device, monkeypatch: pytest.MonkeyPatch, word: str
+    umo: Umo, press: Path, device: Device, monkeypatch: pytest.MonkeyPatch, few_rules: Callable[..., None], word: str
 ) -> None:
+    few_rules("answers", "process")
     monkeypatch.setenv("UMO_LASTING", "not yet")
     folder = Path.cwd()
     monkeypatch.chdir(folder)  # and back at the end
@@ -269,13 +292,15 @@ def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Um
     assert "press-card-card: passed (cut short), on device tcp" in said(result)
 
 
-def test_a_simulation_has_no_line_which_is_status_3(umo: Umo) -> None:
+def test_a_simulation_has_no_line_which_is_status_3(umo: Umo, few_rules: Callable[..., None]) -> None:
+    few_rules("answers", "range", "late answer", "end")
     result = umo("device", "conform", "conveyor")
     assert result.exit_code == 3, said(result)
     assert "passed (the line was not tried)" in said(result)
 
 
-def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path) -> None:
+def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path, few_rules: Callable[..., None]) -> None:
+    few_rules("answers", "readings", "range", "directions")
     file = press / "wiring" / "card.toml"
     file.write_text(file.read_text().replace("careful:Careful", "broken:ReadsAFloat"))
     result = umo("device", "conform", "press", "-w", "card", "--yes")
