@@ -109,7 +109,7 @@ def test_the_command_shows_who_drives_why_and_what_comes_next(umo: Umo, rig: Rig
         "an interlock: level above 8 V",
         "acknowledged if the interlock is latched",
         "default │ OFF",
-        "500 ms after a write",
+        "500 ms after the last write",
     ):
         assert part in shown
 

@@ -298,7 +298,7 @@ def test_code_that_passes_over_what_ends_it_is_ended_by_further_signals(tmp_path
     assert os.waitstatus_to_exitcode(child.wait_status) == 128 + signal.SIGTERM
     _, line = case.told.read_text().splitlines()
     assert line.startswith(f"umo: the application does not end: {HERE}:")
-    passed_over = " in wait_for_ever, and it passes over what ends it; every actuator is at its default"
+    passed_over = " in wait_for_ever, and it catches the exception that should end it; every actuator is at its default"
     assert line.endswith(passed_over) or " in swallow (at " in line  # it was ended while it passed over one
     assert_reset(case.file)
 
@@ -348,7 +348,7 @@ def test_a_program_whose_run_a_signal_ends_tells_it_in_a_line_and_has_its_status
     name = signal.Signals(number).name
     asked, line = case.told.read_text().splitlines()
     assert asked.startswith("umo: ")
-    assert asked.endswith((": a second Ctrl-C ends it", "that does not end by itself", "ends it, if that does not end"))
+    assert asked.endswith((": a second Ctrl-C ends it", "that does not end by itself", "a signal ends it"))
     assert line == f"umo: stopped by {name}; every actuator is at its default"
     assert_reset(case.file)
 

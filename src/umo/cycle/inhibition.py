@@ -110,8 +110,8 @@ def _cannot(interlock: Interlock, cause: str) -> str:
 
 
 def interlocks_of(root: Compound) -> list[Interlock]:
-    """Return every interlock of a machine, as declared. DeclarationError for any other object, and for one that forbids
-    objects of another machine."""
+    """Return every interlock of a machine, as declared. Raises DeclarationError for any other object, and for one that
+    forbids objects of another machine."""
     return [interlock for _, interlock in owned_interlocks(root)]
 
 

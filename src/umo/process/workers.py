@@ -142,7 +142,7 @@ class Workers:
     # The guardian ----------------------------------------------------------------------------------------
 
     def fork(self) -> None:
-        """Fork all workers. OSError if no process is available."""
+        """Fork all workers. Raises OSError if no process is available."""
         for group in self._groups:
             self._fork(group, replaces=False)
 

@@ -192,7 +192,7 @@ def _values(layout: Layout, frames: Frames) -> Any:
 
 
 def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
-    """Return the block from these two messages; without the second one it is not full. FramesError if they are
+    """Return the block from these two messages; without the second one it is not full. Raises FramesError if they are
     damaged."""
     try:
         return _block_of(layout, exact, columns)
@@ -259,7 +259,7 @@ def _headed(about: Mapping[str, Any]) -> bytes:
 
 
 def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
-    """Return the description at the beginning of a message, and the rest. ValueError if there is none."""
+    """Return the description at the beginning of a message, and the rest. Raises ValueError if there is none."""
     view = memoryview(data)
     if len(view) < 4:
         raise ValueError("it has no description")
@@ -273,7 +273,7 @@ def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
 
 
 def checked_text(text: bytes) -> bytes:
-    """Return a text in JSON after a check that its values need only limited memory. ValueError if there are too
+    """Return a text in JSON after a check that its values need only limited memory. Raises ValueError if there are too
     many."""
     if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise ValueError(f"its description has more than {MAX_VALUES} values")

@@ -47,8 +47,8 @@ def damaged(error: Exception) -> str:
 
 
 def first_of(exact: memoryview) -> int:
-    """Return the number of the first frame of a block. If it is damaged, which is reported when it is read, a number
-    that no block has."""
+    """Return the number of the first frame of a block. For a damaged block, return a number that no block has; the
+    damage is reported when the block is read."""
     with suppress(ValueError, LookupError, TypeError, OverflowError):
         first = int(headed(exact)[0]["first"])
         return first if 0 <= first < MAX_FIRST else -1

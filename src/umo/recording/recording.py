@@ -84,7 +84,7 @@ class _Places(Sequence[_Place]):
 
 class Recording:
     """A file that `umo run --record` has written, with its later parts if it was rotated. It can be read while it is
-    written; it then contains the data that existed when it was opened. FramesError if it is not a recording.
+    written; it then contains the data that existed when it was opened. Raises FramesError if it is not a recording.
 
         with Recording("run.mcap") as recording:
             for block in recording.blocks():
@@ -264,7 +264,7 @@ class Recording:
 
     @property
     def parts(self) -> list[Path]:
-        """Its files, in order."""
+        """The files of the recording, in order."""
         return [file.path for file in self._files]
 
     @property
@@ -422,7 +422,7 @@ class Recording:
 
 @contextmanager
 def _told_as_damaged(file: McapReader) -> Iterator[None]:
-    """FramesError where the description of a block is malformed."""
+    """Raise FramesError if the description of a block is malformed."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:

@@ -57,7 +57,8 @@ class RunFeed:
     # What comes ----------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes, now: float) -> bool:
-        """Take a delta as it was published. Return False if it arrived before. FramesError if it is malformed."""
+        """Take a delta as it was published. Return False if it arrived before. Raises FramesError if it is
+        malformed."""
         head = peek(data)
         if head.number < self.delta:
             return False
@@ -86,8 +87,8 @@ class RunFeed:
             self._add_events(events)
 
     def take_past(self, data: bytes) -> None:
-        """Take the answer to a request: the data that the gateway has from the requested number on. FramesError if it
-        is malformed."""
+        """Take the answer to a request: the data that the gateway has from the requested number on. Raises FramesError
+        if it is malformed."""
         about, *deltas = unpacked(data)
         facts = json.loads(about)
         before = self.delta, self.event

@@ -73,7 +73,7 @@ class Row(IntEnum):
     ORDER = 2
     """The number of the last order that was carried out."""
     GENERATION = 3
-    """How often the outputs had been initialised; the same number for all channels."""
+    """Number of initialisations of the outputs so far; the same number for all channels."""
 
 
 class Wanted(IntEnum):

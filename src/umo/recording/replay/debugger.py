@@ -232,7 +232,7 @@ class DebuggedReplay:
         self._stop = Stop(period=self.replay.player.shown + max(count, 1))
 
     def to(self, place: str) -> None:
-        """Go to a time, a period, the first difference or the end. OptionError for any other text."""
+        """Go to a time, a period, the first difference or the end. Raises OptionError for any other text."""
         stop, player = Stop.parse(place), self.replay.player
         if stop.difference and self._found is not None:
             stop = Stop(period=self._found.period)

@@ -243,7 +243,7 @@ class ReplayPdb(pdb.Pdb):
 
 
 def _count(text: str) -> int:
-    """OptionError if it is not a number from 1 on."""
+    """Raise OptionError if it is not a number from 1 on."""
     if text and not (text.isdecimal() and int(text)):
         raise OptionError(f"{text!r} is not a number of periods")
     return int(text or 1)

@@ -75,8 +75,8 @@ def _checked(table: dict[str, Any], station: Station | None, own: Sequence[Path]
     for driver in drivers_in(source):
         if runs and driver.kind not in WITHOUT_DEVICE and driver not in known:
             raise NotReplayable(
-                f"the wiring of the recording has a driver {driver.kind!r} that no wiring of the station has like "
-                f"this: {HOW}"
+                f"the wiring of the recording has a driver {driver.kind!r} with settings that no wiring of the "
+                f"station has: {HOW}"
             )
         if driver.kind not in registry.known() and driver.kind not in {each.kind for each in known}:
             raise NotReplayable(

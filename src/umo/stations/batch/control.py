@@ -154,7 +154,7 @@ class Reactor(
 
     @property
     def activity(self) -> str:
-        """Its activity in one word: its phase, or the state in which it waits."""
+        """The activity of the reactor in one word: its phase, or the state in which it waits."""
         if self.cycle.fault:
             return "fault"
         state = self.unit.state

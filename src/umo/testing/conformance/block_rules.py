@@ -119,7 +119,7 @@ def _turns(texts: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
-    """RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
+    """Raise RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
     for look in range(LOOKS):
         before = [probe.read(text) for text in texts]
         block = probe.read_many(texts)

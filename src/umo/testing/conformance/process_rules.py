@@ -88,7 +88,7 @@ def _quiet_while_away(context: RuleContext, probe: Probe) -> None:
 
 
 def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
-    """RuleBroken if threads that are not older than the trial run while they should wait."""
+    """Raise RuleBroken if threads that are not older than the trial run while they should wait."""
     shares = []
     for _ in range(TRIES):
         before, began = threads(), monotonic()

@@ -48,7 +48,7 @@ class PvaServer:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def open(self) -> str:
-        """Start the server and return its address. UmoError if the port is in use."""
+        """Start the server and return its address. Raises UmoError if the port is in use."""
         self._loop = asyncio.get_running_loop()
         endpoint = self._endpoint
         endpoint.listening().close()  # the server would silently take another port
