@@ -84,7 +84,7 @@ def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> 
     assert result.exit_code == 0, said(result)
     assert "speed=0 to 1 m/s" in result.stdout
     assert "as long as it is held" in result.stdout
-    assert "Push whatever is before the diverter onto the chute." in result.stdout
+    assert "Push anything in front of the diverter onto the chute." in result.stdout
 
 
 def test_a_choice_is_taken_in_small_letters_as_it_is_shown() -> None:

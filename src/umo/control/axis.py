@@ -583,7 +583,7 @@ class LeftMotion:
     def __init__(self, axis: Axis) -> None:
         self._axis = axis
         self.state = axis._state
-        """The state in which it was left."""
+        """The state in which the axis was left."""
         self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
         by = None if self._motion is None else self._motion.by
         self._by = None if by is None or by.done else by
@@ -612,7 +612,7 @@ class LeftMotion:
         return _DISABLED if self.state is AxisState.HOMING else _STANDSTILL
 
     def why_not(self) -> str:
-        """Return why it cannot continue; "" if it can."""
+        """Return the reason why the axis cannot continue; "" if it can."""
         axis = self._axis
         if self._next_state is _DISABLED:
             return ""

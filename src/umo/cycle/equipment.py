@@ -67,13 +67,13 @@ class Equipment:
     slots: list[int]
     """The objects of the equipment: the actuators in stop order, then the sensors."""
     in_manual_only: bool
-    """True if it contains its failures in manual mode only."""
+    """True if the equipment contains its failures in manual mode only."""
     inhibition: Inhibition | None
     """The inhibition that keeps its actuators at their defaults during a fault; None if it has none."""
     referenced: frozenset[int]
     """The sensors whose reference is lost when they are initialised."""
     nodes: tuple[int, ...]
-    """The ids of its compound and of all objects below it."""
+    """The ids of the equipment's compound and of all objects below it."""
     in_fault: bool = False
     reason: Callable[[], str] = str
     """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""

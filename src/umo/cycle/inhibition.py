@@ -24,7 +24,7 @@ class Inhibition:
 
     interlock: Interlock
     slots: list[int]
-    """The actuators that it inhibits, in stop order."""
+    """The actuators that the interlock inhibits, in stop order."""
     reason: str | None = None
     """The reason while it inhibits, or None if it does not."""
     held: bool = False

@@ -41,7 +41,7 @@ class Lock(AsyncBlock):
 
     @property
     def locked(self) -> bool:
-        """True if a sequence has it."""
+        """True if a sequence has the lock."""
         return self._owner is not None
 
     async def __aenter__(self) -> Lock:

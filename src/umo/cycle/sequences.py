@@ -547,7 +547,7 @@ class Sequences:
 
     @property
     def running(self) -> bool:
-        """True if there are any."""
+        """True if any sequence runs."""
         return bool(self._tasks)
 
     @property

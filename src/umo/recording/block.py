@@ -70,7 +70,7 @@ class BlackBox(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive frames, and all that belongs to them."""
+    """Consecutive frames, with the events, commands and other data of their time."""
 
     frames: Frames
     """Structured array of `Layout.dtype`."""
@@ -78,7 +78,7 @@ class Block:
     """The entries of the journal of these frames, except the first `entries_lost`, which are missing."""
     commands: list[TakenCommand] = field(default_factory=list)
     lost: int = 0
-    """Number of frames that are missing before it."""
+    """Number of frames that are missing before the block."""
     entries_lost: int = 0
     """Number of entries of these frames that were overwritten before they were copied."""
     commands_lost: int = 0

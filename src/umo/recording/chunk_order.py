@@ -42,7 +42,7 @@ def in_order(file: McapReader) -> array[int]:
 
 
 def damaged(error: Exception) -> str:
-    """Return why a chunk that cannot be read is skipped."""
+    """Return the reason why a chunk that cannot be read is skipped."""
     return f"a chunk is damaged, {error if type(error) is ValueError else text_of(error)}"
 
 

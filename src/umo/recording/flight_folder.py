@@ -52,7 +52,7 @@ class FlightFolder:
         return identity(pid) == process
 
     def save(self, path: Path) -> None:
-        """Save all of it as one file. Raises OSError or FramesError."""
+        """Save the whole flight recording as one file. Raises OSError or FramesError."""
         if not (parts := self.parts):
             raise FramesError(f"the flight recorder of {self.station} has nothing yet")
         join(parts, path)

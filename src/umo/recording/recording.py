@@ -179,7 +179,7 @@ class Recording:
 
     @cached_property
     def ended(self) -> bool:
-        """True if the end of the run is in it."""
+        """True if the recording contains the end of the run."""
         return self._scan.end is not None
 
     @cached_property
@@ -269,7 +269,7 @@ class Recording:
 
     @property
     def commands_taken(self) -> int:
-        """Number of its commands, counted without reading them."""
+        """Number of commands in the recording, counted without reading them."""
         return self._scan.commands
 
     @property
@@ -279,7 +279,7 @@ class Recording:
 
     @property
     def periods(self) -> int:
-        """Number of its periods, counted without reading them."""
+        """Number of periods in the recording, counted without reading them."""
         return self._scan.periods
 
     @cached_property
@@ -319,7 +319,7 @@ class Recording:
 
     @property
     def events_told(self) -> int:
-        """Number of its events, counted without keeping them in memory."""
+        """Number of events in the recording, counted without keeping them in memory."""
         return self._scan.events
 
     @property
@@ -341,7 +341,7 @@ class Recording:
 
     @cached_property
     def damaged_end(self) -> str:
-        """Return why its end may be missing, as text; empty if nothing indicates that."""
+        """Return the reason why the end of the recording may be missing, as text; empty if nothing indicates that."""
         if self.lost_at_end:
             return f"{self.lost_at_end} frames at its end are damaged"
         return self.damage[-1] if not self.ended and self.damage else ""

@@ -32,7 +32,7 @@ class Identity:
 
     @property
     def until(self) -> str:
-        """The day on which it expires."""
+        """The day on which the certificate expires."""
         return day(self.expires)
 
     def is_soon_over(self, now: float) -> bool:

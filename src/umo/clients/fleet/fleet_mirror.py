@@ -60,7 +60,7 @@ LOOK_INTERVAL = 0.02
 
 
 class FleetReader(Reader):
-    """A reader of a mirror, which ends with it."""
+    """A reader of a mirror, which ends when the mirror ends."""
 
     def __init__(self, path: Path, ends: RunDescriptors, end: Callable[[], None]) -> None:
         super().__init__(path, ends)

@@ -109,7 +109,7 @@ class FleetRules:
 
     @classmethod
     def parse(cls, text: str, file: Path) -> FleetRules:
-        """Raise OptionError for a mistake in it."""
+        """Parse a file of rules. Raises OptionError for a mistake."""
         return cls._of(settings_in(RulesFile, text.encode(), file))
 
     @classmethod

@@ -23,7 +23,7 @@ SILENCE, LONGEST_SILENCE = 2.0, 8.0
 """Shortest and longest time in s without data of a run after which its gateway is asked whether the run has
 continued."""
 AHEAD = 1000
-"""The origin of a delta is unknown if its number exceeds the last number of its gateway by more than this."""
+"""Largest lead of a delta's number over the last number of its gateway; with a larger one its origin is unknown."""
 MAX_HELD = 8 << 20
 """Largest number of bytes of deltas that wait for earlier ones; later deltas are requested again."""
 

@@ -43,7 +43,7 @@ class Hold:
 
     who: str
     lasts: float
-    """Time in s without a sign of life after which the machine ends it."""
+    """Time in s without a sign of life after which the machine ends the hold."""
     next: int
     """Number of the next event that may report its end."""
     is_alive: Callable[[], bool]

@@ -37,7 +37,7 @@ class AxisModel:
     identified: Identified
     """The first-order model from the output without friction and offset to the velocity."""
     velocities: MeasuredResponse
-    """The response from which it was found."""
+    """The response from which the model was found."""
     friction: float
     """Output that overcomes dry friction."""
     offset: float

@@ -34,7 +34,7 @@ class CodeGiven:
 
     @property
     def is_program(self) -> bool:
-        """True if it names functions and not a station."""
+        """True if the code is given by functions and not by a station."""
         return self.station is not None and ":" in self.station and not Path(self.station).exists()
 
 

@@ -27,7 +27,7 @@ from umo.user_code import Raised
 
 
 class DebuggedReplay:
-    """An observer of a replay that stops it. `look` is called in each period."""
+    """An observer that can stop a replay. `look` is called in each period."""
 
     def __init__(
         self,

@@ -76,7 +76,7 @@ class ReplayPdb(pdb.Pdb):
         self._folder = os.path.dirname(inspect.getsourcefile(type(machine)) or "") + os.sep
         """The folder of the machine's code, which may be an installed package."""
         self.seeking = False
-        """True if it stops in the first line of the user's code."""
+        """True if the prompt stops in the first line of the user's code."""
         self._waiting: list[FrameType] = []
         """The innermost frames of the user's code in the sequences."""
 

@@ -39,9 +39,9 @@ class Stop:
     time: float | None = None
     """Time in s."""
     difference: bool = False
-    """True if it stops at the first difference."""
+    """True if the replay stops at the first difference."""
     end: bool = False
-    """True if it stops in the last period."""
+    """True if the replay stops in the last period."""
 
     @classmethod
     def parse(cls, text: str) -> Stop:

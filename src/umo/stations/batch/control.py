@@ -125,7 +125,7 @@ class Reactor(
 
     @property
     def waits(self) -> bool:
-        """True if it waits for the charging line."""
+        """True if the reactor waits for the charging line."""
         return self.phase == WAITING
 
     @property

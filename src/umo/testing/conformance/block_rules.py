@@ -26,7 +26,7 @@ LOOK_INTERVAL = 0.01
 """Time in s until the second look at a channel, doubled each time: a driver that receives its values without a request
 keeps them."""
 LOOKS = 5
-"""Looks at a channel until it has stood still for one of them."""
+"""Largest number of looks at a channel to find that it stands still."""
 FEWEST_BLOCKS = 4
 """Blocks that are tried at any rate."""
 MAX_TURNS = 16

@@ -34,7 +34,7 @@ ALARM_TOLERANCE = 0.2
 TRIES = 2
 """Tries of which the best counts."""
 MOST_WAITS = 4
-"""Places in one call at which it is interrupted."""
+"""Largest number of places in one call at which it is interrupted."""
 WAITING_FUNCTIONS = {
     "recv", "recv_into", "recvfrom", "recvfrom_into", "recvmsg", "select", "poll", "read", "readinto", "readline",
     "ioctl", "sleep", "connect",

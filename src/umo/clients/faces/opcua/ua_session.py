@@ -47,7 +47,7 @@ class UaSession(InternalSession):
         self.processor: Any = None
         """The connection of the session."""
         self.socket: Any = None
-        """The socket of the connection on which it was activated last, or is being."""
+        """The socket of the connection on which the session was last activated, or is being activated."""
         self.publisher = Publisher(self._send, self.iserver.monitoring.clock)
         self.view = Browsing(self.aspace)
         self.most = 0
