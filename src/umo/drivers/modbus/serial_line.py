@@ -147,7 +147,7 @@ class SerialLine:
         self._echo = frame if self.place.echo else b""
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Return the data without the echo of the request. Lost if there is no echo, or another sender has sent,
+        """Return the data without the echo of the request. Raises Lost if there is no echo, or another sender has sent,
         too."""
         size = min(len(data), len(self._echo))
         repeated, self._echo = self._echo[:size], self._echo[size:]

@@ -37,7 +37,7 @@ class Program:
 
     @classmethod
     def of(cls, tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Program:
-        """Return the recorded run with the code `given`. NotReplayable if it cannot be made."""
+        """Return the recorded run with the code `given`. Raises NotReplayable if it cannot be made."""
         try:
             job = job_of(tape.job, given)
             plan = Plan(job)
