@@ -53,16 +53,16 @@ actions, alarms and recordings. `umo --show-completion` shows what it would inst
 
 | file | |
 | --- | --- |
-| `run.json` | what is run: station, wiring, options, start; from the beginning |
-| `trace.csv` | a row a period, in a long run every 2nd, 4th, ...; `nan`: BAD; it grows during a run in real time |
-| `trace-000001.csv`, ... | with `--keep SIZE`: every period of the last time, in parts, of SIZE in all |
-| `summary.json` | status, failure, and what the table at the end shows, as data; in real time from the beginning |
+| `run.json` | station, wiring, options and start of the run; written at the start |
+| `trace.csv` | one row a period, in a long run every 2nd, 4th, ...; `nan` means BAD; grows during a run in real time |
+| `trace-000001.csv`, ... | with `--keep SIZE`: one row for each of the latest periods, with at most SIZE in total |
+| `summary.json` | status, failure, and the table at the end of the run as data; in real time from the start |
 | `plot.png` | the trace and the alarms as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
 | `failure.txt` | the whole traceback of a run that failed |
 
-Each file is whole or not there. A run whose `umo run` was killed leaves a trace that ends before the run did, and a
-summary with the state "running", written once a minute; one whose frames could not be read to the end leaves such a
-trace, with status 4. Nothing in `runs/` is removed, unless `--keep` or `--keep-runs` ask for it.
+Each file is either complete or missing. If `umo run` was killed, the trace ends before the run did, and the summary,
+which is written once a minute, has the state "running". If the frames could not be read to the end, the trace is
+incomplete too, and the status is 4. Nothing in `runs/` is removed, unless `--keep` or `--keep-runs` ask for it.
 """
 
 

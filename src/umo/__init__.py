@@ -110,7 +110,7 @@ def load(
 
     `only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded. The coordinates
     are `time`, s on the machine's clock, and `utc`. Units, ranges and states are attributes; `PATH.quality` is the
-    quality of an object's value, which is NaN where it was BAD. OptionError without xarray (extra `analysis`),
+    quality of an object's value, which is NaN where it was BAD. Raises OptionError without xarray (extra `analysis`),
     FramesError if it is not a recording, PathError for a path that names nothing. Source:
     `umo.recording.tables.dataset`.
     """

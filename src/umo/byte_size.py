@@ -11,7 +11,7 @@ UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 def byte_size(size: object, least: int) -> int:
-    """Return a size in bytes. DeclarationError if the text is not a size, not a whole number of kB, or less than
+    """Return a size in bytes. Raises DeclarationError if the text is not a size, not a whole number of kB, or less than
     `least`."""
     match = _TEXT.fullmatch(size) if isinstance(size, str) else None
     if match is None:

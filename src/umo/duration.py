@@ -28,7 +28,7 @@ _SECONDS = {
 
 
 def seconds(duration: str | float) -> float:
-    """A duration in s; finite and not negative. DeclarationError for anything else."""
+    """A duration in s; finite and not negative. Raises DeclarationError for anything else."""
     try:
         if isinstance(duration, bool):
             raise TypeError
@@ -41,8 +41,8 @@ def seconds(duration: str | float) -> float:
 
 
 def seconds_of_setting(duration: str | float) -> float:
-    """The same for a setting. A whole number from 1 on needs a unit, because `period = 50` could mean ms or s; 50.0 is
-    in s. DeclarationError with both."""
+    """Return the duration of a setting in s. A whole number from 1 on needs a unit, because `period = 50` could mean ms
+    or s; 50.0 is in s. DeclarationError with both."""
     found = seconds(duration)
     if found >= 1 and isinstance(duration, int):
         raise DeclarationError(f'{duration!r} has no unit: write "{duration} ms" or "{duration} s"')

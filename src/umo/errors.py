@@ -219,7 +219,7 @@ class ChannelsFailed(DriverError):
 
 
 class StopError(DriverError):
-    """These outputs could not be brought to their defaults."""
+    """Raised if outputs could not be brought to their defaults; lists them."""
 
 
 class BadInput(UmoError, RuntimeError):

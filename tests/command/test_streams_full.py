@@ -107,7 +107,7 @@ def test_what_has_no_room_is_dropped_and_counted_and_this_is_told(
     assert raw.lost == 3
     read_all(here, taken)
     raw.write(b"the next\n")
-    told = b"\numo: 3 lines were lost: what reads them did not take them in time\n"
+    told = b"\numo: 3 lines were lost: their reader did not accept them in time\n"
     expected = b"line 0\nline 1\n" + told + b"the next\n"
     assert read_all(here, len(expected)) == expected
     assert raw.lost == 0
@@ -204,7 +204,7 @@ def test_a_line_of_the_log_is_dropped_and_counted_where_a_handler_would_wait() -
         streams.log_without_waiting(log, "the next " + "x" * 10_000)
         lines = os.read(here, 10_000).decode().splitlines()
     os.close(here)
-    assert lines[0] == "4 lines were lost: what reads them did not take them in time"
+    assert lines[0] == "4 lines were lost: their reader did not accept them in time"
     assert (lines[1][:10], lines[1][-3:], len(lines[1])) == ("the next x", "...", streams.MAX_LINE + 3)
 
 

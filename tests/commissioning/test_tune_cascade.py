@@ -189,7 +189,7 @@ def test_two_laws_on_numbers_are_tuned_where_the_paths_are_given(tmp_path: Path)
     words = (place, "vessel_law", "--step", "10 K", "--at", "2", "--within", "40")
     refused = invoke(*words)
     assert refused.exit_code == 2
-    assert "knows no sensor: name it with --sensor" in refused.output
+    assert "does not name its sensor: name it with --sensor" in refused.output
     data = found(*words, "--sensor", "vessel", "--actuator", "jacket_law.setpoint")
     assert data["model"]["parameters"]["K"]["value"] == pytest.approx(0.8, rel=0.02)
 

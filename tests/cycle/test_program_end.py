@@ -148,7 +148,7 @@ def test_a_process_that_control_code_forked_drives_no_device_of_a_machine_withou
         assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == (1 if drives else 3)
         machine.update()
         assert len(board.calls) > calls
-    told = f"control code forked process {pid}, which was ended when it was to drive the machine too"
+    told = f"control code forked process {pid}, which was ended because it tried to drive the machine too"
     assert (told in capfd.readouterr().err) is drives
 
 

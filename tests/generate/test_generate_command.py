@@ -198,5 +198,5 @@ def test_check_says_that_all_of_a_machine_translates(good: Path, umo: Umo, targe
 def test_check_refuses_a_target_that_there_is_not_before_it_looks_at_anything(good: Path, umo: Umo) -> None:
     told = umo("check", str(good), "--target", "arm")
     assert told.exit_code == 2
-    assert told.stderr.strip() == "umo: --target arm is none of host, cortex-m, avr, arduino, compile"
+    assert told.stderr.strip() == "umo: --target arm is not one of host, cortex-m, avr, arduino, compile"
     assert not told.stdout

@@ -107,7 +107,7 @@ def test_what_is_refused_is_reduced_to_the_same_refusal() -> None:
     """Not to another one, and with values of the same classes."""
     body = "if self.on:\n    self.pair = Pair(Part.weight(self.u * 2.0), self.maybe)\nself.two = (self.c, self.maybe)"
     least, verdict = shrunk(Batch("host", QUICK, [_with_body(program(0), f"self.d = 1\n{body}")]))
-    assert verdict.kind == "refused without a hazard: a value that may be None in a tuple"
+    assert verdict.kind == "refused without a hazard: a value that may be None stands in a tuple"
     assert _body(least) == "self.pair = Pair(1.0, self.maybe)"
 
 

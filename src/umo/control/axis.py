@@ -63,7 +63,7 @@ _DISABLED, _STANDSTILL, _FREE = AxisState.DISABLED, AxisState.STANDSTILL, Interr
 
 @dataclass(eq=False)
 class Motion:
-    """One motion, from its beginning to its end."""
+    """A motion, from its beginning to its end."""
 
     state: AxisState
     """The state of the axis during the motion."""
@@ -80,8 +80,8 @@ class Homing(Protocol):
     """Finds the reference of an axis."""
 
     async def find(self, axis: Axis) -> None:
-        """Search for the reference, call `axis.reference()`, and come to standstill within the range. HomingError if
-        it was not found. The speed of the search is `axis.search_speed`."""
+        """Search for the reference, call `axis.reference()`, and come to standstill within the range. Raises
+        HomingError if it was not found. The speed of the search is `axis.search_speed`."""
 
 
 def _per_second(power: int = 1) -> Callable[[Axis], str]:
@@ -156,7 +156,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @action
     async def home(self) -> None:
-        """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
+        """Find the reference. Ends at standstill, with the encoder referenced. Raises HomingError if it is not
+        found."""
         if self.homing is None:
             raise DeclarationError(f"{self._path} does not declare how it is homed (`homing`)")
         with self._claimed(AxisState.HOMING, HOMING):
@@ -173,10 +174,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
         """Move to a position with limited jerk, at most at this speed, and in at least `duration` s. It ends when the
-        encoder has arrived.
-
-        RangeError if the position is outside the encoder's range, BadInput if the encoder is not referenced, AxisError
-        if the axis does not arrive, Busy during another motion.
+        encoder has arrived. Raises RangeError if the position is outside the encoder's range, BadInput if the encoder
+        is not referenced, AxisError if the axis does not arrive, Busy during another motion.
         """
         self.check_target(position)
         if not speed > 0.0:
@@ -346,7 +345,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._shift(self.reading - before)
 
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """Move to a position, even beyond the range. It ends when the encoder has arrived. AxisError if it does not."""
+        """Move to a position, even beyond the range. It ends when the encoder has arrived. Raises AxisError if it does
+        not."""
         end = self.now + duration  # after an interruption only what is left of the duration counts
         motion = self._motion
         try:
@@ -419,7 +419,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._state, self._motion, self._interrupted = _DISABLED, None, Interruption.NONE
 
     def check_target(self, position: float) -> None:
-        """Check a target. RangeError if `move_to` would refuse it."""
+        """Check a target. Raises RangeError if `move_to` would refuse it."""
         low, high = self.encoder.minimum, self.encoder.maximum
         if not low <= position <= high:
             raise RangeError(f"{self._path}: {measure(position, self.encoder.units)} is outside {span(low, high)}")
@@ -578,12 +578,12 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
 
 class LeftMotion:
-    """What an axis did when its sequence was suspended, and how it continues."""
+    """The activity of an axis when its sequence was suspended, and its continuation."""
 
     def __init__(self, axis: Axis) -> None:
         self._axis = axis
         self.state = axis._state
-        """The state in which it was left."""
+        """The state in which the axis was left."""
         self._motion, self._replan, self._accept = axis._motion, axis._replan, axis._accept
         by = None if self._motion is None else self._motion.by
         self._by = None if by is None or by.done else by
@@ -612,7 +612,7 @@ class LeftMotion:
         return _DISABLED if self.state is AxisState.HOMING else _STANDSTILL
 
     def why_not(self) -> str:
-        """Return why it cannot continue; "" if it can."""
+        """Return the reason why the axis cannot continue; "" if it can."""
         axis = self._axis
         if self._next_state is _DISABLED:
             return ""
@@ -657,8 +657,8 @@ class LeftMotion:
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:
-    """Move several axes, `(axis, position)` each, so that they start and arrive together. TypeError for anything else
-    than such pairs, ValueError for an axis given twice; then none moves."""
+    """Move several axes, `(axis, position)` each, so that they start and arrive together. Raises TypeError for anything
+    else than such pairs, ValueError for an axis given twice; then none moves."""
     for each in moves:
         if not isinstance(each, tuple | list) or len(each) != 2 or not isinstance(each[0], Axis):
             raise TypeError(f"move_together() takes pairs such as `(axis, 80.0)`, not {cut_repr(each)}")

@@ -33,8 +33,8 @@ class Hysteresis(Generic[S]):
         self.check_settings()
 
     def check_settings(self) -> None:
-        """Check the settings. DeclarationError unless `low` and `high` are finite and in this order, and `raising` is a
-        state of the actuator."""
+        """Check the settings. Raises DeclarationError unless `low` and `high` are finite and in this order, and
+        `raising` is a state of the actuator."""
         check_numbers(self, finite=("low", "high"))
         if self.low > self.high:
             raise DeclarationError(f"Hysteresis: low {number_text(self.low)} is above high {number_text(self.high)}")

@@ -87,6 +87,6 @@ def _accepts(accept: Accept, quality: Quality) -> bool:
 
 
 def _refuse_other(function: str, given: object) -> None:
-    """TypeError for what is not a sensor."""
+    """Raise TypeError for what is not a sensor."""
     if not isinstance(given, Atomic):
         raise TypeError(f"{function}() takes a sensor, not {cut_repr(given)}") from None

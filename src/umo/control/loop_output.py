@@ -31,7 +31,7 @@ class ActuatorOutput:
 
     @property
     def inhibited(self) -> str | None:
-        """Return the reason why it is inhibited, or None."""
+        """Return the reason why the actuator is inhibited, or None."""
         reason = self._actuator.inhibited
         return None if reason is None else f"{self.path} is inhibited: {reason}"
 

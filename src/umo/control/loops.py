@@ -25,7 +25,7 @@ class ControlLoop(Protocol):
 
     @property
     def gains(self) -> dict[str, float]:
-        """Its settings by name."""
+        """The settings of the law by name."""
 
     @property
     def measured_range(self) -> float:

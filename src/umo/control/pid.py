@@ -30,7 +30,7 @@ class PID:
     The derivative acts on the measurement, through a first-order filter. Anti-windup is conditional integration: while
     the output is limited, the integral changes only towards the range (Astrom and Hagglund, Advanced PID Control, 2006,
     section 3.5). All times are in s. Gains do not depend on the sampling period, as long as it is short compared with
-    these times. Gains may be changed at any time; DeclarationError for values that `check_settings` refuses.
+    these times. Gains may be changed at any time. Raises DeclarationError for values that `check_settings` refuses.
     """
 
     gain: float
@@ -55,8 +55,8 @@ class PID:
         self.check_settings()
 
     def check_settings(self) -> None:
-        """Check the settings. DeclarationError unless the gain is finite, the times are not negative and the integral
-        time is above 0."""
+        """Check the settings. Raises DeclarationError unless the gain is finite, the times are not negative and the
+        integral time is above 0."""
         check_numbers(self, finite=("gain",), not_negative=TIMES, above_0=("integral_time",))
 
     def reset(self) -> None:
@@ -84,7 +84,7 @@ class PID:
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
         """Clear the state, and set the integral so that control continues from this output without a step (bumpless
-        transfer). RangeError if a number is not finite."""
+        transfer). Raises RangeError if a number is not finite."""
         integral = output - self.gain * (setpoint - measurement) - feed_forward
         if not isfinite(integral):
             raise RangeError(f"output {output!r}, setpoint {setpoint!r} and measurement {measurement!r} must be finite")
@@ -92,8 +92,8 @@ class PID:
         self._last, self.integral = measurement, integral
 
     def shift(self, distance: float) -> None:
-        """Move the origin of the measurement by this distance, without an effect on the derivative. RangeError if it is
-        not finite."""
+        """Move the origin of the measurement by this distance, without an effect on the derivative. Raises RangeError
+        if it is not finite."""
         if not isfinite(distance):
             raise RangeError(f"the measurement cannot be shifted by {distance!r}")
         if self._last is not None:
@@ -110,7 +110,7 @@ class PID:
         high: float = inf,
     ) -> float:
         """The output of one period of `dt` s, from `low` to `high`. With `dt` = 0 (a machine without a timer) integral
-        and derivative do not contribute. RangeError if a number is not finite; then the law is unchanged."""
+        and derivative do not contribute. Raises RangeError if a number is not finite; then the law is unchanged."""
         error = setpoint - measurement
         try:
             growth = self.gain * error * dt / self.integral_time
@@ -210,8 +210,8 @@ class VectorPID:
         low: float | FloatArray = -inf,
         high: float | FloatArray = inf,
     ) -> FloatArray:
-        """The outputs of one period of `dt` s, each from `low` to `high`. RangeError if a number is not finite; then
-        the law is unchanged."""
+        """The outputs of one period of `dt` s, each from `low` to `high`. Raises RangeError if a number is not finite;
+        then the law is unchanged."""
         error = setpoint - measurement
         proportional = self.gain * error
         try:

@@ -88,11 +88,11 @@ class Profile:
         self.check_settings()
 
     def check_settings(self) -> None:
-        """Check the settings. DeclarationError unless the limits are above 0."""
+        """Check the settings. Raises DeclarationError unless the limits are above 0."""
         check_numbers(self, above_0=("velocity", "acceleration", "jerk"))
 
     def hold(self, position: float, velocity: float = 0.0) -> None:
-        """Set the position and velocity from which the profile continues. RangeError if one is not finite."""
+        """Set the position and velocity from which the profile continues. Raises RangeError if one is not finite."""
         if not (isfinite(position) and isfinite(velocity)):
             raise RangeError(f"position {position!r} and velocity {velocity!r} per s must be finite")
         self.setpoint = Setpoint(position, velocity, 0.0)
@@ -100,8 +100,8 @@ class Profile:
         self.elapsed = self.origin = self.duration = 0.0
 
     def shift(self, distance: float) -> None:
-        """Move the origin of the positions: the setpoint changes by this distance, and the motion continues. RangeError
-        if it is not finite."""
+        """Move the origin of the positions: the setpoint changes by this distance, and the motion continues. Raises
+        RangeError if it is not finite."""
         if not isfinite(distance):
             raise RangeError(f"the distance of a shift must be finite, not {distance!r}")
         position, velocity, acceleration = self.setpoint
@@ -112,8 +112,8 @@ class Profile:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
 
         `velocity` lowers the largest speed for this profile. `duration` is the least time in s that it takes: several
-        axes with the duration of the slowest arrive together. RangeError if the target is not finite, a
-        limit is not positive, or the duration is negative or not finite.
+        axes with the duration of the slowest arrive together. Raises RangeError if the target is not finite, a limit is
+        not positive, or the duration is negative or not finite.
         """
         if not velocity > 0.0:
             raise RangeError(f"the velocity of a profile to {target!r} must be above 0, not {velocity!r}")
@@ -130,8 +130,8 @@ class Profile:
 
     def at(self, velocity: float) -> float:
         """Change from the current setpoint to a constant velocity, at most the largest speed; 0 means to standstill.
-        The setpoint then continues at this velocity. Returns the duration in s until it is reached. RangeError for
-        NaN."""
+        The setpoint then continues at this velocity. Returns the duration in s until it is reached. Raises RangeError
+        for NaN."""
         jerk, limit = self.jerk, self.acceleration
         final = min(max(velocity, -self.velocity), self.velocity)
         limited = self.velocity > 0.0 and limit > 0.0 and jerk > 0.0 and isfinite(min(limit, jerk))
@@ -209,7 +209,7 @@ class Profile:
 
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end of the profile the setpoint stays at the
-        target, or continues at the velocity. `dt` must not be negative; RangeError if it is not finite."""
+        target, or continues at the velocity. `dt` must not be negative. Raises RangeError if it is not finite."""
         before = self.elapsed
         elapsed = before + dt
         if not isfinite(elapsed):

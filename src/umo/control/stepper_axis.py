@@ -38,7 +38,7 @@ class StepperAxis(Axis):
     step: BinaryActuator[UpDown]
     direction: BinaryActuator[Rotation]
     step_size: float
-    """One step, units of the encoder."""
+    """Size of one step, in units of the encoder."""
     rest_time: float = 0.3
     """Time in s in which the rotor comes to rest."""
 

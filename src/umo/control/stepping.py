@@ -29,7 +29,7 @@ class Stepping:
 
     def control(self, position: float) -> bool:
         """Carry out one period towards `position` in steps. Returns True once it is within half a step and the output
-        is DOWN. RangeError if the position is not finite; then nothing is written."""
+        is DOWN. Raises RangeError if the position is not finite; then nothing is written."""
         due = position - self.count
         if due - due != 0.0:  # NaN, or infinite
             raise RangeError(f"{self.step.path}: {position} is not a position to step to")

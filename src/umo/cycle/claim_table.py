@@ -29,7 +29,7 @@ ONE_BY_ONE = 64
 
 
 def reason_of_client(who: str) -> str:
-    """Return why the program cannot write an actuator that a client has taken."""
+    """Return the reason why the program cannot write an actuator that a client has taken."""
     return f"{TAKEN}{who}"
 
 
@@ -79,7 +79,7 @@ class Command:
 
     @property
     def reason(self) -> str | None:
-        """Return why the program may write no value except the default."""
+        """Return the reason why the program may write no value except the default."""
         return self.interlocked or (reason_of_client(self.client) if self.client else None)
 
     def admits(self, value: float, source: Source) -> bool:

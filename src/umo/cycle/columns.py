@@ -126,18 +126,19 @@ class Block:
         """Array for the driver's transfer, which fills it for inputs and reads it for outputs."""
         self.buffer.flags.writeable = inputs
         self.view = self.buffer.data
-        """The same array as a memoryview; between two memoryviews a copy takes a third of numpy's time."""
+        """The buffer's array as a memoryview; between two memoryviews a copy takes a third of numpy's time."""
         self.unread = np.full(self.count, UNREAD).data
         """Inputs: contents of the buffer before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
         self.unwatched: Callable[[Any, IntArray], None]
-        """The same transfer without a watch around it."""
+        """The block transfer without a watch around it."""
         self.was_moved: Callable[[int], object] | None = None
         """Called with the duration in ns of a transfer that was not made by `transfer`."""
         self.convert: Callable[[float], Sequence[tuple[int, float]]]
-        """Inputs: takes the buffer to raws, values and, with the time given in s, times of the image. If any values are
-        out of bounds, their (slot, value) pairs are returned and not kept, and the times are left to the caller."""
+        """For inputs: converts the buffer into raws and values of the image, and sets their times to the given time in
+        s. If any values are out of bounds, it returns their (slot, value) pairs instead of storing them, and leaves the
+        times to the caller."""
         self.give: Callable[[float, float], None]
         """Outputs: fills the buffer with the pending values, limited by the slew rates; called with the time in s, and
         the duration of this period in s (0 means since the last step)."""

@@ -35,7 +35,8 @@ class Conditioner:
         return None
 
     def conditioned(self, value: float, time: float, inside: bool) -> float:
-        """The value of a reading at this time in s, conditioned. A value outside the range is shown unfiltered."""
+        """Return the conditioned value of a reading at this time in s. A value outside the range is shown
+        unfiltered."""
         if inside:
             return self.value_of(value, time)
         self.leave()

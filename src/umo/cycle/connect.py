@@ -46,16 +46,17 @@ _ENTERED: dict[int, Compound] = {}
 class connect(Generic[C]):
     """Connect a machine: `with connect(machine, "wiring/simulated.toml") as m:`.
 
-    `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period
-    1 ms). `options` are passed to every driver that has an option of this name (`seed=1`; OptionError if none has);
+    `wiring` is a TOML file, its contents as a dict, or None (default: all objects on simulated channels, period 1 ms).
+    `options` are passed to every driver that has an option of this name (`seed=1`. Raises OptionError if none has);
     `realtime=True` lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder stuck at 5 s"` (or a
     list) injects faults (`umo.testing.faults`).
 
-    On entry: check the wiring (WiringError lists every mistake); reserve the devices (DeviceHeld names the owner;
-    AcknowledgeRequired if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
-    every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator in stop order,
-    then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the actuators
-    that are not at their defaults. If entry fails, the objects initialised so far are reset and finalised too.
+    On entry: check the wiring (WiringError lists every mistake); reserve the devices (DeviceHeld names the owner.
+    Raises AcknowledgeRequired if the last run on a device ended unsafely, unless `acknowledge`); open the drivers;
+    initialise every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator in stop
+    order, then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the
+    actuators that are not at their defaults. If entry fails, the objects initialised so far are reset and finalised
+    too.
     """
 
     def __init__(

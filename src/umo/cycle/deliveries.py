@@ -155,7 +155,7 @@ class AtOnce(WithPeriod):
         return failures
 
     def refused(self, slot: int) -> None:
-        """A default is sent again, until it is accepted or another value is written."""
+        """Note that a default was refused: it is sent again until it is accepted or another value is written."""
         owed = self._image.owed
         (owed.add if self._image.is_at_default(slot) else owed.discard)(slot)
 

@@ -26,7 +26,7 @@ class MotionAxis(Protocol):
         """Return its state for frames, as the number of one of its states. It must not raise an error."""
 
     def describe_axis(self) -> Mapping[str, Any]:
-        """Its path, states, position, limits and actions, as plain data."""
+        """Return the path, states, position, limits and actions of the axis, as plain data."""
 
     def _leave(self) -> Any:
         """Store its motion, to continue it later (`umo.control.axis.LeftMotion`), and free it for others."""
@@ -69,7 +69,7 @@ class Directory:
         """The laws that implement the states of a part, set by `umo.operation.supervisors`."""
         self._laws = [each for each in laws_in(root) if type(each[2]).__module__ not in DATA]
         self.laws = [each for each in self._laws if has_loops(each[2])]
-        """Its laws with loops, each with the compound that has it and its path."""
+        """The laws of the machine that have loops, each with the compound that has it and its path."""
 
     @cached_property
     def actions(self) -> dict[str, Action]:
@@ -77,7 +77,7 @@ class Directory:
         return actions_of(self._root)
 
     def action_at(self, path: str) -> Action | None:
-        """An action by its path, also one on a loop. PathError if it names no law."""
+        """An action by its path, also one on a loop. Raises PathError if it names no law."""
         return self.actions.get(path) or self.loops.action(path)
 
     @cached_property

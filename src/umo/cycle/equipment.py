@@ -61,19 +61,19 @@ class Equipment:
     """One compound that is declared as equipment."""
 
     number: int
-    """Its place among all equipment: the outer ones precede the inner ones."""
+    """The place of the equipment among all equipment: the outer ones precede the inner ones."""
     compound: Compound
     path: str
     slots: list[int]
-    """Its objects: the actuators in stop order, then the sensors."""
+    """The objects of the equipment: the actuators in stop order, then the sensors."""
     in_manual_only: bool
-    """True if it contains its failures in manual mode only."""
+    """True if the equipment contains its failures in manual mode only."""
     inhibition: Inhibition | None
     """The inhibition that keeps its actuators at their defaults during a fault; None if it has none."""
     referenced: frozenset[int]
     """The sensors whose reference is lost when they are initialised."""
     nodes: tuple[int, ...]
-    """The ids of its compound and of all objects below it."""
+    """The ids of the equipment's compound and of all objects below it."""
     in_fault: bool = False
     reason: Callable[[], str] = str
     """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""
@@ -190,7 +190,8 @@ class Containment:
     # Into a fault --------------------------------------------------------------------------------------
 
     def failed(self, what: str, failures: Sequence[Failure]) -> None:
-        """Handle failures of objects: put their equipment into fault. DriverError for objects outside of equipment."""
+        """Handle failures of objects: put their equipment into fault. Raises DriverError for objects outside of
+        equipment."""
         own: list[Failure] = []
         contained: dict[Equipment, list[Failure]] = {}
         parent, found = None, None
@@ -292,8 +293,8 @@ class Containment:
 
     def clear(self, part: Node) -> list[str]:
         """End the faults of the equipment in a part of the machine and around it, and return their paths.
-        EquipmentFault if one of their sensors cannot be read; then none is cleared. DriverError if an object cannot be
-        initialised; then its equipment, and the equipment in it, stays in fault."""
+        EquipmentFault if one of their sensors cannot be read; then none is cleared. Raises DriverError if an object
+        cannot be initialised; then its equipment, and the equipment in it, stays in fault."""
         self._settle_held()
         found = [each for each in self.all if each.in_fault and _concern(each.compound, part)]
         self._read_slow([slot for equipment in found for slot in equipment.slots])

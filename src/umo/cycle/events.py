@@ -114,9 +114,9 @@ class Note(NamedTuple):
     """The event, a function that formats it, or a line that is only logged."""
     logged: bool
     is_answer: bool
-    """True if it becomes an event in its period."""
+    """True if the note becomes an event in its period."""
     is_needed: bool
-    """True if it always becomes an event, perhaps in a later period."""
+    """True if the note always becomes an event, perhaps in a later period."""
 
 
 class Events(Sequence[Event]):

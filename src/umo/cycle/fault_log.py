@@ -36,9 +36,9 @@ class MistakeRecord:
     """One mistake of the program, recorded once."""
 
     path: str
-    """The object that it concerns."""
+    """The object that the mistake concerns."""
     time: float
-    """Time in s on the cycle's clock at which it was seen."""
+    """Time in s on the cycle's clock at which the mistake was seen."""
     text: str
 
 

@@ -37,7 +37,7 @@ class Guards:
         )
 
     def evaluate(self) -> None:
-        """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order.
+        """After `sample`: evaluate interlocks and expiries, and reset the actuators concerned in stop order. Raises
         DriverError if a device did not accept its default; the reset is retried in every period."""
         if not (self._claims.by_slot or self._image.owed):
             return

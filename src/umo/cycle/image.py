@@ -43,7 +43,7 @@ def raise_failures(what: str, failures: Sequence[Failure]) -> None:
 
 
 class Image(ImageDefaults):
-    """The slots of a connected machine, and what moves them."""
+    """The slots of a connected machine, and the operations that transfer them."""
 
     writes: ImageWrites | None
     """The function that control code writes through, or None if control code stores it directly."""

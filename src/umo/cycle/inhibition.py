@@ -24,7 +24,7 @@ class Inhibition:
 
     interlock: Interlock
     slots: list[int]
-    """The actuators that it inhibits, in stop order."""
+    """The actuators that the interlock inhibits, in stop order."""
     reason: str | None = None
     """The reason while it inhibits, or None if it does not."""
     held: bool = False
@@ -110,8 +110,8 @@ def _cannot(interlock: Interlock, cause: str) -> str:
 
 
 def interlocks_of(root: Compound) -> list[Interlock]:
-    """Return every interlock of a machine, as declared. DeclarationError for any other object, and for one that forbids
-    objects of another machine."""
+    """Return every interlock of a machine, as declared. Raises DeclarationError for any other object, and for one that
+    forbids objects of another machine."""
     return [interlock for _, interlock in owned_interlocks(root)]
 
 

@@ -105,7 +105,7 @@ class MainThreadPlace(NamedTuple):
     code: FrameType | None
     """Frame of the user's code that may be interrupted, or None if there is none."""
     at_once: bool
-    """True if no function of umo is in progress within it."""
+    """True if no function of umo is in progress within the call."""
     call: FrameType | None
     """The outermost frame of the call of a driver that is in progress, or None if none is."""
 

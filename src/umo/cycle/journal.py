@@ -22,11 +22,12 @@ ENTRY = struct.Struct("<IHHqqd")
 ENTRIES = np.dtype(
     [("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8"), ("time", "<f8")]
 )
-"""The same for many at once."""
+"""An entry as a numpy type, for many entries at once."""
 FEW = 16
 """Number of entries below which handling them one by one is quicker."""
 CAPACITY = 4096
-"""Number of entries of one period that are kept, in addition to one for each object, since all may fail in a period."""
+"""Number of entries of one period that are kept, in addition to one for each object, because all objects may fail in
+one period."""
 OF_BLOCK = -inf
 """Stands for a time: the object has failed in the transfer of its block, not in one of its own."""
 NO_TRANSFER = -1

@@ -43,7 +43,7 @@ def machine_of(
 
 def taken_parts(root: Compound, wired: Wired) -> list[Capability]:
     """The drivers that carry out parts of a machine by themselves, which are to be attached to it; its objects are not
-    connected. NotTranslated for a part that cannot be translated."""
+    connected. Raises NotTranslated for a part that cannot be translated."""
     nodes = {node._path: node for node in walk(root)} if wired.controllers else {}
     drivers: list[Any] = []
     for path, name in wired.controllers.items():

@@ -27,9 +27,9 @@ class FoundLoop(NamedTuple):
     path: str
     law: Any
     name: str
-    """Its name among `loops` of the law."""
+    """Name of the loop among `loops` of the law."""
     ends: tuple[Node, ...]
-    """Its sensor and its actuator, if the law names them."""
+    """Sensor and actuator of the loop, if the law names them."""
 
 
 class Loops:
@@ -93,8 +93,8 @@ class Loops:
         return None
 
     def action(self, path: str) -> Action | None:
-        """The action on a loop that has this path; None if the path is not that of such an action. PathError for a path
-        that names no law."""
+        """The action on a loop that has this path; None if the path is not that of such an action. Raises PathError for
+        a path that names no law."""
         place, _, name = path.rpartition(".")
         if name not in NAMES or not place:
             return None

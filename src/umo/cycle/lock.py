@@ -41,7 +41,7 @@ class Lock(AsyncBlock):
 
     @property
     def locked(self) -> bool:
-        """True if a sequence has it."""
+        """True if a sequence has the lock."""
         return self._owner is not None
 
     async def __aenter__(self) -> Lock:
@@ -68,7 +68,7 @@ class Lock(AsyncBlock):
         self._pass_on()
 
     def _refuse(self, own: Task, owner: Task) -> None:
-        """TaskFailed for a sequence that can never get it."""
+        """Raise TaskFailed for a sequence that can never get it."""
         if own.machine is not owner.machine:
             raise TaskFailed(f"{own.name} waits for a Lock that {owner.name} of another machine has")
         if (why := wait_graph.circle(own, owner, "{waiting} waits for a Lock that {target} has")) is not None:

@@ -55,13 +55,13 @@ class ConnectedMachine:
         self.is_manual = False
         """True in manual mode, in which clients operate it instead of the application."""
         self.progress = Progress()
-        """Its last progress (`Cycle.progress`)."""
+        """The last progress of the machine (`Cycle.progress`)."""
         self.result_so_far: Any = None
         """The result so far (`Cycle.result`): data, or a function that returns them."""
         self.directory = Directory(root)
-        """What is looked up by its path."""
+        """The table of everything that can be looked up by path."""
         self.claims = Claims(root, image)
-        """Who drives each actuator."""
+        """The claims, which decide who drives each actuator."""
         self.commands = CommandStage(self.claims, image)
         guards = Guards(self.claims, image)
         self.equipment = Containment(root, image, self.claims, guards, lambda: self.is_manual, self._equipment_changed)

@@ -27,7 +27,7 @@ class OpenedDrivers:
         """The slots that are still to be reset, or None if no reset has begun."""
 
     def open(self) -> None:
-        """Open the drivers, initialise every object at its default, arm the watchdogs. DriverError for the first
+        """Open the drivers, initialise every object at its default, arm the watchdogs. Raises DriverError for the first
         failure."""
         segments = self._image.segments
         for name in self._wired.drivers:

@@ -17,7 +17,7 @@ class First(NamedTuple):
     """The sequence of `first` that ended first."""
 
     number: int
-    """Its place among the given sequences, from 0."""
+    """Place of the result among the given sequences, from 0."""
     result: Any
 
 
@@ -46,8 +46,8 @@ async def first(*sequences: Routine | link.Task) -> First:
     result: `number, result = await first(fill(), wait("5 s"))`.
 
     If two end in the same period, the one given first counts, and the other one is cancelled before its last step. The
-    first error cancels the others and is raised, even one raised while the others are cancelled. TypeError without a
-    sequence.
+    first error cancels the others and is raised, even one raised while the others are cancelled. Raises TypeError
+    without a sequence.
     """
     if not sequences:
         raise TypeError("first() needs at least one sequence")

@@ -30,13 +30,13 @@ class PeriodPhase(NamedTuple):
     """A phase of each period."""
 
     call: str
-    """The call of a program's own loop to which it belongs."""
+    """The call of a program's own loop to which the phase belongs."""
     name: str
     does: str
     error: str
-    """The consequence of an error in it."""
+    """The consequence of an error in the phase."""
     where: str
-    """The modules of umo that implement it."""
+    """The modules of umo that implement the phase."""
 
 
 TICK, SAMPLE, CONTROL, UPDATE = "timer.read()", "sample()", "control()", "update()"

@@ -65,8 +65,8 @@ def _leave(flag: StopFlag) -> None:
 
 
 def check_thread(has_devices: bool, handler: Callable[[int], object] = usual_handler) -> None:
-    """Check the thread. DeclarationError if a machine with devices would be connected in a thread other than the main
-    one while a signal would end the program without a reset."""
+    """Check the thread. Raises DeclarationError if a machine with devices would be connected in a thread other than the
+    main one while a signal would end the program without a reset."""
     if in_main_thread() or not has_devices:
         return
     if deadly := [signal_name(number) for number in SIGNALS if handler(number) is signal.SIG_DFL]:

@@ -70,7 +70,7 @@ class RateGroup:
 
     def __init__(self, number: int, path: str, clock: Clock, image: Image) -> None:
         self.number = number
-        """Its place in `Wired.rates`; `MACHINE_RATE` for the machine's own rate."""
+        """Place of the group in `Wired.rates`; `MACHINE_RATE` for the machine's own rate."""
         self.path = path
         self.clock = clock
         self.inputs = [block for block in image.inputs if block.part == number]

@@ -44,8 +44,8 @@ def kept_kind(number: MachineNumber) -> dict[str, Any]:
 def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, Any], undo: Undo) -> dict[str, str]:
     """Set the wiring's parameters, then the kept values. Returns why a value was not taken, by its path.
 
-    `undo` is called, for each number, with a function that restores it. DeclarationError for the wiring's parameters,
-    as in `apply_parameters`.
+    `undo` is called, for each number, with a function that restores it. Raises DeclarationError for the wiring's
+    parameters, as in `apply_parameters`.
     """
     refused: dict[str, str] = {}
     fields = _fields(root, kept, refused)
@@ -131,7 +131,7 @@ def _outside(fields: Sequence[Parameter]) -> dict[str, str]:
 
 
 def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
-    """Return the value. RangeError without one, or if it was kept in another unit."""
+    """Return the value. Raises RangeError without one, or if it was kept in another unit."""
     if entry["value"] is None:
         raise RangeError("it had no value that can be kept")
     if entry["unit"] != number.declared.unit and not isinstance(number.kind, EnumMeta):
@@ -142,7 +142,7 @@ def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
 
 
 def _number_of(number: MachineNumber, name: str) -> int:
-    """RangeError where no value has this name any more."""
+    """Raise RangeError if no value has this name any more."""
     known = {each: value for value, each in number.declared.names.items()}
     if name not in known:
         raise RangeError(f"{name!r} is not one of {', '.join(known)}{did_you_mean(name, known)}")

@@ -43,8 +43,8 @@ def run(
     its `result` is the last one of `m.cycle.result`. In another thread than the main one nothing is raised and this
     result is returned, as only the main thread handles signals. Errors of the application, the control code and the
     devices are raised after the actuators have been reset to their defaults. Each of the `options` is passed to the
-    application and to all drivers that have an option of this name, as for `umo run` and `umo.start`; OptionError if
-    none has. `acknowledge`: as for `connect`.
+    application and to all drivers that have an option of this name, as for `umo run` and `umo.start`. Raises
+    OptionError if none has. `acknowledge`: as for `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -83,8 +83,8 @@ def result_of(returned: Any, connection: connect[Any]) -> Any:
 @expects_errors
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
     """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
-    tick. The `options` are those of the application (options of drivers belong to `connect`); OptionError if it does
-    not have one."""
+    tick. The `options` are those of the application (options of drivers belong to `connect`). Raises OptionError if it
+    does not have one."""
     check_machine("drive", m)
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})
@@ -106,7 +106,7 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
 
 
 def _sequence_of(application: Application[C], m: C, options: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
-    """DeclarationError for an application that takes no machine, or is a plain function: it has done all its work
+    """Raise DeclarationError for an application that takes no machine, or is a plain function: it has done all its work
     already."""
     function = application.func if isinstance(application, partial) else application
     place = in_brackets(shown_place(definition(function)))
@@ -135,7 +135,7 @@ def _checked_observers(observers: Iterable[Observer]) -> list[Observer]:
 
 
 def _timer_of(machine: Compound) -> DigitalSensor:
-    """DeclarationError if there is none."""
+    """Raise DeclarationError if there is none."""
     timer = children(machine).get("timer")
     if not isinstance(timer, DigitalSensor):
         raise DeclarationError(f"{type(machine).__name__} has no `timer`: umo.run needs a DigitalSensor with this name")

@@ -72,7 +72,7 @@ def instead_of_sequence(given: object) -> str:
 
 
 def check_condition(function: str, condition: object) -> None:
-    """Check a condition. TypeError for an object that cannot be called in each period, such as the result of a
+    """Check a condition. Raises TypeError for an object that cannot be called in each period, such as the result of a
     comparison, and for a sequence. Only for `function` itself, an `async def`: it searches the call in the surrounding
     code."""
     if type(condition) is FunctionType and not condition.__code__.co_flags & inspect.CO_COROUTINE:

@@ -97,8 +97,8 @@ def _who() -> Generator[object, Any, Task | None]:
 
 
 async def own_task(what: str) -> Task:
-    """The innermost task that advances the sequence that calls this. TaskFailed if none does; `what` names the function
-    that needs it."""
+    """The innermost task that advances the sequence that calls this. Raises TaskFailed if none does; `what` names the
+    function that needs it."""
     found = await _who()
     if found is None:
         raise TaskFailed(f"{what} can be used only in a sequence that the cycle advances")
@@ -279,8 +279,8 @@ class Task(Waiter):
         """The time limits of the blocks that it is in, the outermost first."""
 
     def __await__(self) -> Generator[object, Any, Any]:
-        """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled, or if it
-        waits for the awaiting sequence. If the awaiting sequence is cancelled, so is this one (as in asyncio)."""
+        """Wait for its end in another sequence. Returns its result. Raises TaskFailed if it failed or was cancelled, or
+        if it waits for the awaiting sequence. If the awaiting sequence is cancelled, so is this one (as in asyncio)."""
         awaiting = yield from own_task(f"await {self.name}").__await__()
         if not self.done:
             self._refuse(awaiting)
@@ -306,7 +306,7 @@ class Task(Waiter):
         return self.result
 
     def _refuse(self, awaiting: Task) -> None:
-        """TaskFailed if another sequence cannot await this one."""
+        """Raise TaskFailed if another sequence cannot await this one."""
         if awaiting.machine is not self.machine:
             raise TaskFailed(f"{awaiting.name} cannot await {self.name}, which another machine has started")
         if (why := wait_graph.circle(awaiting, self, "{waiting} awaits {target}")) is not None:
@@ -314,7 +314,7 @@ class Task(Waiter):
 
     @property
     def started(self) -> Task:
-        """The started sequence: this one, or the one that runs it in parallel."""
+        """The sequence that was started: this one, or the one that runs this one in parallel (`together`, `first`)."""
         return self if self.parent is None else cast(Task, self.parent).started
 
     @property
@@ -529,7 +529,7 @@ class Sequences:
     def __init__(self, faults: Containing | None = None, current: Turn | None = None) -> None:
         self._faults = faults or _Uncontained()
         self.of_application = current is None
-        """True if they are the application's, and not those of an action."""
+        """True if the sequences belong to the application, and not to an action."""
         self.current = current or make_turn()
         """The task that takes a step in the machine at this moment."""
         self._tasks: dict[Task, None] = {}
@@ -541,13 +541,13 @@ class Sequences:
         self.paused = False
         """True if the sequences are not advanced, so that no time passes for them."""
         self.progress = ""
-        """Their last progress."""
+        """The last progress of the sequences."""
         self.end_within: Callable[[Callable[[], Any]], Any] | None = None
         """Function through which the sequences are ended when they are cancelled, or None to end them directly."""
 
     @property
     def running(self) -> bool:
-        """True if there are any."""
+        """True if any sequence runs."""
         return bool(self._tasks)
 
     @property

@@ -31,8 +31,8 @@ class Progress(NamedTuple):
     """The total amount of work, or 0 if not known."""
 
     def then(self, text: str, done: int | None, total: int | None) -> Progress:
-        """Return the next progress; a number that is None does not change. RangeError unless the numbers are whole and
-        not negative."""
+        """Return the next progress; a number that is None does not change. Raises RangeError unless the numbers are
+        whole and not negative."""
         return Progress(
             str(text),
             self.done if done is None else _count("done", done),

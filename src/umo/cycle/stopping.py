@@ -118,8 +118,8 @@ def connected() -> tuple[StopFlag, ...]:
 def end_forked(title: str) -> NoReturn:
     """End a process that the user's code forked, when it is about to use a device of the machine with this title."""
     say_without_waiting(
-        f"umo: {title}: control code forked process {os.getpid()}, which was ended when it was to drive the machine "
-        "too; start programs with subprocess"
+        f"umo: {title}: control code forked process {os.getpid()}, which was ended because it tried to drive the "
+        "machine too; start programs with subprocess"
     )
     os._exit(1)
 

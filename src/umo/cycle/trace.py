@@ -142,7 +142,7 @@ class Trace:
         return 3 + self.items.index(shown)
 
     def save(self, path: Path) -> None:
-        """Write the trace as CSV. OSError when the disk is full."""
+        """Write the trace as CSV. Raises OSError when the disk is full."""
         with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
             file.writelines(lines(self))
 

@@ -60,12 +60,12 @@ class Waiter(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """Its name in messages."""
+        """Name of the waiter in messages."""
 
     @property
     @abstractmethod
     def details(self) -> str:
-        """What distinguishes it from others of the same name."""
+        """Text that distinguishes this waiter from others of the same name."""
 
     @property
     def shown(self) -> Waiter:

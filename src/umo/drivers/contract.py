@@ -93,13 +93,13 @@ class Channel:
             cls.__hash__ = Channel.__hash__  # type: ignore[method-assign]
 
     def check(self, raw: int) -> None:
-        """Check a write. DriverError if the channel is an input, or if the raw integer does not fit its bits."""
+        """Check a write. Raises DriverError if the channel is an input, or if the raw integer does not fit its bits."""
         if self.direction is _INPUT:
             raise DriverError(f"{self.text} is an input")
         self.fit(raw)
 
     def fit(self, raw: int) -> None:
-        """Check a raw integer. DriverError if it does not fit the bits of the channel."""
+        """Check a raw integer. Raises DriverError if it does not fit the bits of the channel."""
         lowest, highest = _limits(self.bits, self.signed)
         if not lowest <= raw <= highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {lowest} to {highest}")
@@ -162,14 +162,14 @@ class Driver(ABC, Generic[C]):
     timer."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """Check the class. DeclarationError if one of these functions is an `async def`, or if a function of
+        """Check the class. Raises DeclarationError if one of these functions is an `async def`, or if a function of
         `optional.py` is defined without its class."""
         super().__init_subclass__(**keywords)
         check_overrides(cls)
         check_named(cls)
 
     def __new__(cls, *options: object, **named: object) -> Self:
-        """Make a driver. DeclarationError for a class that lacks a function of its bases."""
+        """Make a driver. Raises DeclarationError for a class that lacks a function of its bases."""
         if lacking := cls.__abstractmethods__:
             raise incomplete(cls, lacking)
         return super().__new__(cls)

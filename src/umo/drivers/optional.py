@@ -118,8 +118,8 @@ class HasWatchdog(ABC):
         the watchdog from expiring."""
 
     def check_watchdog(self, seconds: float) -> None:  # noqa: B027  most take any time
-        """Check a time. WiringError or DriverError if `watchdog` does not accept it. Called before `open`; it sends
-        nothing."""
+        """Check a time. Raises WiringError or DriverError if `watchdog` does not accept it. Called before `open`; it
+        sends nothing."""
 
 
 def arm_watchdog(driver: object, seconds: float) -> None:
@@ -227,8 +227,8 @@ def names_of(kind: type) -> list[str]:
 
 
 def check_named(cls: type) -> None:
-    """Check a driver class. DeclarationError if it has a function of one of these classes but does not name the class,
-    because the function would never be called."""
+    """Check a driver class. Raises DeclarationError if it has a function of one of these classes but does not name the
+    class, because the function would never be called."""
     for kind in OPTIONAL:
         for name in names_of(kind):
             function = getattr(cls, name, None)

@@ -136,7 +136,7 @@ class BoundFields:
         taken: frozenset[str] = frozenset(),
     ) -> None:
         """`states`: the fields that compiled code assigns; `taken`: names of other attributes whose values it takes as
-        known. TypeError if an object of this class cannot be bound."""
+        known. Raises TypeError if an object of this class cannot be bound."""
         self._taken, self._label = taken, memory.label
         self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
         self._own = set[str]()
@@ -373,7 +373,7 @@ def _has_subclass_hook(kind: type) -> bool:
 
 
 def class_below(kind: type, names: dict[str, Any]) -> type:
-    """Return a subclass that differs from the class in these names only. TypeError if none can be made."""
+    """Return a subclass that differs from the class in these names only. Raises TypeError if none can be made."""
     inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
     bases = (_NoSubclassHook, kind) if _has_subclass_hook(kind) else (kind,)
     found: type = _metaclass(kind)(kind.__name__, bases, inside)

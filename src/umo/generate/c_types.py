@@ -115,14 +115,14 @@ def plain_number(of: CType) -> CType:
 
 
 def state(kind: type[Enum]) -> StateType:
-    """Return the type of a state. TypeError for an Enum whose members may be equal to other values."""
+    """Return the type of a state. Raises TypeError for an Enum whose members may be equal to other values."""
     if not is_plain_enum(kind):
         raise TypeError(f"{kind.__name__} defines itself which of its states are equal, or is a Flag")
     return StateType("uint8_t", kind)
 
 
 def optional(of: CType) -> OptionalType:
-    """Return the type of a value that may be None. TypeError if it has no optional type."""
+    """Return the type of a value that may be None. Raises TypeError if it has no optional type."""
     if isinstance(of, OptionalType):
         return of
     if isinstance(of, TupleType | ArrayType):
@@ -134,7 +134,7 @@ def optional(of: CType) -> OptionalType:
 
 
 def joined(one: CType, other: CType) -> CType:
-    """Return the type of a value that has one of two types. TypeError if there is none."""
+    """Return the type of a value that has one of two types. Raises TypeError if there is none."""
     if one == other:
         return one
     if isinstance(one, TextType) or isinstance(other, TextType):

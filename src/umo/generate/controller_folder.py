@@ -88,7 +88,7 @@ def files_of(model: ControllerModel, translation: Translation, target: Controlle
 
 def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
     """Write the files. Existing files that a user fills in, io_board.c and the build file, are not overwritten; their
-    names are returned. A sketch is named after its folder. OSError if a file cannot be written."""
+    names are returned. A sketch is named after its folder. Raises OSError if a file cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
     files = {f"{folder.resolve().name}.ino" if name == "sketch.ino" else name: text for name, text in files.items()}
     kept = [name for name in files if _is_users(name) and (folder / name).exists()]

@@ -18,7 +18,7 @@ from umo.text import did_you_mean
 
 
 def target_of(name: str, real: Literal["double", "float"] | None = None) -> ControllerTarget:
-    """Return the target of this name, with the number type `real` if given. DeclarationError if there is no such
+    """Return the target of this name, with the number type `real` if given. Raises DeclarationError if there is no such
     target."""
     if name not in TARGETS:
         raise DeclarationError(

@@ -127,7 +127,7 @@ class Operator(Value):
 
 @dataclass(frozen=True)
 class Conditional(Value):
-    """One of two values."""
+    """One of two values, chosen by a condition."""
 
     test: Value
     one: Value
@@ -417,7 +417,7 @@ class FunctionForm(FormNode):
 
     name: str
     title: str
-    """Its name in Python."""
+    """Name of the function in Python."""
     file: str
     line: int
     parameters: tuple[tuple[str, CType], ...]

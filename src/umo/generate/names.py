@@ -28,7 +28,7 @@ def identifier(path: str) -> str:
 
 
 def identifiers(paths: Iterable[str]) -> list[str]:
-    """The names for paths, each different."""
+    """Return different C names for these paths."""
     found: list[str] = []
     for path in paths:
         name = identifier(path)

@@ -63,7 +63,7 @@ class CodeFault(NamedTuple):
     file: str
     line: int
     name: str = ""
-    """Its name in C."""
+    """Name of the fault in C."""
 
 
 class TextMaker(NamedTuple):

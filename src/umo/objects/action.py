@@ -108,7 +108,7 @@ class Argument:
     default: Any = None
 
     def converted(self, value: Any, path: str) -> Any:
-        """Return the value for the method. RangeError or StateError if it is not valid."""
+        """Return the value for the method. Raises RangeError or StateError if it is not valid."""
         name = f"{path}: {self.name}"
         if self.kind == "choice":
             if not isinstance(value, str) or value not in self.choices:
@@ -148,7 +148,8 @@ class Action:
     apart: bool = False
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the arguments for the method. RangeError or StateError if one is missing, unknown or not allowed."""
+        """Return the arguments for the method. Raises RangeError or StateError if one is missing, unknown or not
+        allowed."""
         known = {each.name: each for each in self.arguments}
         for name in given:
             if name not in known:
@@ -174,7 +175,7 @@ class Action:
 
 
 def actions_of(root: Compound) -> dict[str, Action]:
-    """Return every action of a machine by its path, of its compounds and of their laws. DeclarationError for an
+    """Return every action of a machine by its path, of its compounds and of their laws. Raises DeclarationError for an
     argument without a type or a range."""
     compounds = ((node, node._path, node) for node in (root, *walk(root)) if isinstance(node, Compound))
     owners = chain(compounds, laws_in(root))

@@ -70,13 +70,13 @@ class Atomic(Node):
 
     @property
     def path(self) -> str:
-        """Its place in the machine: `z.motor`, `axes.0.motor`."""
+        """The place of the object in the machine, such as `z.motor` or `axes.0.motor`."""
         return self._path
 
     @property
     @abstractmethod
     def calibration(self) -> Calibration:
-        """Its range and scale."""
+        """The range and scale of the object."""
         raise NotImplementedError
 
     @property
@@ -123,7 +123,7 @@ class Atomic(Node):
 
     @abstractmethod
     def _number(self, value: Any) -> float:
-        """The number of the image for a value as `write` takes it; StateError or RangeError for what is none."""
+        """The number of the image for a value as `write` takes it. Raises StateError or RangeError for what is none."""
         raise NotImplementedError
 
     @abstractmethod
@@ -133,13 +133,13 @@ class Atomic(Node):
 
     @abstractmethod
     def _from_plain(self, value: Any) -> float:
-        """The number of the image for a value as plain data, within the range; StateError or RangeError if it is
+        """The number of the image for a value as plain data, within the range. Raises StateError or RangeError if it is
         none."""
         raise NotImplementedError
 
     def _levels(self, inverted: bool) -> Calibration:
-        """Return the calibration of an object with states on a channel, inverted or not. DeclarationError if it is not
-        possible."""
+        """Return the calibration of an object with states on a channel, inverted or not. Raises DeclarationError if it
+        is not possible."""
         if inverted:
             raise DeclarationError(f"a {type(self).__name__} cannot be inverted")
         return self.calibration
@@ -217,7 +217,7 @@ class Binary(Atomic, Generic[S]):
 
     @property
     def calibration(self) -> Calibration:
-        """Its calibration: `LEVEL`, or `INVERTED`."""
+        """The calibration of the object: `LEVEL`, or `INVERTED`."""
         return self._levels(self._inverted)
 
     def _levels(self, inverted: bool) -> Calibration:
@@ -417,7 +417,7 @@ def _finite(name: str, number: float) -> float:
 
 
 def _raws(raws: Iterable[int]) -> tuple[int, ...]:
-    """Raw values; DeclarationError for anything but a list of integers."""
+    """Raw values. Raises DeclarationError for anything but a list of integers."""
     each = tuple(raws) if isinstance(raws, Iterable) else ()
     if not isinstance(raws, Iterable) or any(isinstance(raw, bool) or not isinstance(raw, int) for raw in each):
         raise DeclarationError(f"invalid_raws must be a list of integers, not {raws!r}")

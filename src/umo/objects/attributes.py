@@ -79,8 +79,8 @@ def _the_same(names: frozenset[str]) -> frozenset[str]:
 
 
 def check_declared(owner: Any, name: str, instead: str = "") -> None:
-    """Check an assignment. AttributeError if no class declares the attribute. `instead`: advice on what to write;
-    default: the nearest name."""
+    """Check an assignment. Raises AttributeError if no class declares the attribute. `instead`: advice on what to
+    write; default: the nearest name."""
     if name.startswith("_") or name in getattr(owner, "__dict__", ()) or _is_made(owner, name, sys._getframe(2)):
         return
     if name not in names_in(type(owner)):  # a class may have got it since it was made

@@ -385,8 +385,8 @@ def _check_type(where: str, value: object, hint: Any) -> None:
 
 
 def check_machine(function: str, given: object) -> None:
-    """Check a machine. DeclarationError for an object that is not one, such as its class or the function that makes
-    it."""
+    """Check a machine. Raises DeclarationError for an object that is not one, such as its class or the function that
+    makes it."""
     if not isinstance(given, Compound):
         hint = f"; call it: {function}({given.__name__}(...))" if hasattr(given, "__name__") else ""
         raise DeclarationError(f"{function}() takes a machine, a Compound, not {cut_repr(given)}{hint}")

@@ -48,8 +48,8 @@ class ClassSettings(NamedTuple):
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
-    """Return the settings of a class from its class keywords (not None) and the settings of its bases. DeclarationError
-    for an unknown keyword, and for a value of a wrong type."""
+    """Return the settings of a class from its class keywords (not None) and the settings of its bases. Raises
+    DeclarationError for an unknown keyword, and for a value of a wrong type."""
     own = {name: value for name, value in given.items() if value is not None}
     for name, value in own.items():
         if name not in KEYWORDS:
@@ -94,8 +94,8 @@ MISSPELT_RATIO = 0.8
 
 
 def refuse_in_body(cls: type, fields: Collection[str]) -> None:
-    """Check the body of a class. DeclarationError if it assigns a setting, also one that is misspelt or has a former
-    name, because it has no effect there. Fields with these names, methods and classes are allowed."""
+    """Check the body of a class. Raises DeclarationError if it assigns a setting, also one that is misspelt or has a
+    former name, because it has no effect there. Fields with these names, methods and classes are allowed."""
     for name, value in vars(cls).items():
         if name.startswith("_") or name in fields or isinstance(value, type):
             continue

@@ -37,15 +37,15 @@ class Linearization(ABC):
 
     @abstractmethod
     def over(self, minimum: float, maximum: float) -> Self:
-        """Return this function for an object with a given range. DeclarationError unless it is strictly monotonic
-        there."""
+        """Return this function for an object with a given range. Raises DeclarationError unless it is strictly
+        monotonic there."""
 
     def to_value(self, x: float) -> float:
         """The value for an electrical quantity."""
         return self._forward.one(x)
 
     def to_values(self, xs: FloatArray) -> FloatArray:
-        """The same for an array of shape (n,)."""
+        """Convert an array of electrical quantities, of shape (n,), to values."""
         return self._forward.many(xs)
 
     def to_input(self, value: float) -> float:
@@ -53,7 +53,7 @@ class Linearization(ABC):
         return self._inverse.one(value)
 
     def to_inputs(self, values: FloatArray) -> FloatArray:
-        """The same for an array of shape (n,)."""
+        """Convert an array of values, of shape (n,), to electrical quantities."""
         return self._inverse.many(values)
 
 
@@ -177,7 +177,7 @@ def _both_ways(polynomial: Polynomial) -> tuple[Cubics, Cubics]:
 
 
 def fitted(linearization: object, units: str, minimum: float, maximum: float) -> Linearization:
-    """Return the linearization for an object of these units and range. DeclarationError if it does not fit."""
+    """Return the linearization for an object of these units and range. Raises DeclarationError if it does not fit."""
     if not isinstance(linearization, Linearization):
         raise DeclarationError(f"linearization={linearization!r} is not a Polynomial, a LookupTable or a Thermocouple")
     if linearization.units is not None and not same_unit(linearization.units, units):

@@ -174,7 +174,7 @@ class Cycle:
         """Report what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.
 
         It is shown by `umo run`, `umo show stations`, `umo show values` and the plot, and is in the frames (the first
-        64 bytes). Numbers that are not given do not change. RangeError unless they are whole and 0 or more.
+        64 bytes). Numbers that are not given do not change. Raises RangeError unless they are whole and 0 or more.
         """
         self._machine.progress(text, done, total)
 

@@ -42,18 +42,18 @@ class MachineNumber(NamedTuple):
 
     @property
     def value(self) -> Any:
-        """Its present value; NaN if reading it fails."""
+        """The present value of the number; NaN if reading it fails."""
         value, error = attempt(getattr, self.owner, self.name)
         return nan if error is not None else value
 
     def read(self) -> float:
-        """Its present value as a float; NaN if reading it fails, or it has none."""
+        """Return the present value of the number as a float; NaN if reading it fails, or if it has no value."""
         number, error = attempt(float, self.value)
         return nan if error is not None else number
 
     def checked(self, value: object) -> Any:
-        """Return the value to set, with an Enum given by its name. RangeError if it has another type or is out of the
-        range."""
+        """Return the value to set, with an Enum given by its name. Raises RangeError if it has another type or is out
+        of the range."""
         if self.kind in (bool, str):
             if type(value) is not self.kind:
                 raise RangeError(f"{self.path}: {value!r} is not {'true or false' if self.kind is bool else 'a text'}")
@@ -73,14 +73,14 @@ class MachineNumber(NamedTuple):
         return float(number)
 
     def of_its_type(self, value: object) -> object:
-        """Return the value unchanged. RangeError if it does not have the type of the number; the range is not
+        """Return the value unchanged. Raises RangeError if it does not have the type of the number; the range is not
         checked."""
         self.converted(value)
         return value
 
     def converted(self, value: object) -> Any:
-        """Return the value in the form in which it is set. RangeError if it does not have the type of the number; the
-        range is not checked."""
+        """Return the value in the form in which it is set. Raises RangeError if it does not have the type of the
+        number; the range is not checked."""
         return self._replace(declared=Number(self.declared.unit)).checked(value)
 
     def assign(self, value: Any) -> None:
@@ -88,8 +88,8 @@ class MachineNumber(NamedTuple):
         setattr(self.owner, self.name, value)
 
     def set(self, value: object) -> None:
-        """Tune it. RangeError if the value is not a number within the range, or if its owner does not accept it; then
-        the number is not changed."""
+        """Tune it. Raises RangeError if the value is not a number within the range, or if its owner does not accept it;
+        then the number is not changed."""
         number, before = self.checked(value), self.value
         _, error = attempt(self._set, number)
         if error is not None:
@@ -127,8 +127,8 @@ def number_in(kind: EnumMeta, member: Any) -> int:
 
 def numbers_of(root: Compound) -> dict[str, MachineNumber]:
     """Return every number of a machine, by path: for each compound the numbers that it declares in `numbers`, its
-    fields, then those of its laws. Declarations of a compound override those of its laws. DeclarationError for an
-    invalid declaration."""
+    fields, then those of its laws. Declarations of a compound override those of its laws. Raises DeclarationError for
+    an invalid declaration."""
     found: dict[str, MachineNumber] = {}
     for node in (root, *walk(root)):
         if isinstance(node, Compound):
@@ -138,8 +138,8 @@ def numbers_of(root: Compound) -> dict[str, MachineNumber]:
 
 
 def check_settings(owner: Any) -> None:
-    """Ask a law about its settings after a change; DeclarationError or RangeError if they are not valid. An owner that
-    has no `check_settings` accepts all."""
+    """Ask a law about its settings after a change. Raises DeclarationError or RangeError if they are not valid. An
+    owner that has no `check_settings` accepts all."""
     check = getattr(owner, "check_settings", None)
     if callable(check):
         with raise_as(DeclarationError, f"{type(owner).__name__}.check_settings failed"):
@@ -244,8 +244,8 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
 
 
 def _checked(number: MachineNumber) -> MachineNumber:
-    """DeclarationError for a use that its type does not allow, and for a value that is not in its range. A value that
-    is not finite stands for none."""
+    """Raise DeclarationError for a use that its type does not allow, and for a value that is not in its range. A value
+    that is not finite stands for none."""
     tunable, shown = number.declared.tunable, number.declared.shown
     if tunable and number.kind not in (None, int, float):
         raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are tuned")

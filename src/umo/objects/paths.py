@@ -57,7 +57,7 @@ def find(node: Node, path: str) -> Node:
 
 def named(node: Node, pattern: str) -> list[Node]:
     """The objects below this one that a path, the path of a list or dict (for all objects in it), or a pattern
-    (`zones.*.heater`) names, in declared order; PathError if there is none, unless its list is empty."""
+    (`zones.*.heater`) names, in declared order. Raises PathError if there is none, unless its list is empty."""
     known = _below(node)
     found = [each for path, each in known.items() if matches(pattern, path) or _is_in(pattern, path, each)]
     held = getattr(node, pattern.partition(".")[0], None)

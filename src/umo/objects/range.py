@@ -33,8 +33,8 @@ class Ranged(Protocol):
 @dataclass(frozen=True)
 class Range:
     """Unit and bounds of a number: `Range("um", 0.0, 80_000.0)`. Both bounds are included. The unit is a text that pint
-    knows; "" means a plain number. An infinite bound means not limited. DeclarationError if the unit is not known or
-    there is no number between the bounds.
+    knows; "" means a plain number. An infinite bound means not limited. Raises DeclarationError if the unit is not
+    known or there is no number between the bounds.
     """
 
     unit: str
@@ -59,11 +59,11 @@ class Range:
         return cls(item.units, item.minimum, item.maximum)
 
     def check(self, name: str, value: object) -> float:
-        """Return the value as a float. RangeError if it is not a finite number within the range."""
+        """Return the value as a float. Raises RangeError if it is not a finite number within the range."""
         return float(self.checked(name, value))
 
     def check_whole(self, name: str, value: object) -> int:
-        """Return the value as an exact int. RangeError if it is not a whole number within the range."""
+        """Return the value as an exact int. Raises RangeError if it is not a whole number within the range."""
         number = self.checked(name, value)
         if number != int(number):
             raise RangeError(f"{name}: {value!r} is not a whole number")

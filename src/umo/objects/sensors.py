@@ -131,8 +131,8 @@ class DigitalSensor(Sensor, Digital):
 
     @property
     def velocity(self) -> float:
-        """Change of the value in `units` per s at the last reading; 0 before the second one. DeclarationError for a
-        sensor that is declared without `velocity`."""
+        """Change of the value in `units` per s at the last reading; 0 before the second one. Raises DeclarationError
+        for a sensor that is declared without `velocity`."""
         if self._velocity is None:
             raise DeclarationError(
                 f'{self.path} is declared without `velocity`; give it a time constant such as "10 ms"'
@@ -159,7 +159,8 @@ class DigitalSensor(Sensor, Digital):
 
 
 def checked_rollover(bits: bool | int) -> bool | int:
-    """Check the setting `rollover`. DeclarationError unless it is True, False or a number of bits from 2 to 62."""
+    """Check the setting `rollover`. Raises DeclarationError unless it is True, False or a number of bits from 2 to
+    62."""
     if isinstance(bits, bool) or (isinstance(bits, int) and MIN_COUNTER <= bits <= MAX_COUNTER):
         return bits
     raise DeclarationError(f"rollover={bits!r} is not the number of a counter's bits, {MIN_COUNTER} to {MAX_COUNTER}")

@@ -87,8 +87,8 @@ def _line_of(instruction: Any, code: CodeType) -> int:
 
 
 def refuse_slips(cls: type, stores: Iterable[Store], known: Collection[str]) -> None:
-    """DeclarationError for an assignment outside `setup` to a misspelt known name that no function of the class reads,
-    because it would have no effect."""
+    """Raise DeclarationError for an assignment outside `setup` to a misspelt known name that no function of the class
+    reads, because it would have no effect."""
     for name, _, place in stores:
         meant = next((each for each in known if name not in known and is_slip(name, each)), None)
         if meant is not None and not _is_read(cls, name):

@@ -9,7 +9,7 @@ from umo.text import cut_repr
 
 
 def checked_truth(name: str, value: object) -> bool:
-    """The value of a setting; DeclarationError if it is neither True nor False."""
+    """The value of a setting. Raises DeclarationError if it is neither True nor False."""
     if not isinstance(value, bool):
         raise DeclarationError(f"{name}={cut_repr(value)} is neither True nor False")
     return value

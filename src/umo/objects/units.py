@@ -111,8 +111,9 @@ def _angle(unit: str) -> float:
 
 
 def convert(value: float, source: str, target: str) -> float:
-    """Return the value in another unit of the same dimension; DeclarationError if there is none, or if only one of the
-    two contains an angle ("Hz" and "rpm"); RangeError for a value that the other unit cannot express (0 mW in dBm)."""
+    """Return the value in another unit of the same dimension. Raises DeclarationError if there is none, or if only one
+    of the two contains an angle ("Hz" and "rpm"). Raises RangeError for a value that the other unit cannot express (0
+    mW in dBm)."""
     check_unit(source)
     check_unit(target)
     if _angle(source) != _angle(target):

@@ -211,7 +211,7 @@ class _Limits:
         self.clamps = np.array([isinstance(item, DigitalActuator) and item.limits == "clamp" for item in objects])
 
     def numbers(self, values: Any) -> FloatArray:
-        """Return one number for each object. RangeError for anything else."""
+        """Return one number for each object. Raises RangeError for anything else."""
         if values.__class__ is np.ndarray and values.dtype is FLOAT64 and values.shape == self.minimum.shape:
             return cast(FloatArray, values)
         count = len(self.minimum)

@@ -21,7 +21,8 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Each name is imported when it is first asked for (PEP 562): who reads alarms or gives commands needs none."""
+    """Import each name when it is first used (PEP 562), because programs that read alarms or give commands need none of
+    them."""
     if name not in _MODULES:
         raise AttributeError(f"module 'umo.operation' has no attribute {name!r}")
     found = globals()[name] = getattr(import_module(f"umo.operation.{_MODULES[name]}"), name)

@@ -20,7 +20,7 @@ MAX_RECORDED = 100
 class RecipeBook(Generic[R]):
     """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
 
-    Recipes are read when it is made; after that no file is read. RecipeError if one of them is invalid. A client
+    Recipes are read when it is made; after that no file is read. Raises RecipeError if one of them is invalid. A client
     chooses another recipe by the action `choose`; the program gets it by its next `next()`, never within a batch.
     Frames show which recipe was begun last and which one is chosen (`begun`, `choice`). The choice is kept over a
     restart by its name, except for a recipe whose values a client has sent.
@@ -48,7 +48,7 @@ class RecipeBook(Generic[R]):
 
     @property
     def choice(self) -> int:
-        """The number of `chosen`. RangeError if it is set to a recipe whose values are not known."""
+        """The number of `chosen`. Raises RangeError if it is set to a recipe whose values are not known."""
         return self._choice
 
     @choice.setter
@@ -64,9 +64,9 @@ class RecipeBook(Generic[R]):
 
     @action(harmless=True)
     def choose(self, name: str, content: str = "") -> str:
-        """Choose the recipe for the batches that begin from now on. Returns its name and hash. RecipeError if it is
-        refused; then the earlier choice remains. `content`: its values as JSON; default: the values that were read at
-        the start.
+        """Choose the recipe for the batches that begin from now on. Returns its name and hash. Raises RecipeError if it
+        is refused; then the earlier choice remains. `content`: its values as JSON; default: the values that were read
+        at the start.
         """
         found = recipe_from_content(self.kind, name, content) if content else self._known(name)
         number = self.number_of(found)
@@ -76,12 +76,12 @@ class RecipeBook(Generic[R]):
 
     @action(harmless=True)
     def follow_plan(self) -> None:
-        """Forget the choice of a client: the batches that begin from now on have the recipes of the program."""
+        """Forget the choice of a client: batches that begin from now on use the recipes of the program."""
         self.choice = 0
 
     def next(self, planned: str = "") -> R:
         """The recipe for the next batch: the chosen one, otherwise the planned one, otherwise the one used last,
-        otherwise the first. RecipeError if the planned one is not known."""
+        otherwise the first. Raises RecipeError if the planned one is not known."""
         found = self.chosen or (self._known(planned) if planned else self.current)
         self.current = found or next(iter(self.recipes.values()))
         self.begun = self.number_of(self.current)

@@ -19,8 +19,8 @@ _PLAIN = {float, int, bool, str}
 
 
 def value_for(hint: Any, given: Any, *, units: bool = True) -> Any:
-    """Return the value in this type. RangeError, StateError or DeclarationError if it is not valid. `units`: whether a
-    number may be a text with a unit; a new unit takes 1 ms."""
+    """Return the value in this type. Raises RangeError, StateError or DeclarationError if it is not valid. `units`:
+    whether a number may be a text with a unit; a new unit takes 1 ms."""
     return _value(*parts_of(hint), given, units)
 
 

@@ -43,7 +43,7 @@ class Recipe:
     """Name: the stem of its file, or the name of its table."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """Check the fields. DeclarationError for a field with the name of a member that every recipe has."""
+        """Check the fields. Raises DeclarationError for a field with the name of a member that every recipe has."""
         super().__init_subclass__(**keywords)
         for name in vars(cls).get("__annotations__", {}):
             if name == "name" or hasattr(Recipe, name):
@@ -54,12 +54,12 @@ class Recipe:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Its values without the name, as plain data."""
+        """The values of the recipe without the name, as plain data."""
         return {each.name: plain(getattr(self, each.name)) for each in _fields(type(self))}
 
     @property
     def content(self) -> str:
-        """Its values as JSON, in the form that a client sends."""
+        """The values of the recipe as JSON, in the form that a client sends."""
         return json.dumps(self.values, separators=(",", ":"), ensure_ascii=False)
 
     @property

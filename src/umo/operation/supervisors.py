@@ -18,10 +18,10 @@ class Supervisor(Protocol):
     """A law that supervises the sequences of its part."""
 
     part: Compound
-    """Its part, to which an error of `supervise` belongs."""
+    """The part of the supervisor, to which an error of `supervise` belongs."""
 
     def begin(self, path: str) -> None:
-        """Set the place of the law while the machine is connected. DeclarationError if it cannot be."""
+        """Set the place of the law while the machine is connected. Raises DeclarationError if it cannot be."""
 
     def supervise(self) -> None:
         """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
@@ -31,7 +31,7 @@ class Supervisor(Protocol):
         the next period; its sequences are ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
-        """Its path, its states and its commands, as plain data."""
+        """Return the path, the states and the commands of the part, as plain data."""
 
 
 class Supervisors(Capability):
@@ -44,7 +44,7 @@ class Supervisors(Capability):
         """The supervisors of the parts in each compound, by its id."""
 
     def attach(self, machine: Any) -> None:
-        """Attach the supervisors. DeclarationError for one whose part cannot have states."""
+        """Attach the supervisors. Raises DeclarationError for one whose part cannot have states."""
         self._machine = machine
         machine.directory.units = [law for _, law in self._laws]
         for path, law in self._laws:

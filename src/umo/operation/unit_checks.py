@@ -13,8 +13,8 @@ from umo.text import did_you_mean
 
 
 def check_sequences(cls: type, model: StateModel) -> None:
-    """Check the sequences. DeclarationError for a sequence of an acting state that is not an `async def` function, and
-    for one whose name is misspelt, because it would never be called."""
+    """Check the sequences. Raises DeclarationError for a sequence of an acting state that is not an `async def`
+    function, and for one whose name is misspelt, because it would never be called."""
     known = [sequence_name(model, state) for state in model.acting]
     for name, value in vars(cls).items():
         if name in known and not inspect.iscoroutinefunction(value):
@@ -28,8 +28,8 @@ def check_sequences(cls: type, model: StateModel) -> None:
 
 
 def check_excluded(cls: type, model: StateModel, excluded: Mapping[Any, Any]) -> None:
-    """Check the excluded states. DeclarationError for an object that is not a mode or state, and for a state that every
-    mode must have."""
+    """Check the excluded states. Raises DeclarationError for an object that is not a mode or state, and for a state
+    that every mode must have."""
     led_to = {target for name in (STOP, ABORT, CLEAR) for target in model.commands[name].values()}
     needed = led_to | {model.acting.get(each, each) for each in led_to} | {model.first}
     for mode, states in excluded.items():

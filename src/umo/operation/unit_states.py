@@ -31,8 +31,8 @@ class UnitStates(DeclaredAttributes):
     A part makes it in its `setup`. A subclass defines the work in the acting states, as sequences of the part. Each
     sequence belongs to the part: if it fails, the part is in fault, which is the state `aborted`.
 
-    `part` is the compound. DeclarationError on connect if the part is not declared with `equipment=True`, or is the
-    machine itself, whose fault ends the run.
+    `part` is the compound. Raises DeclarationError on connect if the part is not declared with `equipment=True`, or is
+    the machine itself, whose fault ends the run.
     """
 
     _capability: ClassVar = Supervisors
@@ -116,8 +116,8 @@ class UnitStates(DeclaredAttributes):
     # Commands ------------------------------------------------------------------------------------------
 
     def command(self, name: str) -> str:
-        """Carry out a command, and return the resulting state. CommandRefused if it is not possible now; then nothing
-        is changed. EquipmentFault or DriverError if a fault cannot be cleared."""
+        """Carry out a command, and return the resulting state. Raises CommandRefused if it is not possible now; then
+        nothing is changed. EquipmentFault or DriverError if a fault cannot be cleared."""
         if (why := self._refusal(name)) is not None:
             raise CommandRefused(f"{self.path or type(self).__name__}: {why}")
         target = self.model.commands[name][self.state]

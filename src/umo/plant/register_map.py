@@ -42,11 +42,12 @@ class Point:
         self._bits = channel.bits if channel.low is not None or channel.table.full == 1 else 16 * channel.cells
 
     def to_plant(self, raw: int) -> int:
-        """Return the plant's raw integer for one of the box. OverflowError if it does not fit the plant's channel."""
+        """Return the plant's raw integer for one of the box. Raises OverflowError if it does not fit the plant's
+        channel."""
         return self._converted(raw, self._bus, self._plant)
 
     def to_bus(self, raw: int) -> int:
-        """Return the box's raw integer for one of the plant. OverflowError if it does not fit the register."""
+        """Return the box's raw integer for one of the plant. Raises OverflowError if it does not fit the register."""
         if raw in self._plant.invalid_raws and self._bus.invalid_raws:
             return self._bus.invalid_raws[0]
         return self._converted(raw, self._plant, self._bus)
@@ -68,7 +69,7 @@ class Point:
         return words[::-1] if self._little else words
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that these cells hold; OverflowError if they hold none."""
+        """The raw integer that these cells hold. Raises OverflowError if they hold none."""
         packed = struct.pack(self._layout, *(reversed(words) if self._little else words))
         if not self._scale:
             whole = int.from_bytes(packed, "big") >> self._low & (1 << self._bits) - 1
@@ -105,10 +106,9 @@ class RegisterMap:
 
 
 def register_maps(plant: Wired, bus: Wired) -> list[RegisterMap]:
-    """A map for each Modbus driver of `bus`, its objects joined with those of `plant` by path.
-
-    WiringError if `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two objects would have
-    the same address.
+    """A map for each Modbus driver of `bus`, its objects joined with those of `plant` by path. Raises WiringError if
+    `plant` is not a simulation with a timer, if `bus` has no Modbus driver, or if two objects would have the same
+    address.
     """
     _check_plant(plant)
     slots = {wire.path: slot for slot, wire in enumerate(plant.wires)}

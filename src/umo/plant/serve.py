@@ -58,9 +58,9 @@ async def serve(
 ) -> Summary:
     """Serve each map at its host and port (0 for a free one) until `stop` is set, and return the report.
 
-    `report` is a JSON file, replaced whole, written whenever the plant's report has changed and at the end. WiringError
-    for a watchdog's time that its register cannot hold, if `report` is not a regular file or an address is taken;
-    DriverError if the plant cannot be opened. An exception of the plant's code ends the service.
+    `report` is a JSON file, replaced whole, written whenever the plant's report has changed and at the end. Raises
+    WiringError for a watchdog's time that its register cannot hold, if `report` is not a regular file or an address is
+    taken. Raises DriverError if the plant cannot be opened. An exception of the plant's code ends the service.
     """
     for each in maps:
         if not 0 <= each.watchdog <= MAX_WATCHDOG:
@@ -160,7 +160,7 @@ class ReportFile:
             raise WiringError(f"no report can be written to {path}: {reason_of(error)}") from None
 
     def write(self, content: Mapping[str, object]) -> None:
-        """Write the report. DriverError if it can no longer be written; the file is then unchanged."""
+        """Write the report. Raises DriverError if it can no longer be written; the file is then unchanged."""
         try:
             self._fill_draft(json.dumps(content, indent=2) + "\n")
             self._look()

@@ -19,9 +19,9 @@ class AlarmHistory:
         self.next = next_event
 
     def take(self, reader: RunReader, frame: Any) -> None:
-        """Add the changes of alarms among the new events, and the number of events that were lost before. OSError if
-        they cannot be written; the next call tries again. `frame`: a frame of the run, for the UTC of the cycle's
-        clock."""
+        """Add the changes of alarms among the new events, and the number of events that were lost before. Raises
+        OSError if they cannot be written; the next call tries again. `frame`: a frame of the run, for the UTC of the
+        cycle's clock."""
         new = reader.events(self.next) if reader.layout.alarms else []
         utc_at_zero = utc_of(frame) - float(frame["time"])
         records = [

@@ -70,7 +70,7 @@ class Job:
 
 
 def reference(function: Callable[..., Any]) -> tuple[str, str | None]:
-    """Return a function as `module:name`, and the script that contains it. DeclarationError if it cannot be
+    """Return a function as `module:name`, and the script that contains it. Raises DeclarationError if it cannot be
     imported."""
     name, module = getattr(function, "__qualname__", ""), getattr(function, "__module__", None)
     if not name.isidentifier() or module is None:
@@ -118,7 +118,7 @@ class Plan:
         return source_files(self.place, self.wiring, self.machine)
 
     def all_sources(self) -> dict[str, str]:
-        """The same hashes, with those of modules that were imported later, for example by `setup`."""
+        """The hashes of all sources, including modules that were imported later, for example by `setup`."""
         return self._sources() | self.sources
 
     @property

@@ -37,7 +37,7 @@ time."""
 LAST_TIMEOUT = 5.0
 """Timeout in s at the end of a run for the last values."""
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
-"""Shortest and longest time in s between two replacements of a keeper; it doubles."""
+"""Shortest and longest time in s between two replacements of a keeper; the time doubles."""
 OOM_SCORE_CHANGE = 600
 """Change of the keeper's score, relative to the guardian's: if memory runs out, it is killed before all processes that
 reset."""

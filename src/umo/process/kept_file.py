@@ -77,7 +77,7 @@ class FileSystem(Protocol):
 
 
 def path_of(station: str, wiring: str) -> Path:
-    """The file of a station and a wiring; OSError if there is no folder for it."""
+    """The file of a station and a wiring. Raises OSError if there is no folder for it."""
     folder = state_folder() / FOLDER
     plain = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in station)[:40]
     digest = hashlib.sha256(f"{station}\0{wiring}".encode(errors="surrogateescape")).hexdigest()[:16]
@@ -95,7 +95,7 @@ def dump(values: KeptValues) -> bytes:
 
 
 def load(data: bytes) -> KeptValues:
-    """Return the content of a file. KeptFileError for anything but a valid file of this version."""
+    """Return the content of a file. Raises KeptFileError for anything but a valid file of this version."""
     try:
         content = json.loads(data.decode("ascii"))["content"]
         whole = encode(content) == data
@@ -122,7 +122,8 @@ def load(data: bytes) -> KeptValues:
 
 
 def read(path: Path) -> KeptValues | None:
-    """Return the kept values, or None if there is no file. KeptFileError if it cannot be read, or is not complete."""
+    """Return the kept values, or None if there is no file. Raises KeptFileError if it cannot be read, or is not
+    complete."""
     try:
         file = folders.open_own(path)
     except FileNotFoundError:
@@ -163,7 +164,7 @@ def write(path: Path, data: bytes, system: FileSystem = calls) -> None:
 
 
 def set_aside(path: Path, now: float) -> Path:
-    """Rename a file that cannot be used. OSError if that fails."""
+    """Rename a file that cannot be used. Raises OSError if that fails."""
     aside = path.with_name(f"{path.stem}.aside-{datetime.fromtimestamp(now, UTC):%Y%m%dT%H%M%S}")
     number = 0
     while (new := aside.with_name(f"{aside.name}-{number}" if number else aside.name)).exists():

@@ -154,7 +154,7 @@ def plain(result: Any, longest: int = MAX_LENGTH) -> Any:
 
 
 def plain_reports(reports: Mapping[str, Any], longest: int = MAX_LENGTH) -> dict[str, Any]:
-    """The same for the report of each driver that has one; if their total size is moderate."""
+    """Return the report of each driver that has one as plain data, if the total size is moderate."""
     return {name: plain(report, longest // len(reports)) for name, report in reports.items() if report}
 
 

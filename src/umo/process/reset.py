@@ -106,7 +106,7 @@ class Resetter:
         self._start_pipe = self._waiting_pipe = -1
 
     def stand_by(self, first: bool = True) -> None:
-        """Fork the child of the first attempt now, or of the next one. OSError if it cannot be forked."""
+        """Fork the child of the first attempt now, or of the next one. Raises OSError if it cannot be forked."""
         pipe = self._waiting_pipe, self._start_pipe = calls.pipe()
         try:
             self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
@@ -121,7 +121,7 @@ class Resetter:
         return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
-        """True if another child has replaced one that was killed or stopped by a signal. OSError if it cannot be
+        """True if another child has replaced one that was killed or stopped by a signal. Raises OSError if it cannot be
         forked; that is tried again `FORK_PAUSE` s later. If the previous child has failed by itself, the next one would
         fail, too, so a child is forked only when it is needed."""
         child = self._reserve

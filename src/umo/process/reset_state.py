@@ -51,7 +51,7 @@ class ResetState:
         self._cells[BEAT] = calls.boottime_ns()
 
     def begin(self, number: int) -> None:
-        """Note that a call for this actuator begins; -1 for none of them."""
+        """Note that a call for this actuator begins; -1 for no actuator."""
         self._cells[AT] = number
         self.beat()
 

@@ -95,8 +95,8 @@ class RunState:
 
     def fork(self, who: int) -> int:
         """Fork a process in a session of its own, which holds its lock when this returns in the parent; returns 0 in
-        the child. OSError if no process or pipe is available, or if the process does not take its lock; then it is
-        ended."""
+        the child. Raises OSError if no process or pipe is available, or if the process does not take its lock; then it
+        is ended."""
         held, holding = calls.pipe()
         try:
             pid = calls.fork()

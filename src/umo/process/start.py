@@ -265,7 +265,8 @@ class Started:
             self.notices.append(text)
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait for the end and return the outcome. TimeoutError after `timeout` s; RunFailed if the run failed."""
+        """Wait for the end and return the outcome. TimeoutError after `timeout` s. Raises RunFailed if the run
+        failed."""
         until = None if timeout is None else calls.now() + timeout
         while self._outcome is None:
             if until is not None and calls.now() >= until:

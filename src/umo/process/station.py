@@ -37,7 +37,7 @@ class Station:
     path: Path
 
     def module(self, name: str) -> ModuleType | None:
-        """Return one of its modules, or None if there is none. StationError if it cannot be imported."""
+        """Return one of its modules, or None if there is none. Raises StationError if it cannot be imported."""
         file = self.path / f"{name}.py"
         if not file.is_file():
             return None
@@ -51,7 +51,7 @@ class Station:
 
     def load(self, name: str) -> Any:
         """Return one of its modules, the same object that the station itself imports, so that its tests get its own
-        classes (`Tank = station(__file__).load("control").Tank`). StationError if there is none."""
+        classes (`Tank = station(__file__).load("control").Tank`). Raises StationError if there is none."""
         found = self.module(name)
         if found is None:
             known = [file.stem for file in sorted(self.path.glob("*.py"))]
@@ -78,7 +78,8 @@ class Station:
 
     @property
     def main(self) -> Callable[..., Any] | None:
-        """The function `main` of application.py; None without this file. StationError if the file has no `main`."""
+        """The function `main` of application.py; None without this file. Raises StationError if the file has no
+        `main`."""
         module = self.module("application")
         if module is None:
             return None
@@ -107,7 +108,7 @@ class Station:
 
 
 def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
-    """The machine that a function declares; DeclarationError if it fails or returns something else."""
+    """The machine that a function declares. Raises DeclarationError if it fails or returns something else."""
     with raise_as(DeclarationError, f"{what} failed"), heard():
         root = make(**options)
     if not isinstance(root, Compound):

@@ -74,11 +74,11 @@ class _Group:
         self.child: Child | None = None
         """Its process, as the guardian that has forked it knows it."""
         self.ended_for = ""
-        """The reason why it was killed, as text; "" if it was not."""
+        """The reason why the worker was killed, as text; "" if it was not."""
         self.given_up = inf
         """Time in s from which it counts as blocked in the kernel, once it was killed."""
         self.begun = 0.0
-        """Time in s at which it was forked."""
+        """Time in s at which the worker was forked."""
         self.generations = self.initialized
         """The generation of each driver's outputs that had been initialised when it was forked."""
         self.next_fork, self.pause, self.hold = 0.0, FIRST_PAUSE, 0.0
@@ -142,7 +142,7 @@ class Workers:
     # The guardian ----------------------------------------------------------------------------------------
 
     def fork(self) -> None:
-        """Fork all workers. OSError if no process is available."""
+        """Fork all workers. Raises OSError if no process is available."""
         for group in self._groups:
             self._fork(group, replaces=False)
 

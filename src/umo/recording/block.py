@@ -70,7 +70,7 @@ class BlackBox(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive frames, and all that belongs to them."""
+    """Consecutive frames, with the events, commands and other data of their time."""
 
     frames: Frames
     """Structured array of `Layout.dtype`."""
@@ -78,7 +78,7 @@ class Block:
     """The entries of the journal of these frames, except the first `entries_lost`, which are missing."""
     commands: list[TakenCommand] = field(default_factory=list)
     lost: int = 0
-    """Number of frames that are missing before it."""
+    """Number of frames that are missing before the block."""
     entries_lost: int = 0
     """Number of entries of these frames that were overwritten before they were copied."""
     commands_lost: int = 0
@@ -192,7 +192,7 @@ def _values(layout: Layout, frames: Frames) -> Any:
 
 
 def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
-    """Return the block from these two messages; without the second one it is not full. FramesError if they are
+    """Return the block from these two messages; without the second one it is not full. Raises FramesError if they are
     damaged."""
     try:
         return _block_of(layout, exact, columns)
@@ -259,7 +259,7 @@ def _headed(about: Mapping[str, Any]) -> bytes:
 
 
 def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
-    """Return the description at the beginning of a message, and the rest. ValueError if there is none."""
+    """Return the description at the beginning of a message, and the rest. Raises ValueError if there is none."""
     view = memoryview(data)
     if len(view) < 4:
         raise ValueError("it has no description")
@@ -273,7 +273,7 @@ def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
 
 
 def checked_text(text: bytes) -> bytes:
-    """Return a text in JSON after a check that its values need only limited memory. ValueError if there are too
+    """Return a text in JSON after a check that its values need only limited memory. Raises ValueError if there are too
     many."""
     if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise ValueError(f"its description has more than {MAX_VALUES} values")

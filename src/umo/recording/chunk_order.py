@@ -42,13 +42,13 @@ def in_order(file: McapReader) -> array[int]:
 
 
 def damaged(error: Exception) -> str:
-    """Return why a chunk that cannot be read is skipped."""
+    """Return the reason why a chunk that cannot be read is skipped."""
     return f"a chunk is damaged, {error if type(error) is ValueError else text_of(error)}"
 
 
 def first_of(exact: memoryview) -> int:
-    """Return the number of the first frame of a block. If it is damaged, which is reported when it is read, a number
-    that no block has."""
+    """Return the number of the first frame of a block. For a damaged block, return a number that no block has; the
+    damage is reported when the block is read."""
     with suppress(ValueError, LookupError, TypeError, OverflowError):
         first = int(headed(exact)[0]["first"])
         return first if 0 <= first < MAX_FIRST else -1

@@ -23,7 +23,8 @@ def encoded(frames: npt.NDArray[Any] | Mapping[str, Any], names: Iterable[str]) 
 
 
 def decode(data: memoryview, frames: npt.NDArray[Any], names: Iterable[str]) -> memoryview:
-    """Fill these columns of a structured array, and return the rest of the data. ValueError if they do not fit."""
+    """Fill these columns of a structured array, and return the rest of the data. Raises ValueError if they do not
+    fit."""
     for name in names:
         column = frames[name]
         words, data = _decoded(data, len(frames), _words(column[:1]), 2 if name in STEADY else 1)

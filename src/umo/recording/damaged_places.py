@@ -13,7 +13,7 @@ class Damaged(NamedTuple):
     """A place of a file that cannot be read."""
 
     at: int
-    """Its offset in bytes."""
+    """Offset of the damaged place in bytes."""
     why: str
 
 

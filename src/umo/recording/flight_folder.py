@@ -52,7 +52,7 @@ class FlightFolder:
         return identity(pid) == process
 
     def save(self, path: Path) -> None:
-        """Save all of it as one file. Raises OSError or FramesError."""
+        """Save the whole flight recording as one file. Raises OSError or FramesError."""
         if not (parts := self.parts):
             raise FramesError(f"the flight recorder of {self.station} has nothing yet")
         join(parts, path)
@@ -62,7 +62,7 @@ class FlightFolder:
 
 
 def place() -> Path:
-    """Return the folder that contains them. FramesError if it cannot be made."""
+    """Return the folder that contains them. Raises FramesError if it cannot be made."""
     try:
         return folders.checked(folders.checked(folders.own(folders.lasting(), 0o755) / "flights"))
     except OSError as error:
@@ -99,7 +99,7 @@ def all_folders() -> list[FlightFolder]:
 
 
 def find(name: str) -> FlightFolder:
-    """Return the newest flight recorder of a station, by name or pid. FramesError if there is none."""
+    """Return the newest flight recorder of a station, by name or pid. Raises FramesError if there is none."""
     known = all_folders()
     fitting = [each for each in known if name in (each.station, str(each.pid))]
     if not fitting:

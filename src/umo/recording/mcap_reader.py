@@ -67,7 +67,7 @@ class Unreadable(ValueError):
 
 
 class McapReader:
-    """Reads the valid parts of a file. FramesError if it is not a recording."""
+    """Reads the valid parts of a file. Raises FramesError if it is not a recording."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -285,7 +285,8 @@ class McapReader:
             at += mcap_records.HEAD.size + length
 
     def _hold(self, at: int, opcode: int, length: int) -> None:
-        """Keep metadata, a schema or a channel. ValueError if it is malformed, FramesError if there is too much."""
+        """Keep metadata, a schema or a channel. Raises ValueError if it is malformed, FramesError if there is too
+        much."""
         self._held += length + OVERHEAD
         if self._held > MAX_HELD:
             raise FramesError(f"{self.path}: its descriptions have more than {MAX_HELD >> 20} MB")
@@ -319,7 +320,7 @@ class McapReader:
         return False
 
     def head(self, at: int) -> ChunkHead:
-        """Return the head of the chunk at an offset. ValueError if it is damaged."""
+        """Return the head of the chunk at an offset. Raises ValueError if it is damaged."""
         found = next(self._records(at, self.size), None)
         if found is None or found[1] != Opcode.CHUNK:
             raise ValueError("there is no complete chunk")
@@ -333,12 +334,12 @@ class McapReader:
         return head
 
     def raw(self, at: int) -> bytes:
-        """Return the chunk at an offset as stored in the file. ValueError if its head is damaged."""
+        """Return the chunk at an offset as stored in the file. Raises ValueError if its head is damaged."""
         head = self.head(at)
         return self._at(at, mcap_records.HEAD.size + head.begin + head.length)
 
     def chunk(self, at: int) -> bytes:
-        """Return the content of the chunk at an offset. ValueError if it is damaged."""
+        """Return the content of the chunk at an offset. Raises ValueError if it is damaged."""
         head = self.head(at)
         data = self._at(at + mcap_records.HEAD.size + head.begin, head.length)
         content = content_of(head, data)
@@ -355,7 +356,7 @@ class McapReader:
         return True
 
     def messages(self, at: int, channels: Container[int]) -> list[McapMessage]:
-        """The messages of some channels of a chunk. ValueError if it is damaged."""
+        """The messages of some channels of a chunk. Raises ValueError if it is damaged."""
         found = (each for each in messages_in(self.chunk(at)) if each.channel in channels)
         messages = list(islice(found, MAX_MESSAGES + 1))
         if len(messages) > MAX_MESSAGES:
@@ -369,7 +370,7 @@ class McapReader:
 
 
 def _opened(path: Path) -> int:
-    """A descriptor of a file. FramesError where it cannot be opened, or is not a file."""
+    """A descriptor of a file. Raises FramesError if it cannot be opened, or is not a file."""
     try:
         try:
             file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)

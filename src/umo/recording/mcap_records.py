@@ -179,7 +179,8 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
 
 
 def read_part(body: memoryview, at: int) -> tuple[memoryview, int]:
-    """Return the part after its length at an offset, and the offset of its end. ValueError if it is not complete."""
+    """Return the part after its length at an offset, and the offset of its end. Raises ValueError if it is not
+    complete."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if end > len(body):
         raise ValueError("a length exceeds its record")
@@ -241,8 +242,8 @@ CHUNK_HEAD_BYTES = _CHUNK.size + 4 + 16 + 8
 
 
 def read_chunk(body: memoryview, length: int) -> ChunkHead:
-    """Return the head of a chunk from the beginning of its body, which has this length. ValueError if they do not
-    fit."""
+    """Return the head of a chunk from the beginning of its body, which has this length. Raises ValueError if they do
+    not fit."""
     first, last, size, checksum = _CHUNK.unpack_from(body)
     compression, at = read_string(body, _CHUNK.size)
     (content,) = struct.unpack_from("<Q", body, at)

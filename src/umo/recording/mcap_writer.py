@@ -56,8 +56,8 @@ class PackedChunk(NamedTuple):
 
 
 class McapWriter:
-    """Makes a file, which must not exist yet; OSError if that fails. If a method raises OSError, the earlier chunks
-    remain."""
+    """Makes a file, which must not exist yet. Raises OSError if that fails. If a method raises OSError, the earlier
+    chunks remain."""
 
     def __init__(
         self,

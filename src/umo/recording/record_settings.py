@@ -49,6 +49,6 @@ DEFAULT = RecordSettings()
 def record_of(
     table: Mapping[str, Any], file: str = "wiring", changes: Mapping[str, Any] | None = None
 ) -> RecordSettings:
-    """Return the settings of the table `[record]` of a wiring, overridden by those of a command line. SettingsError for
-    a mistake in either."""
+    """Return the settings of the table `[record]` of a wiring, overridden by those of a command line. Raises
+    SettingsError for a mistake in either."""
     return changed(settings_of(RecordSettings, table, file, "record"), changes, "record")

@@ -35,7 +35,7 @@ SHARE_OF_RING = 0.2
 
 
 class Target(Protocol):
-    """Accepts blocks. OSError if it cannot store them."""
+    """Accepts blocks. Raises OSError if it cannot store them."""
 
     def add(self, blocks: Sequence[Block]) -> None:
         """Write the blocks at once."""
@@ -84,7 +84,7 @@ class Recorder:
         return self.has_ended and (self.end is None or self.end.event.state is CommandState.FAILED)
 
     def look(self) -> None:
-        """Read new frames, and write them if it is time. OSError if they cannot be written."""
+        """Read new frames, and write them if it is time. Raises OSError if they cannot be written."""
         now = self._clock()
         if self._thread is not None and now < self._next_collection:
             self._collector.copy()
@@ -128,7 +128,7 @@ class Recorder:
         return taken
 
     def _is_free(self, size: int) -> bool:
-        """True if the last write has ended; it is waited for if too much is held. OSError if it failed."""
+        """True if the last write has ended; it is waited for if too much is held. Raises OSError if it failed."""
         if self._writing is not None and (self._writing.done() or size >= MAX_WAITING):
             self._settle()
         return self._writing is None
@@ -144,7 +144,7 @@ class Recorder:
             self._pending.append(block)
 
     def finish(self) -> None:
-        """Read and write the rest. OSError if it cannot be written."""
+        """Read and write the rest. Raises OSError if it cannot be written."""
         self._collect()
         self._settle()
         if self._pending:

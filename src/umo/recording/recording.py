@@ -84,7 +84,7 @@ class _Places(Sequence[_Place]):
 
 class Recording:
     """A file that `umo run --record` has written, with its later parts if it was rotated. It can be read while it is
-    written; it then contains the data that existed when it was opened. FramesError if it is not a recording.
+    written; it then contains the data that existed when it was opened. Raises FramesError if it is not a recording.
 
         with Recording("run.mcap") as recording:
             for block in recording.blocks():
@@ -179,7 +179,7 @@ class Recording:
 
     @cached_property
     def ended(self) -> bool:
-        """True if the end of the run is in it."""
+        """True if the recording contains the end of the run."""
         return self._scan.end is not None
 
     @cached_property
@@ -264,12 +264,12 @@ class Recording:
 
     @property
     def parts(self) -> list[Path]:
-        """Its files, in order."""
+        """The files of the recording, in order."""
         return [file.path for file in self._files]
 
     @property
     def commands_taken(self) -> int:
-        """Number of its commands, counted without reading them."""
+        """Number of commands in the recording, counted without reading them."""
         return self._scan.commands
 
     @property
@@ -279,7 +279,7 @@ class Recording:
 
     @property
     def periods(self) -> int:
-        """Number of its periods, counted without reading them."""
+        """Number of periods in the recording, counted without reading them."""
         return self._scan.periods
 
     @cached_property
@@ -319,7 +319,7 @@ class Recording:
 
     @property
     def events_told(self) -> int:
-        """Number of its events, counted without keeping them in memory."""
+        """Number of events in the recording, counted without keeping them in memory."""
         return self._scan.events
 
     @property
@@ -341,7 +341,7 @@ class Recording:
 
     @cached_property
     def damaged_end(self) -> str:
-        """Return why its end may be missing, as text; empty if nothing indicates that."""
+        """Return the reason why the end of the recording may be missing, as text; empty if nothing indicates that."""
         if self.lost_at_end:
             return f"{self.lost_at_end} frames at its end are damaged"
         return self.damage[-1] if not self.ended and self.damage else ""
@@ -422,7 +422,7 @@ class Recording:
 
 @contextmanager
 def _told_as_damaged(file: McapReader) -> Iterator[None]:
-    """FramesError where the description of a block is malformed."""
+    """Raise FramesError if the description of a block is malformed."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:

@@ -31,7 +31,7 @@ class OtherChannels(Protocol):
 
     @property
     def schemas(self) -> Sequence[Schema]:
-        """Their schemas."""
+        """The schemas of these channels."""
 
     @property
     def channels(self) -> Sequence[McapChannel]:
@@ -54,8 +54,8 @@ def utc_of(layout: Layout, frames: Frames) -> Times:
 
 
 class RecordingFile:
-    """A new file; OSError if it cannot be made or written. Added blocks are visible to umo's readers at once, and to
-    other readers when it is closed."""
+    """A new file. Raises OSError if it cannot be made or written. Added blocks are visible to umo's readers at once,
+    and to other readers when it is closed."""
 
     def __init__(self, path: Path, layout: Layout, others: OtherChannels | None = None, *, part: int = 1) -> None:
         self._layout, self._others = layout, others
@@ -131,8 +131,8 @@ class RecordingFile:
         return [exact.messages(), *([columns.messages()] if columns.times else []), *merged(parts)]
 
     def close(self, *, followed: bool = False) -> None:
-        """Write the summary for other readers, the number of periods, and whether another file follows. OSError if
-        there is no room for that."""
+        """Write the summary for other readers, the number of periods, and whether another file follows. Raises OSError
+        if there is no room for that."""
         told = {FOLLOWED: "yes"} if followed else {}
         self._writer.close([] if self._extent is None else [(EXTENT, self._extent.texts | told)])
 

@@ -30,7 +30,8 @@ class _Part:
 
 
 class RecordingParts:
-    """Writes blocks to the files of `path`. OSError if the first cannot be made; later errors come from `add`."""
+    """Writes blocks to the files of `path`. Raises OSError if the first cannot be made; later errors come from
+    `add`."""
 
     def __init__(
         self,
@@ -97,8 +98,9 @@ class RecordingParts:
             self.failed = f"{part.path} keeps everything: {text_of(error)}"
 
     def close(self) -> None:
-        """Close the files. No more blocks may follow. The work of threads is completed first. OSError if the end of the
-        last file cannot be stored: the file has all its periods, but other readers need `umo recording repair`."""
+        """Close the files. No more blocks may follow. The work of threads is completed first. Raises OSError if the end
+        of the last file cannot be stored: the file has all its periods, but other readers need `umo recording
+        repair`."""
         self._worker.shutdown()
         self._file.close()
 

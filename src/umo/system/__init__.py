@@ -1,1 +1,1 @@
-"""What the operating system offers: priorities, locks, counters, folders, clocks. Nothing here knows machines."""
+"""Access to the operating system: priorities, locks, counters, folders, clocks. This package does not know machines."""

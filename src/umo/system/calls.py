@@ -342,8 +342,8 @@ def unlock_mutex(mutex: Mutex) -> None:
 
 
 def lock_file(file: int | IO[bytes] | IO[str], *, shared: bool) -> bool:
-    """Lock an open file, if it is not locked by others (flock(2)). Return True if it is locked. Never waits. OSError if
-    it cannot be locked at all."""
+    """Lock an open file, if it is not locked by others (flock(2)). Return True if it is locked. Never waits. Raises
+    OSError if it cannot be locked at all."""
     try:
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -396,7 +396,7 @@ def _libc() -> ctypes.CDLL:
 
 
 def _checked(answer: int) -> int:
-    """Return the answer of a function of the C library. OSError if it is below 0."""
+    """Return the answer of a function of the C library. Raises OSError if it is below 0."""
     if answer < 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))

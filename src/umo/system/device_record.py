@@ -55,7 +55,7 @@ class Ended:
     state: str
     """`running` or `stopped`."""
     when: float
-    """Time at which it was written, s since 1970."""
+    """Time at which the record was written, s since 1970."""
     what: str = ""
     unreached: list[str] = field(default_factory=list)
     id: str = ""
@@ -63,7 +63,7 @@ class Ended:
     seen: list[str] = field(default_factory=list)
     """Records of other users that the writer has acknowledged."""
     user: str = ""
-    """User who wrote it, if another one."""
+    """User who wrote the record, if it was another user."""
     mine: bool = True
     began: float = 0.0
     """Time at which the run took its devices, s since 1970."""

@@ -139,7 +139,7 @@ late: set[_Stream] = set()
 
 def lost_lines(count: int) -> str:
     """Return the sentence which reports that this number of lines was dropped."""
-    return f"{count:,} line{'s were' if count != 1 else ' was'} lost: what reads them did not take them in time"
+    return f"{count:,} line{'s were' if count != 1 else ' was'} lost: their reader did not accept them in time"
 
 
 def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:

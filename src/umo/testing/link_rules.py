@@ -85,7 +85,7 @@ def not_started(trial: LinkTrial) -> None:
 
 
 def values(trial: LinkTrial) -> str:
-    """Each answer has the number of its request and the inputs of a later period; inhibited outputs stay at their
+    """Each answer contains the number of its request and the inputs of a later period; inhibited outputs stay at their
     defaults."""
     model, missing = trial.plan.model, set[str]()
     with trial.peer() as peer:

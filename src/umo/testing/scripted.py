@@ -17,7 +17,7 @@ Reading = Any
 
 @dataclass(frozen=True)
 class Call:
-    """One call of the driver: its number (from 0), the segment, and its arguments."""
+    """One call of the driver: its number (from 0), its segment, and its arguments."""
 
     number: int
     segment: str

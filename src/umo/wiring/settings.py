@@ -41,7 +41,8 @@ class SettingsError(OptionError):
 
 
 class TakenBy:
-    """How a value is converted: a function that returns it, or raises one of umo's errors. Used in `Annotated`."""
+    """The conversion of a value: a function that returns the converted value, or raises one of umo's errors. Used in
+    `Annotated`."""
 
     def __init__(self, take: Callable[[Any], Any]) -> None:
         self.take = take

@@ -66,7 +66,7 @@ Thing = ExactObject | Instance | Holding | MadeSequence | InnerFunction
 
 
 class Binding(NamedTuple):
-    """How a function binds a name. `resolve` returns the value."""
+    """A binding of a name in a function. `resolve` returns its value."""
 
     how: str
     node: Any

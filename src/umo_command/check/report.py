@@ -138,7 +138,7 @@ def _check_target(machine: Compound, file: Path | None, target: str | None) -> i
 
 
 def _check_name_of(target: str | None) -> None:
-    """OptionError for a target that there is not."""
+    """Raise OptionError for a target that there is not."""
     if target in (None, COMPILE):
         return
     from umo.generate.controller_folder import TARGETS

@@ -31,7 +31,9 @@ Hosts = Annotated[
 @command(
     epilog="Examples: umo connect certificate authority  |  umo connect certificate authority ~/fleet", status=STATUS
 )
-def authority(folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Default: ~/fleet.")] = DEFAULT) -> int:
+def authority(
+    folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder of the fleet; default: ~/fleet.")] = DEFAULT,
+) -> int:
     """Make the authority of a fleet, once. It is valid for 20 years.
 
     Whoever has the key in DIR/authority can make any certificate: keep it on one computer, and copy it to a safe

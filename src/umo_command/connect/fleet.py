@@ -69,7 +69,8 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float, je
 
 
 def _alone() -> int:
-    """A lock on the frames of this user, as two gateways would give each command twice; OptionError if it is taken."""
+    """A lock on the frames of this user, as two gateways would give each command twice. Raises OptionError if it is
+    taken."""
     lock = os.open(folder() / "fleet.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -111,7 +111,8 @@ def set_value(
 
 def _running(name: str, wiring: str | None, arguments: Sequence[str]) -> Reader | None:
     """The run that a name means (`meant_by`), None if the station does not run; with a wiring, if it does not run with
-    this one nor with one of its devices. FramesError if it may mean several, OptionError for options of its machine."""
+    this one nor with one of its devices. Raises FramesError if it may mean several, OptionError for options of its
+    machine."""
     if wiring is None and (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     found = meant_by(name, readers())

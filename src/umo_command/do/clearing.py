@@ -62,8 +62,8 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
 
 
 def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:
-    """The objects and compounds that paths and patterns name, those of a list one by one. PathError for one that names
-    nothing."""
+    """The objects and compounds that paths and patterns name, those of a list one by one. Raises PathError for one that
+    names nothing."""
     split = [path.split(".") for path in reader.paths]
     compounds = dict.fromkeys(".".join(names[:count]) for names in split for count in range(1, len(names)))
     found: dict[str, None] = {}
@@ -78,7 +78,7 @@ def _parts(reader: RunReader, paths: Sequence[str]) -> list[str]:
 
 def _equipment(reader: RunReader, paths: Sequence[str]) -> list[str]:
     """The equipment at and below the parts that paths and patterns name, and the innermost around a part that has none.
-    PathError for one that names nothing."""
+    Raises PathError for one that names nothing."""
     known = [str(entry["path"]) for entry in reader.layout.equipment]
     found: dict[str, None] = {}
     for part in _parts(reader, paths):

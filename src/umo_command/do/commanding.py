@@ -250,7 +250,7 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
 
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:
-    """An object of a station that runs; PathError if the path is not one's."""
+    """An object of a station that runs. Raises PathError if the path is not one's."""
     reader = station.reader
     if path not in reader.paths:
         if path in reader.tunables():

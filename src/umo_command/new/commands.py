@@ -109,9 +109,7 @@ def service(
     context: typer.Context,
     station: StationName,
     wiring: WiringName = None,
-    name: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Name of the unit; default: umo- and the station's.")
-    ] = None,
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the unit; default: umo-STATION.")] = None,
     as_: Annotated[
         str | None, typer.Option("--as", metavar="USER", help="User who runs it; default: the current user.")
     ] = None,

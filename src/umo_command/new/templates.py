@@ -115,7 +115,7 @@ def _class_of(name: str) -> str:
 
 
 def _write(texts: Mapping[Path, str]) -> None:
-    """Write the files, all or none; StationError if there is one already."""
+    """Write the files, all or none. Raises StationError if there is one already."""
     for file in texts:
         if file.exists():
             raise StationError(f"{file.name} exists; nothing was written")
@@ -124,7 +124,7 @@ def _write(texts: Mapping[Path, str]) -> None:
 
 
 def _check_module(name: str, folder: Path, kind: str) -> None:
-    """StationError for a name that a user's module cannot have. `kind`: the kind of module."""
+    """Raise StationError for a name that a user's module cannot have. `kind`: the kind of module."""
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
         near = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)  # MyCard
         near = re.sub(r"[^a-z0-9]+", "_", near.lower()).strip("_").lstrip("0123456789_")

@@ -62,7 +62,7 @@ def make(
     last: Annotated[
         float | None,
         time_option(
-            help="Flight recorder: keep the last '10 min'; saved if the run fails, or by umo recording save.",
+            help="Flight recorder: keep the last '10 min'; saved if the run fails, or with umo recording save.",
         ),
     ] = None,
     rotate: Annotated[float | None, time_option(help="Begin a new file after this time; default: 1 h.")] = None,

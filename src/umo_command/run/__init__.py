@@ -1,1 +1,1 @@
-"""`umo run`: a run, what stands beside it, and what it leaves behind."""
+"""`umo run`: a run, the processes beside it, and the files that it leaves."""

@@ -53,7 +53,7 @@ class Curve(NamedTuple):
     one: str
     """The state of a binary object that is drawn as 1."""
     column: int
-    """Its column in the rows."""
+    """Column of the curve in the rows."""
 
     @classmethod
     def of(cls, about: Described, column: int) -> Curve:

@@ -29,7 +29,7 @@ class ProcessBeside:
     def _begin(
         self, arguments: Sequence[str], path: Sequence[str], stdin: int | IO[bytes], pass_fds: Sequence[int] = ()
     ) -> None:
-        """OSError if it cannot be started."""
+        """Raise OSError if it cannot be started."""
         environ = dict(os.environ) | {"PYTHONPATH": os.pathsep.join(filter(None, path))} | ONE_THREAD
         notify.without(environ)
         self._process = subprocess.Popen(

@@ -230,7 +230,7 @@ class RunFolder:
 
     @classmethod
     def make(cls, plan: Plan) -> RunFolder:
-        """Make a new folder, with the facts of the run in `run.json`. NotRecorded if it cannot be written."""
+        """Make a new folder, with the facts of the run in `run.json`. Raises NotRecorded if it cannot be written."""
         now, job = datetime.now(), plan.job
         about: dict[str, Any] = {"station": plan.name, "wiring": job.wiring or plan.wiring_name or None}
         about |= {"options": job.options, "manual": job.manual, "until": job.until}

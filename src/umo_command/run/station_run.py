@@ -197,7 +197,7 @@ def _is_recorded(plan: Plan, record: Record) -> bool:
 
 
 def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOrder | None:
-    """Return the recording that the command line or the wiring requests, or None. OptionError for a mistake."""
+    """Return the recording that the command line or the wiring requests, or None. Raises OptionError for a mistake."""
     if not _is_recorded(plan, record):
         return None
     given = None if record.recording in (None, Path()) else record.recording

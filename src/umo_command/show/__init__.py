@@ -1,1 +1,1 @@
-"""`umo show`: what runs, and how it is doing."""
+"""`umo show`: shows the running stations and their state."""

@@ -169,7 +169,7 @@ def _fleet() -> FleetFeed:
 
 
 def _check(choice: ViewOptions, local: bool) -> None:
-    """PageError for options that do not fit one another."""
+    """Raise PageError for options that do not fit one another."""
     if choice.proxy is not None and not _is_origin(choice.proxy):
         raise PageError(f"--proxy {printable(choice.proxy)} is not an address such as https://cell.example")
     if not local and choice.token is None:

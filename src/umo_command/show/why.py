@@ -35,7 +35,7 @@ PERIODS_BEFORE = 2
 MAX_VERDICTS = 10
 """Number of missed periods that are explained, the latest ones."""
 PROFILED = "which function takes the time, in virtual time (docs/howto-late-periods.md):"
-"""Heading of the command that explains it."""
+"""Heading of the command that shows which function takes the time."""
 PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 

@@ -14,7 +14,7 @@ from umo_command.shared import finite, group
 command = group(
     "tune",
     "Develop",
-    "Change the numbers of a machine: tunable numbers, the gains of its laws, recipes, and what is kept.",
+    "Change the numbers of a machine: tunable numbers, the gains of its laws, recipes, and kept values.",
     "umo tune number ztheta  |  umo tune law furnace zones.3 --relay 10%  |  umo tune recipe batch",
 )
 

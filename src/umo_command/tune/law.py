@@ -161,7 +161,7 @@ def _found(order: TuningOrder, facts: LawFacts, response: MeasuredResponse) -> T
 
 
 def _running(name: str) -> Reader | None:
-    """The frames of the run of this name, if there is one; FramesError if there are several."""
+    """The frames of the run of this name, if there is one. Raises FramesError if there are several."""
     if (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     found = readers()
@@ -180,7 +180,7 @@ def _live(station: RemoteStation, place: str, order: TuningOrder) -> list[Tuning
     from umo.commissioning.tuning.tried_gains import check_tunable, trying
 
     if order.at is not None:
-        raise OptionError("--at is for a run of its own; this station runs")
+        raise OptionError("--at is for a simulated run of its own, but this station is running")
     with hinting(station.reader), leased(station, order.over):
         facts = facts_of(station, place, order.sensor, order.actuator)
         if not order.cascade:

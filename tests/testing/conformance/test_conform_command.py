@@ -311,7 +311,7 @@ def test_a_broken_rule_is_status_1_and_in_words(umo: Umo, press: Path, few_rules
 
 
 MISTAKES = {
-    "--driver cord": "no driver 'cord' (did you mean 'card'?) in the wiring: card, timerfd, simulated",
+    "--driver cord": "there is no driver 'cord' (did you mean 'card'?) in the wiring: card, timerfd, simulated",
     "--only out:7": "'out:7' is neither a channel of this driver nor an object wired to it (did you mean 'out:1'?)",
     "--loopback motor": "--loopback motor: give OUTPUT=INPUT",
     "--loopback back=motor": "--loopback back=motor: back must be an actuator and motor a channel that can be read",

@@ -47,7 +47,7 @@ class RefusalLimit:
 
 
 def arguments_of(text: Any) -> dict[str, Any]:
-    """The arguments of a command as a text: a JSON object, or empty for none. OptionError for another text."""
+    """The arguments of a command as a text: a JSON object, or empty for none. Raises OptionError for another text."""
     try:
         found = json.loads(text) if text else {}
     except (ValueError, TypeError, RecursionError):
@@ -58,7 +58,7 @@ def arguments_of(text: Any) -> dict[str, Any]:
 
 
 def asked_of(verb: Verb, text: Any) -> tuple[str, dict[str, Any]]:
-    """The path and the fields of a command whose path and arguments are one JSON object. OptionError for another
+    """The path and the fields of a command whose path and arguments are one JSON object. Raises OptionError for another
     text."""
     given = arguments_of(text)
     path = given.pop(PATH, "")

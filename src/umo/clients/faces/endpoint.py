@@ -41,7 +41,7 @@ class Endpoint:
             )
 
     def listening(self) -> socket.socket:
-        """A socket that listens; UmoError if the address cannot be used."""
+        """A socket that listens. Raises UmoError if the address cannot be used."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         try:
             return socket.create_server((self.host, self.port), family=family, backlog=64)
@@ -51,7 +51,7 @@ class Endpoint:
             raise UmoError(f"{self.host} port {self.port}: {words}{taken}") from None
 
     def context(self) -> ssl.SSLContext | None:
-        """Return the context for TLS, or None without a certificate. UmoError if the files are not valid."""
+        """Return the context for TLS, or None without a certificate. Raises UmoError if the files are not valid."""
         if self.certificate is None:
             return None
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)

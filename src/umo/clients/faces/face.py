@@ -68,8 +68,9 @@ class Commands(Protocol):
     """Gives the commands of a face's users to the machine. Every refusal is an `UmoError` as text."""
 
     async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
-        """Carry out a verb of `umo.operation.commands.verbs`, and return its result when it has ended. CommandRefused
-        if the face only reads or the user lacks the role; otherwise the error that the machine answers with."""
+        """Carry out a verb of `umo.operation.commands.verbs`, and return its result when it has ended. Raises
+        CommandRefused if the face only reads or the user lacks the role; otherwise the error that the machine answers
+        with."""
 
     def may(self, user: User, do: str, path: str = "") -> bool:
         """True if the face would now pass on this command of a user: the face accepts commands, and the user has the
@@ -89,7 +90,7 @@ class Face(ABC):
     """The address for clients, once it is open."""
 
     async def open(self) -> None:
-        """Called once, before anything else: open the server, or the connection. UmoError if that fails."""
+        """Called once, before anything else: open the server, or the connection. Raises UmoError if that fails."""
         return
 
     async def close(self) -> None:

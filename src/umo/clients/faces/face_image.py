@@ -89,7 +89,7 @@ class ChangeFilter:
     """
 
     def __init__(self, image: FaceImage, machine: Declaration, dead_bands: Mapping[str, float] = NO_BANDS) -> None:
-        """`dead_bands`: by path or pattern, in the unit of the item. OptionError, PathError for one that names
+        """`dead_bands`: by path or pattern, in the unit of the item. Raises OptionError, PathError for one that names
         nothing."""
         count = len(machine.items)
         self._image = image

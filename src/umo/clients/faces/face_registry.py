@@ -22,7 +22,7 @@ def known_faces() -> dict[str, str]:
 
 
 def find_face(name: str) -> type[Face]:
-    """The class of a face; OptionError if there is none of this name, FaceNotInstalled without its library."""
+    """The class of a face. Raises OptionError if there is none of this name, FaceNotInstalled without its library."""
     points = known_faces()
     place = name if ":" in name else points.get(name)
     if place is None:

@@ -51,8 +51,8 @@ class FaceSettings(FacesTable):
 def faces_settings(
     table: Mapping[str, Any], file: str = "wiring", changes: Mapping[str, Any] | None = None
 ) -> FaceSettings:
-    """Return the settings in the table `[faces]` of a wiring, overridden by those of a command line. SettingsError for
-    an invalid key or value."""
+    """Return the settings in the table `[faces]` of a wiring, overridden by those of a command line. Raises
+    SettingsError for an invalid key or value."""
     faces = {key: value for key, value in table.items() if key not in KEYS and isinstance(value, Mapping)}
     given = settings_of(FacesTable, {key: value for key, value in table.items() if key not in faces}, file, "faces")
     return FaceSettings(**vars(changed(given, changes, "faces")), options=faces, file=file)
@@ -78,8 +78,8 @@ def options_from(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
 def faces_of(
     settings: FaceSettings, names: Sequence[str], changes: Mapping[str, Mapping[str, Any]]
 ) -> list[tuple[str, Face]]:
-    """The faces with these names, made with their options; without names the faces of the settings. OptionError if one
-    cannot be made."""
+    """The faces with these names, made with their options; without names the faces of the settings. Raises OptionError
+    if one cannot be made."""
     chosen = list(names) or list(settings.options)
     if not chosen:
         raise OptionError(
@@ -96,8 +96,8 @@ def faces_of(
 
 
 def faces_present(settings: FaceSettings) -> tuple[FaceSettings, list[str]]:
-    """The settings without the faces whose libraries are not installed, and how to install these. OptionError for a
-    face that cannot be made."""
+    """The settings without the faces whose libraries are not installed, and how to install these. Raises OptionError
+    for a face that cannot be made."""
     options, missing = {}, []
     for name, given in settings.options.items():
         try:

@@ -187,7 +187,8 @@ class Gateway:
     # The lease -----------------------------------------------------------------------------------------
 
     async def _take_lease(self, who: str, *, anew: bool = False, over: bool = False) -> None:
-        """LeaseHeld if another client has it, unless it is taken over. `anew`: also if the face has it already."""
+        """Raise LeaseHeld if another client has it, unless it is taken over. `anew`: also if the face has it
+        already."""
         async with self._taking:
             if self._session.has_lease and not anew:
                 return

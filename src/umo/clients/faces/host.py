@@ -83,7 +83,7 @@ class FaceHost:
         self._found = asyncio.Event()
 
     async def run(self) -> None:
-        """Serve until cancelled. UmoError if a face cannot open its server at the start."""
+        """Serve until cancelled. Raises UmoError if a face cannot open its server at the start."""
         opened: list[Face] = []
         try:
             for name, face in self._faces:

@@ -34,7 +34,7 @@ HEAD = (
 
 
 class Authority:
-    """The authority in a folder. OptionError if there is none. `now`: the clock of certificates."""
+    """The authority in a folder. Raises OptionError if there is none. `now`: the clock of certificates."""
 
     def __init__(self, folder: Path, now: datetime | None = None) -> None:
         self.folder, self._now = folder, now or datetime.now(UTC)
@@ -43,7 +43,7 @@ class Authority:
 
     @classmethod
     def create(cls, folder: Path, now: datetime | None = None) -> Authority:
-        """Create the authority. OptionError if there is one already."""
+        """Create the authority. Raises OptionError if there is one already."""
         own = folder / AUTHORITY
         if own.exists():
             raise OptionError(f"{own} exists: a new authority would make every certificate of the old one useless")

@@ -29,7 +29,7 @@ def why_not(address: str, certificates: Path | None) -> str:
         with socket.create_connection((host, int(port)), TIME) as connection:
             if protocol == "tls" and certificates is not None:
                 return _greeted(connection, host, certificates)
-            return "somebody answers there who does not speak plain tcp: a fleet with certificates has tls/HOST:PORT"
+            return "the peer does not speak plain tcp; a fleet with certificates uses tls/HOST:PORT"
     except ConnectionRefusedError:
         return NOBODY_ANSWERS
     except socket.gaierror:

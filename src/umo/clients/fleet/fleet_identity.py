@@ -32,7 +32,7 @@ class Identity:
 
     @property
     def until(self) -> str:
-        """The day on which it expires."""
+        """The day on which the certificate expires."""
         return day(self.expires)
 
     def is_soon_over(self, now: float) -> bool:
@@ -40,8 +40,8 @@ class Identity:
 
 
 def identity_of(folder: Path, now: float | None = None) -> Identity:
-    """Return the owner of a certificate. OptionError if a file is missing, or if the certificate is not one of a fleet
-    or not valid at `now` (UTC in s)."""
+    """Return the owner of a certificate. Raises OptionError if a file is missing, or if the certificate is not one of a
+    fleet or not valid at `now` (UTC in s)."""
     for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE):
         if not (folder / name).is_file():
             raise OptionError(f"{folder} has no {name}; `umo connect certificate` makes it")
@@ -61,7 +61,7 @@ def identity_of(folder: Path, now: float | None = None) -> Identity:
 
 
 def read_certificate(file: Path) -> Any:
-    """Read a certificate in PEM. OptionError if the file has none."""
+    """Read a certificate in PEM. Raises OptionError if the file has none."""
     from cryptography import x509
 
     try:

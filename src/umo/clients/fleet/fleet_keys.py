@@ -43,7 +43,7 @@ EVERY = StationKey(ANY, ANY)
 
 
 def station_key(text: str) -> StationKey:
-    """The station that `SITE/STATION` names; OptionError if the text does not name one."""
+    """The station that `SITE/STATION` names. Raises OptionError if the text does not name one."""
     site, slash, station = text.partition("/")
     if not (slash and _SEGMENT.fullmatch(site) and _SEGMENT.fullmatch(station)):
         raise OptionError(

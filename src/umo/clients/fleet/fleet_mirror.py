@@ -60,7 +60,7 @@ LOOK_INTERVAL = 0.02
 
 
 class FleetReader(Reader):
-    """A reader of a mirror, which ends with it."""
+    """A reader of a mirror, which ends when the mirror ends."""
 
     def __init__(self, path: Path, ends: RunDescriptors, end: Callable[[], None]) -> None:
         super().__init__(path, ends)
@@ -72,7 +72,7 @@ class FleetReader(Reader):
 
 
 class FleetMirror:
-    """FramesError if the station does not declare itself. The mirror closes the session at its end."""
+    """Raise FramesError if the station does not declare itself. The mirror closes the session at its end."""
 
     def __init__(self, session: zenoh.Session, key: StationKey, user: str) -> None:
         self.key = key
@@ -293,12 +293,12 @@ def _age_in(facts: dict[str, Any]) -> float:
 
 
 def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:
-    """The declaration of a station; FramesError if it does not answer."""
+    """The declaration of a station. Raises FramesError if it does not answer."""
     return answer_of(session, key, keys.DECLARATION)
 
 
 def answer_of(session: zenoh.Session, key: StationKey, kind: str) -> bytes:
-    """Return the answer of a station to a query of one kind. FramesError if it does not answer."""
+    """Return the answer of a station to a query of one kind. Raises FramesError if it does not answer."""
     for reply in session.get(key.key(kind), timeout=ANSWER_TIME):
         if reply.ok is not None:
             return bytes(reply.ok.payload)

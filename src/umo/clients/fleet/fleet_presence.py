@@ -31,7 +31,8 @@ class FleetStation:
 
     key: StationKey
     status: Mapping[str, Any] = field(default_factory=dict)
-    """Its last status (`umo.clients.fleet.station_publisher.status_of`), or empty if there is none yet."""
+    """The last status of the station (`umo.clients.fleet.station_publisher.status_of`), or empty if there is none
+    yet."""
     told: float = 0.0
     """Time of its last status, s of the monotonic clock."""
     lost: float | None = None

@@ -27,7 +27,8 @@ READS = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
 @contextmanager
 def asked(folder: Path, sql: str, last: float | None = None, now: datetime | None = None) -> Iterator[Any]:
     """A context with the answer, a cursor of DuckDB; while it is open no files of the folder are merged. `last`: read
-    only files of this last time in s. OptionError for a mistake in the query, and for a folder without history."""
+    only files of this last time in s. Raises OptionError for a mistake in the query, and for a folder without
+    history."""
     if not any((folder / kind).is_dir() for kind in SCHEMAS):
         raise OptionError(f"{folder} has no history of a fleet; `umo recording history {folder}` writes it")
     oldest = "" if last is None else _hour_of((now or datetime.now(UTC)) - timedelta(seconds=last))

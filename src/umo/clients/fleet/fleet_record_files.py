@@ -55,8 +55,8 @@ class HourFile:
 
 
 class RecordFolder:
-    """The folder of one recorder. OptionError if another recorder uses it. `say` is called with notices about files
-    that cannot be read."""
+    """The folder of one recorder. Raises OptionError if another recorder uses it. `say` is called with notices about
+    files that cannot be read."""
 
     def __init__(self, root: Path, say: Callable[[str], object]) -> None:
         root.mkdir(parents=True, exist_ok=True)
@@ -84,7 +84,7 @@ class RecordFolder:
     # Writing -------------------------------------------------------------------------------------------
 
     def write(self, kind: str, key: StationKey, rows: pa.Table, runs: Runs, hour: str) -> None:
-        """Add a part to an hour; OSError if that fails."""
+        """Add a part to an hour. Raises OSError if that fails."""
         place = self.place(kind, key)
         number = self._number(place, hour)
         path = place / f"{hour}.{number:08}.parquet"

@@ -79,7 +79,7 @@ class FollowedRun:
     # Deltas --------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes) -> None:
-        """Take a delta of this run. FramesError if it does not fit."""
+        """Take a delta of this run. Raises FramesError if it does not fit."""
         if not self._waiting and self._follow(data):
             return
         self._waiting.append(data)
@@ -136,7 +136,7 @@ class FollowedRun:
     # The declaration -----------------------------------------------------------------------------------
 
     def take_declaration(self, data: bytes) -> None:
-        """Take the declaration. FramesError if it is of another run, or incomplete."""
+        """Take the declaration. Raises FramesError if it is of another run, or incomplete."""
         about, described, words, rest = unpacked(data)
         facts = json.loads(about)
         if facts["run"] != self.name:

@@ -100,7 +100,7 @@ class FleetRules:
 
     @classmethod
     def load(cls, file: Path) -> FleetRules:
-        """OptionError if the file is missing or wrong."""
+        """Raise OptionError if the file is missing or wrong."""
         if (found := read_settings(RulesFile, file, MAX_BYTES)) is None:
             raise OptionError(
                 f"{file} is missing: without rules no certificate proves a name; copy it from the authority's folder"
@@ -109,7 +109,7 @@ class FleetRules:
 
     @classmethod
     def parse(cls, text: str, file: Path) -> FleetRules:
-        """OptionError for a mistake in it."""
+        """Parse a file of rules. Raises OptionError for a mistake."""
         return cls._of(settings_in(RulesFile, text.encode(), file))
 
     @classmethod

@@ -92,8 +92,9 @@ def _is_loopback(address: str) -> bool:
 
 
 def rules_of(network: FleetNetwork, mode: str) -> dict[str, Any] | None:
-    """The access control of a process that listens. OptionError if a network with certificates has no rules, because
-    then no name is proved. A connected client relies on the rules of the router, whose certificate proves its host."""
+    """The access control of a process that listens. Raises OptionError if a network with certificates has no rules,
+    because then no name is proved. A connected client relies on the rules of the router, whose certificate proves its
+    host."""
     if mode == "client":
         return None
     if network.is_proved and network.certificates is not None:
@@ -140,8 +141,8 @@ def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
 
 
 def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.Session:
-    """Open a session. FleetAway if the router does not answer; UmoError if the address is taken, or a certificate is
-    wrong."""
+    """Open a session. FleetAway if the router does not answer. Raises UmoError if the address is taken, or a
+    certificate is wrong."""
     settings = settings_of(network, mode)
     config = zenoh.Config()
     try:

@@ -81,7 +81,7 @@ class FleetSettings:
         return f"{publish}; the router must have started with rules for {identity}"
 
     def require(self, kind: str) -> None:
-        """Check the kind of the certificate. OptionError if it is of another kind."""
+        """Check the kind of the certificate. Raises OptionError if it is of another kind."""
         identity = self.network.identity
         if identity is not None and identity.kind != kind:
             raise OptionError(
@@ -97,7 +97,7 @@ def place() -> Path:
 
 def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> FleetSettings:
     """The settings of the file (default: that of this user; a missing one is empty), with what a command line changes.
-    OptionError for a mistake in either."""
+    Raises OptionError for a mistake in either."""
     given = read_settings(FleetFile, place() if file is None else file, MAX_BYTES) or FleetFile()
     wanted: dict[str, Any] = {
         key: str(value) if isinstance(value, Path) else value for key, value in (changes or {}).items() if value

@@ -32,8 +32,8 @@ class Credentials:
 
     @classmethod
     def load(cls, given: JetStreamTable, environ: Mapping[str, str]) -> Credentials:
-        """The credentials in the environment, or else in the table [jetstream] of fleet.toml. OptionError for a file
-        that does not exist, or that others may read."""
+        """The credentials in the environment, or else in the table [jetstream] of fleet.toml. Raises OptionError for a
+        file that does not exist, or that others may read."""
         file = environ.get(f"{_ENVIRONMENT}CREDENTIALS") or given.credentials
         user = environ.get(f"{_ENVIRONMENT}USER") or given.user
         password = environ.get(f"{_ENVIRONMENT}PASSWORD")

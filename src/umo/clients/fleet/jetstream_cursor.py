@@ -19,7 +19,7 @@ MOST_EVENTS = 100
 
 
 class OutgoingMessage(NamedTuple):
-    """`next`: the number that follows what is in it."""
+    """A message for the stream. `next`: the number that follows its data."""
 
     kind: str
     subject: str

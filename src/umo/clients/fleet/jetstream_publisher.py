@@ -137,7 +137,7 @@ class JetStreamPublisher:
     def _tell_too_large(self, cursor: JetStreamCursor, message: OutgoingMessage) -> None:
         if message.subject not in self._too_large:
             self._too_large.add(message.subject)
-            self._say(f"{cursor.key}: a message of {len(message.data):,} bytes is more than the JetStream takes "
+            self._say(f"{cursor.key}: a message of {len(message.data):,} bytes is more than the JetStream accepts "
                       "(max_payload of the server)")  # fmt: skip
 
     def _tell_lost(self) -> None:

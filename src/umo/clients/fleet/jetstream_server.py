@@ -100,7 +100,7 @@ class JetStreamServer:
         self.context()
 
     def context(self) -> ssl.SSLContext | None:
-        """The context for TLS, in which both ends prove who they are. OptionError if the certificates cannot be
+        """The context for TLS, in which both ends prove who they are. Raises OptionError if the certificates cannot be
         used."""
         if not self.url.startswith("tls:") or self.certificates is None:
             return None
@@ -195,7 +195,8 @@ def why(error: BaseException) -> str:
 def load(
     url: str, certificates: Path | None, table: JetStreamTable, environ: Mapping[str, str] = os.environ
 ) -> JetStreamServer:
-    """The server as the table [jetstream] and the environment describe it. OptionError for a mistake in either."""
+    """The server as the table [jetstream] and the environment describe it. Raises OptionError for a mistake in
+    either."""
     return JetStreamServer(url, certificates, Credentials.load(table, environ), table.keep, table.bytes)
 
 

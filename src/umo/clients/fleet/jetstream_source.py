@@ -41,7 +41,7 @@ from umo.clients.fleet.run_feed import RunFeed
 BATCH = 500
 """Number of messages requested at a time."""
 WAIT = 0.5
-"""Time in s to wait for them."""
+"""Time in s to wait for messages."""
 ROOM_WAIT = 0.1
 """Time in s between two checks whether there is room."""
 CONSUMER_FILE = ".jetstream"

@@ -14,7 +14,7 @@ def packed(*parts: bytes) -> bytes:
 
 
 def unpacked(data: bytes) -> list[bytes]:
-    """Return the parts of a message. FramesError if it is incomplete."""
+    """Return the parts of a message. Raises FramesError if it is incomplete."""
     try:
         (count,) = struct.unpack_from("<I", data)
         if count > MAX_PARTS:

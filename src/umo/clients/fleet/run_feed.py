@@ -23,7 +23,7 @@ SILENCE, LONGEST_SILENCE = 2.0, 8.0
 """Shortest and longest time in s without data of a run after which its gateway is asked whether the run has
 continued."""
 AHEAD = 1000
-"""The origin of a delta is unknown if its number exceeds the last number of its gateway by more than this."""
+"""Largest lead of a delta's number over the last number of its gateway; with a larger one its origin is unknown."""
 MAX_HELD = 8 << 20
 """Largest number of bytes of deltas that wait for earlier ones; later deltas are requested again."""
 
@@ -57,7 +57,8 @@ class RunFeed:
     # What comes ----------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes, now: float) -> bool:
-        """Take a delta as it was published. Return False if it arrived before. FramesError if it is malformed."""
+        """Take a delta as it was published. Return False if it arrived before. Raises FramesError if it is
+        malformed."""
         head = peek(data)
         if head.number < self.delta:
             return False
@@ -86,8 +87,8 @@ class RunFeed:
             self._add_events(events)
 
     def take_past(self, data: bytes) -> None:
-        """Take the answer to a request: the data that the gateway has from the requested number on. FramesError if it
-        is malformed."""
+        """Take the answer to a request: the data that the gateway has from the requested number on. Raises FramesError
+        if it is malformed."""
         about, *deltas = unpacked(data)
         facts = json.loads(about)
         before = self.delta, self.event

@@ -127,7 +127,7 @@ class WordFrame:
         return places.astype(self._index), words[places]
 
     def parse(self, data: bytes) -> Delta:
-        """Parse a message. FramesError if it does not fit this run."""
+        """Parse a message. Raises FramesError if it does not fit this run."""
         try:
             run, number, events, count, rest, flags = HEADER.unpack_from(data)
             full, at = bool(flags & FULL), HEADER.size
@@ -174,7 +174,7 @@ class Head(NamedTuple):
 
 
 def peek(data: bytes) -> Head:
-    """Return the beginning of a message. FramesError if it is not a delta."""
+    """Return the beginning of a message. Raises FramesError if it is not a delta."""
     if len(data) < HEADER.size:
         raise FramesError(f"{len(data)} bytes are not a delta")
     run, number, events, _, _, flags = HEADER.unpack_from(data)

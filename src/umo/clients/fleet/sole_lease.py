@@ -19,7 +19,7 @@ class SoleLease(Gateway):
 
     async def take_lease(self, user: User, *, over: bool = False) -> int:
         """Take the lease for one user, who alone commands as long as `user.is_alive` returns True. Return the number of
-        the lease. LeaseHeld if another has it, unless it is deliberately taken over."""
+        the lease. Raises LeaseHeld if another has it, unless it is deliberately taken over."""
         if (refusal := super()._refusal(user, TUNE.name, "")) is not None:  # the least that one needs it for
             raise CommandRefused(refusal)
         owner = self.owner

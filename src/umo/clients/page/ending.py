@@ -26,7 +26,7 @@ class BoxInWords(NamedTuple):
     """Name of the file, or empty if there is none."""
     text: str = ""
     reason: str = ""
-    """The reason why it was written."""
+    """The reason why the black box was written."""
 
 
 def newest_box(about: Mapping[str, Any], known: BoxInWords) -> BoxInWords:

@@ -33,7 +33,7 @@ class Extremes:
         self.greatest = np.fmax(self.greatest, np.fmax.reduce(values, axis=0))
 
     def behind(self, first: Extremes) -> Extremes:
-        """Return these extremes appended to others, as for one machine."""
+        """Return these extremes appended to others, as if both belonged to one machine."""
         both = Extremes(0, 0)
         both.least = np.concatenate([first.least, self.least])
         both.greatest = np.concatenate([first.greatest, self.greatest])

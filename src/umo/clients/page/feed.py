@@ -109,7 +109,7 @@ class Feed:
             self.watched.pop(name).close()
 
     async def open_elsewhere(self, name: str) -> None:
-        """Watch a station of the fleet. FramesError if it does not answer."""
+        """Watch a station of the fleet. Raises FramesError if it does not answer."""
         before = self.watched.get(name)
         if self.fleet is None or (before is not None and not before.ended):
             return

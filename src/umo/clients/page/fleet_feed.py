@@ -19,7 +19,7 @@ UNSEEN_TIME = 10.0
 
 
 class FleetFeed:
-    """Joins the fleet. UmoError if it cannot be reached, or its settings are wrong."""
+    """Joins the fleet. Raises UmoError if it cannot be reached, or its settings are wrong."""
 
     def __init__(self) -> None:
         self._settings = fleet_settings.load()
@@ -33,14 +33,14 @@ class FleetFeed:
         return [_row(station, now) for station in self._presence.stations()]
 
     def watched(self, name: str) -> Watched:
-        """A mirror of a station; it may take some seconds. FramesError if it does not answer."""
+        """A mirror of a station; it may take some seconds. Raises FramesError if it does not answer."""
         reader = find(name, self._settings)
         reader.skip_older_half()
         return Watched(reader)
 
     def twin(self, name: str) -> dict[str, Any] | None:
-        """The description of a station's twin, or its mistake as `error`, or None if it declares none. FramesError if
-        it does not answer."""
+        """The description of a station's twin, or its mistake as `error`, or None if it declares none. Raises
+        FramesError if it does not answer."""
         found = json.loads(answer_of(self._session, station_key(name), TWIN))
         return found if isinstance(found, dict) else None
 

@@ -43,8 +43,8 @@ Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
 class PageClient:
-    """The client of one page of a visitor, for one run. `tell` sends a message to the page. FramesError if the run has
-    ended."""
+    """The client of one page of a visitor, for one run. `tell` sends a message to the page. Raises FramesError if the
+    run has ended."""
 
     def __init__(self, watched: Watched, feed: Feed, visitor: Visitor, tell: Tell) -> None:
         self.watched = watched

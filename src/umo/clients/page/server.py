@@ -148,7 +148,8 @@ def _hashes(html: str) -> str:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket. OSError if the port is in use, or the address does not belong to this computer."""
+    """Return a listening socket. Raises OSError if the port is in use, or the address does not belong to this
+    computer."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     return socket.create_server((host, port), family=family)
 

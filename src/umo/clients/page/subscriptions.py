@@ -43,7 +43,7 @@ class BadRequest(ValueError):
 
 
 def columns_of(watched: Watched, paths: Any) -> list[int]:
-    """The columns of the history; BadRequest for an unknown path."""
+    """The columns of the history. Raises BadRequest for an unknown path."""
     if not isinstance(paths, list) or len(paths) > MAX_TRACES:
         raise BadRequest(f"give a list of up to {MAX_TRACES} paths")
     for path in paths:
@@ -53,7 +53,7 @@ def columns_of(watched: Watched, paths: Any) -> list[int]:
 
 
 def number(message: dict[str, Any], name: str, default: float = 0.0) -> float:
-    """Return a finite number of a message. BadRequest for anything else."""
+    """Return a finite number of a message. Raises BadRequest for anything else."""
     value = message.get(name, default)
     with suppress(OverflowError):  # a whole number beyond all floats
         if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):

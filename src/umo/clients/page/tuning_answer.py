@@ -20,7 +20,7 @@ LONGEST = 3600.0
 
 class TuningQuestion:
     """A page asks for the gains of a law from the history. `message`: `facts` as the law's action `law` returns them,
-    `start`, `stop` (s), `relay`. BadRequest for an invalid message."""
+    `start`, `stop` (s), `relay`. Raises BadRequest for an invalid message."""
 
     def __init__(self, watched: Watched, message: dict[str, Any]) -> None:
         try:

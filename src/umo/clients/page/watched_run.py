@@ -50,12 +50,12 @@ class Watched:
         self.name = self.station
         """Name of this run on the page; two runs of one station have different names."""
         self.is_elsewhere = "site" in reader.about
-        """True if it runs on another computer, and this is its mirror."""
+        """True if the run is on another computer, and this object is its mirror."""
         self.run = f"{self.about['pid']}-{reader.about['started']}" if self.is_elsewhere else self.path.name
         self.jumps = 0
-        """How often the time of a recording jumped back or forward."""
+        """Number of times that the time of a recording jumped back or forward."""
         self.viewers = 0
-        """Number of pages that show it."""
+        """Number of pages that show this run."""
         self.entries = reader.layout.described.traced
         self.columns = {each.path: column for column, each in enumerate(self.entries)}
         self.period = float(self.about["period"])
@@ -71,7 +71,7 @@ class Watched:
         self.twin = own or (self.is_elsewhere and bool(reader.about.get("twin")))
         self.stage = reader.state
         self.number = 0
-        """Number of the state; the next one is made when a page requests it."""
+        """Number of the state; the next state is made when a page requests one."""
         self._taken = 0
         """The number of the state that was made last."""
         self.box = BoxInWords()
@@ -105,7 +105,7 @@ class Watched:
         return None if self.is_elsewhere else place_of(self.reader.layout)
 
     def own_twin(self) -> dict[str, Any] | None:
-        """The description of the twin of this computer. UmoError if its declaration is wrong."""
+        """The description of the twin of this computer. Raises UmoError if its declaration is wrong."""
         return None if self.twin_place is None else twin_of(self.reader.layout, self.twin_place)
 
     def read(self) -> None:

@@ -98,8 +98,8 @@ class RemoteStation(Commander, RemotePart):
         """Show a table of the values here in the notebook, and keep it up to date. `paths`: of objects, compounds,
         signals, or patterns such as "zones.*.heater"; default: all.
 
-        It ends with the station, with its `stop()`, or with this program. PathError for an unknown path; FramesError
-        outside of a notebook, or if the station has ended.
+        It ends with the station, with its `stop()`, or with this program. Raises PathError for an unknown path;
+        FramesError outside of a notebook, or if the station has ended.
         """
         return LiveView(self.reader, lambda own: partial(own.html, paths))
 
@@ -107,7 +107,7 @@ class RemoteStation(Commander, RemotePart):
         """Show objects and signals against time here in the notebook, as they change. `seconds` is the span, up to 300.
 
         Numbers of one unit share a lane; binary objects are bars. No peak is lost: least and greatest value are drawn
-        for each pixel. It ends, and fails, like `live`; RangeError for another span. At most 16 traces.
+        for each pixel. It ends, and fails, like `live`. Raises RangeError for another span. At most 16 traces.
         """
         return LiveView(self.reader, lambda own: Scope(own, paths, seconds).draw)
 
@@ -142,8 +142,8 @@ class RemoteStation(Commander, RemotePart):
 
     def acknowledge_alarm(self, path: str = "") -> str:
         """Acknowledge an alarm, or the alarms of an object or compound, of a pattern, or, with "", all. Returns a text
-        such as "acknowledged: tank.overfill". CommandRefused if a single alarm needs no acknowledgement, PathError if
-        there is none. This and the following methods need the lease, and are possible in any mode."""
+        such as "acknowledged: tank.overfill". Raises CommandRefused if a single alarm needs no acknowledgement,
+        PathError if there is none. This and the following methods need the lease, and are possible in any mode."""
         return str(self.carry_out(ACKNOWLEDGE_ALARM, path))
 
     def reset_alarm(self, path: str = "") -> str:
@@ -151,7 +151,7 @@ class RemoteStation(Commander, RemotePart):
         return str(self.carry_out(RESET_ALARM, path))
 
     def shelve(self, path: str, time: str | float) -> str:
-        """Shelve alarms for a time in s, or such as "10 min"; at most 7 days. RangeError for another time."""
+        """Shelve alarms for a time in s, or such as "10 min"; at most 7 days. Raises RangeError for another time."""
         return str(self.carry_out(SHELVE, path, {"time": time}))
 
     def unshelve(self, path: str) -> str:

@@ -43,7 +43,7 @@ class Hold:
 
     who: str
     lasts: float
-    """Time in s without a sign of life after which the machine ends it."""
+    """Time in s without a sign of life after which the machine ends the hold."""
     next: int
     """Number of the next event that may report its end."""
     is_alive: Callable[[], bool]
@@ -122,14 +122,14 @@ class ClientSession:
         return min(DEAD_MAN_TIME, self._expires.get(path) or DEAD_MAN_TIME)
 
     def _send(self, command: dict[str, Any]) -> int:
-        """Its number. CommandRefused if the queue is full, FramesError if the run has ended."""
+        """Its number. Raises CommandRefused if the queue is full, FramesError if the run has ended."""
         cells = self._open_cells()
         if self._sender is None:
             self._sender = Sender(self.reader, cells)
         return self._sender.send(command)
 
     def _open_cells(self) -> ClientMemory:
-        """FramesError if the station has ended or takes no commands."""
+        """Raise FramesError if the station has ended or takes no commands."""
         reader = self.reader
         if not self.running:
             raise FramesError(f"{reader.about['station']} has ended")
@@ -215,8 +215,8 @@ class PendingCommand:
         """Time at which it was sent, ns."""
 
     def send(self) -> None:
-        """Send the command. CommandRefused if the queue stays full for a second, or if the command is malformed;
-        FramesError if the run has ended."""
+        """Send the command. Raises CommandRefused if the queue stays full for a second, or if the command is malformed.
+        Raises FramesError if the run has ended."""
         try:
             self.number = self._session._send(self._command)
         except BaseException:
@@ -227,7 +227,8 @@ class PendingCommand:
             self._hold.command = self.number
 
     def look(self) -> list[Event]:
-        """Return new answers. CommandRefused if none has arrived in time, FramesError if none can arrive any more."""
+        """Return new answers. Raises CommandRefused if none has arrived in time, FramesError if none can arrive any
+        more."""
         reader = self._session.reader
         ended = reader.state is Stage.ENDED  # before the events: the last of them may be the answer
         events = reader.events(self._next)

@@ -55,9 +55,9 @@ class Commander:
 
     def do(self, verb: str, path: str = "", /, **arguments: Any) -> Any:
         """Give any verb of docs/verbs.md by its name, such as `station.do("shelve", "tank.overfill", time="10 min")`,
-        and return its result. A hold lasts until `do("let go", path)`, or until the lease ends. CommandRefused for a
-        name that is not a verb, RangeError for wrong arguments, otherwise the error that the machine answers with. The
-        row of the verb tells whether it needs the lease."""
+        and return its result. A hold lasts until `do("let go", path)`, or until the lease ends. Raises CommandRefused
+        for a name that is not a verb, RangeError for wrong arguments, otherwise the error that the machine answers
+        with. The row of the verb tells whether it needs the lease."""
         found = verb_of(verb)
         if found is None:
             raise CommandRefused(f"there is no command {verb!r}{did_you_mean(verb, VERBS)}")
@@ -108,8 +108,8 @@ class HeldLease:
     """`with station.lease("commissioning"):`. Only its holder commands the station.
 
     A thread renews it and the holds (`ClientSession.keep`), until the block ends. If this process dies, the lease ends
-    after `seconds`, and the actuators that it held go to their defaults. RangeError for other `seconds` than a lease
-    may last.
+    after `seconds`, and the actuators that it held go to their defaults. Raises RangeError for other `seconds` than a
+    lease may last.
     """
 
     def __init__(self, station: Commander, who: str, seconds: float, over: bool) -> None:
@@ -132,7 +132,7 @@ class HeldLease:
         return self._station.session.held
 
     def __enter__(self) -> HeldLease:
-        """Take the lease. LeaseHeld if another client has it; its text names the argument that takes it over."""
+        """Take the lease. Raises LeaseHeld if another client has it; its text names the argument that takes it over."""
         station = self._station
         try:
             if station.session.has_lease and station.held_lease is not None:

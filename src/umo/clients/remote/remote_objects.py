@@ -148,7 +148,7 @@ class RemoteObject:
 
     @property
     def actuator(self) -> bool:
-        """True if it can be written."""
+        """True if the object can be written."""
         return self._about.is_actuator
 
     @property

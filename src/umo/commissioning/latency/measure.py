@@ -38,7 +38,7 @@ class Samples:
 
     @property
     def busy(self) -> float:
-        """The share of a processor that it used."""
+        """The share of a processor that the loop used."""
         return self.processor / self.elapsed if self.elapsed else 0.0
 
     @property

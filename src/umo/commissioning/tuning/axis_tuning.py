@@ -37,7 +37,7 @@ class AxisModel:
     identified: Identified
     """The first-order model from the output without friction and offset to the velocity."""
     velocities: MeasuredResponse
-    """The response from which it was found."""
+    """The response from which the model was found."""
     friction: float
     """Output that overcomes dry friction."""
     offset: float
@@ -69,7 +69,8 @@ class AxisModel:
 
 
 def identify_axis(response: MeasuredResponse, sign: float = 0.0) -> AxisModel:
-    """Identify an axis from moves in both directions. RangeError if it did not move enough, or if no model fits."""
+    """Identify an axis from moves in both directions. Raises RangeError if it did not move enough, or if no model
+    fits."""
     velocity, acceleration, output = _smoothed(response)
     moving = np.abs(velocity) > MOVING * np.abs(velocity).max()
     if np.count_nonzero(moving) < LEAST_MOVING or not (velocity[moving] > 0.0).any() or (velocity[moving] > 0.0).all():

@@ -85,7 +85,7 @@ class Identified:
 
 def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(STRUCTURES), sign: float = 0.0) -> Identified:
     """The simplest model that describes the response about as well as any, and all that do. `sign`: the sign of its
-    gain, if known. RangeError if no model does."""
+    gain, if known. Raises RangeError if no model does."""
     response = response.thinned()
     fits = [each for kind in kinds if (each := fit_model(kind, response, sign)) is not None]
     best = min(fits, key=lambda each: each.cost, default=None)

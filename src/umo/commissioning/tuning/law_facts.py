@@ -38,7 +38,7 @@ class LawFacts:
 
     @classmethod
     def of(cls, told: Mapping[str, Any], sensor: str = "", actuator: str = "") -> LawFacts:
-        """Make the facts from the result of the action `law`; `sensor` and `actuator` have priority. ValueError,
+        """Make the facts from the result of the action `law`; `sensor` and `actuator` have priority. Raises ValueError,
         TypeError or KeyError for another result."""
         present = Gains(**{name: inf if told[name] is None else float(told[name]) for name in SETTINGS})
         ends = sensor or str(told["sensor"]), actuator or str(told["actuator"])
@@ -65,8 +65,8 @@ class LawFacts:
         return head if last.isdigit() and head else self.law
 
     def described(self, objects: Iterable[Described]) -> LawFacts:
-        """Return the facts with units and ranges from the descriptions of the objects and signals. PathError if sensor
-        or actuator is not among them."""
+        """Return the facts with units and ranges from the descriptions of the objects and signals. Raises PathError if
+        sensor or actuator is not among them."""
         known = {each.path: each for each in objects}
         found: list[Described] = []
         for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):

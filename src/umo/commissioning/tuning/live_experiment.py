@@ -39,7 +39,7 @@ class CollectedSamples:
         self._history.add_frames(self._reader.read(), self._places)
 
     def response(self, start: float = -np.inf, stop: float = np.inf) -> MeasuredResponse:
-        """Return the response between these times, s. RangeError if there are too few samples."""
+        """Return the response between these times, s. Raises RangeError if there are too few samples."""
         return MeasuredResponse.of_history(self._history, range(len(self._places)), start, stop)
 
     def close(self) -> None:
@@ -47,7 +47,7 @@ class CollectedSamples:
 
 
 def facts_of(station: RunningStation, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
-    """Return the facts of the law at this path. It needs the lease. PathError if there is no law."""
+    """Return the facts of the law at this path. It needs the lease. Raises PathError if there is no law."""
     told = station.carry_out(CALL, f"{place}.law")
     layout = station.reader.layout
     return LawFacts.of(told, sensor, actuator).described(layout.described.traced)
@@ -81,8 +81,8 @@ def experiment(
 def moves(
     station: RunningStation, facts: LawFacts, distance: float, show: Callable[[], object] = lambda: None
 ) -> MeasuredResponse:
-    """Move an axis by this distance and back, twice, under the lease. RangeError if it does not fit in the range of the
-    axis; the other errors are those of `move_to`."""
+    """Move an axis by this distance and back, twice, under the lease. Raises RangeError if it does not fit in the range
+    of the axis; the other errors are those of `move_to`."""
     axis, samples = facts.law.rpartition(".")[0], CollectedSamples(station, facts)
     start = float(station[facts.sensor].read())
     low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds

@@ -1,6 +1,6 @@
-"""Stability margins of a loop of a `PID` of umo and a process, or any of several processes, from frequency responses
-with their sampling; stability by Nyquist's criterion (Astrom and Murray, Feedback Systems, 2021, sections 10.2 and
-10.3)."""
+"""Computes the stability margins of a loop of umo's `PID` and a process, or the worst of several processes, from
+frequency responses that include the sampling. Stability is checked by Nyquist's criterion (Astrom and Murray, Feedback
+Systems, 2021, sections 10.2 and 10.3)."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ UNSTABLE_LOOP = LoopMargins(0.0, 0.0)
 
 
 def margins(model: ProcessModel, gains: Gains, dt: float) -> LoopMargins:
-    """The margins of the loop that is closed each `dt` s. RangeError if the signs of the gains differ: then the loop
-    drives the measurement away."""
+    """The margins of the loop that is closed each `dt` s. Raises RangeError if the signs of the gains differ: then the
+    loop drives the measurement away."""
     return SampledModels([model], dt).margins(gains)
 
 
@@ -90,7 +90,7 @@ class SampledModels:
         self._unstable = np.array([float(each.structure.unstable) for each in models])
 
     def margins(self, gains: Gains) -> LoopMargins:
-        """The least margins, and the highest crossover. RangeError if the signs of the gains differ."""
+        """The least margins, and the highest crossover. Raises RangeError if the signs of the gains differ."""
         if gains.gain * self.gain <= 0.0:
             raise RangeError(f"a gain of {gains.gain:g} drives a process of gain {self.gain:g} away from its setpoint")
         loops = self._responses * gains.frequency_response(self._frequencies, self.dt)

@@ -49,8 +49,8 @@ class MeasuredResponse:
 
     @classmethod
     def of(cls, times: FloatArray, outputs: FloatArray, measurements: FloatArray) -> MeasuredResponse:
-        """Make a response from rows in the order of time (s); rows may be missing. RangeError if they are too few, or
-        if the times do not rise."""
+        """Make a response from rows in the order of time (s); rows may be missing. Raises RangeError if they are too
+        few, or if the times do not rise."""
         known = np.isfinite(times) & np.isfinite(outputs) & np.isfinite(measurements)
         times, outputs, measurements = times[known], outputs[known], measurements[known]
         if len(times) < MIN_RESPONSE_SAMPLES:
@@ -89,8 +89,8 @@ class MeasuredResponse:
         return MeasuredResponse(self.dt * every, outputs, self.measurements[: count * every : every])
 
     def check_moved(self, resolution: float = 0.0, output: str = "the output", measurement: str = "") -> None:
-        """Check that the response is usable. RangeError unless the output moved by `LEAST_MOVES` resolutions, and the
-        measurement by more than its noise."""
+        """Check that the response is usable. Raises RangeError unless the output moved by `LEAST_MOVES` resolutions,
+        and the measurement by more than its noise."""
         moved = float(np.ptp(self.outputs))
         if moved <= max(LEAST_MOVES * resolution, 1e-12 * float(np.abs(self.outputs).max())):
             raise RangeError(

@@ -110,7 +110,7 @@ class ProcessModel:
 
     @property
     def terms(self) -> list[tuple[complex, complex]]:
-        """Its partial fractions: weight / (s - pole)."""
+        """The partial fractions of the model: weight / (s - pole)."""
         poles = self.poles
         scale = self.gain * float(np.prod([abs(each) for each in poles if each]))
         found = []

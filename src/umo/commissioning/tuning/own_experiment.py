@@ -28,7 +28,7 @@ from umo.wiring.wired import apply_parameters
 
 def declared_facts(plan: Plan, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
     """Return the facts of the law at this path, with the parameters of the wiring. No device is opened; everything is
-    simulated. PathError if there is no law."""
+    simulated. Raises PathError if there is no law."""
     apply_parameters(plan.machine, plan.wired.parameters, lambda restore: None)
     every = {id(each.part): each.every for each in plan.wired.rates}
     with connect(plan.machine, None) as machine:
@@ -50,8 +50,8 @@ def own_experiment(
     tried: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
     """Run the station's application, and make the experiment at this time, s. `tried`: settings that laws have from the
-    beginning, by the paths of the laws. Returns the response and the result of the experiment. OptionError if the
-    wiring runs in real time; CommandRefused if the run ends before."""
+    beginning, by the paths of the laws. Returns the response and the result of the experiment. Raises OptionError if
+    the wiring runs in real time. Raises CommandRefused if the run ends before."""
     if plan.wired.realtime:
         raise OptionError(
             f"{plan.name} with the wiring {plan.wiring_name or 'given'} runs in real time: start it with `umo run "
@@ -65,7 +65,9 @@ def own_experiment(
         task = None if plan.application is None else machine.cycle.start(plan.application(machine))
         await wait(at)
         if task is not None and task.done:
-            raise CommandRefused(f"the application has ended before {at:g} s: nothing runs any more; give --at less")
+            raise CommandRefused(
+                f"the application has ended before {at:g} s: nothing runs any more; give a smaller --at"
+            )
         loop = loop_at(machine, place)
         experiments = loop.law.experiments(loop.part, loop.path, loop.name)
         ended.update(await experiments.experiment(**arguments))

@@ -21,8 +21,9 @@ TIME = "time_s"
 def recorded_response(
     file: Path, columns: Sequence[str], start: float | None = None, stop: float | None = None
 ) -> MeasuredResponse:
-    """The response between these times, s, from these columns (`LawFacts.columns`). OptionError if the file cannot be
-    read; PathError for an object that it does not have; RangeError if there are too few samples."""
+    """The response between these times, s, from these columns (`LawFacts.columns`). Raises OptionError if the file
+    cannot be read. Raises PathError for an object that it does not have. Raises RangeError if there are too few
+    samples."""
     if not file.is_file():
         raise OptionError(f"--file {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
     low, high = -np.inf if start is None else start, np.inf if stop is None else stop

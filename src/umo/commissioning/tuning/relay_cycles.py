@@ -36,8 +36,8 @@ class RelayCycles:
 
 def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:
     """Evaluate the cycles of a relay from the fundamental waves of output and measurement over complete cycles with the
-    full amplitude, without the first cycle. `rising`: whether a larger output makes the measurement rise. RangeError if
-    there are too few cycles."""
+    full amplitude, without the first cycle. `rising`: whether a larger output makes the measurement rise. Raises
+    RangeError if there are too few cycles."""
     high = _high(response.outputs)[: _full(response.outputs)]
     rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
     rises = rises[1:] if len(rises) > FEWEST_CYCLES + 1 else rises

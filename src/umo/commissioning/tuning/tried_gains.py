@@ -10,7 +10,7 @@ from umo.errors import OptionError, UmoError
 
 
 def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> None:
-    """Check that these settings of a law are tunable. OptionError if one is not."""
+    """Check that these settings of a law are tunable. Raises OptionError if one is not."""
     known = station.reader.tunables()
     missing = [each for name in names if (each := f"{law}.{name}") not in known]
     if missing:
@@ -20,7 +20,7 @@ def check_tunable(station: RunningStation, law: str, names: Iterable[str]) -> No
 @contextmanager
 def trying(station: RunningStation, law: str, settings: Mapping[str, float]) -> Iterator[None]:
     """A context in which a law has these settings, by name; at its end the old ones are restored, if the lease is still
-    held. OptionError if one is not tunable, RangeError if it is outside of its range."""
+    held. Raises OptionError if one is not tunable, RangeError if it is outside of its range."""
     check_tunable(station, law, settings)
     known = station.reader.tunables()
     paths = {f"{law}.{name}": value for name, value in settings.items()}

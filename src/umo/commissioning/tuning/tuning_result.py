@@ -71,7 +71,7 @@ class TuningResult:
         return max(residence_time(self.model) - self.inner_time, 0.0) / max(self.inner_time, self.facts.dt)
 
     def set_of(self, name: str) -> GainSet:
-        """Return one of the sets. RangeError if there is none with this name."""
+        """Return one of the sets. Raises RangeError if there is none with this name."""
         found = {each.name: each for each in self.sets}
         if name not in found:
             raise RangeError(f"there is no set {name!r}: {', '.join(found)}")
@@ -97,7 +97,7 @@ class TuningResult:
 
 def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, derivative: bool = False) -> TuningResult:
     """Find the model and the gains. `relay`: the response is that of a relay. `derivative`: the gains may have one,
-    also if the law has none now. RangeError if nothing can be learnt from the response, with the reason."""
+    also if the law has none now. Raises RangeError if nothing can be learnt from the response, with the reason."""
     response.check_moved(facts.resolution, facts.actuator, facts.sensor)
     cycles = relay_cycles(response, facts.present.gain >= 0.0) if relay else None
     identified = identify(response, sign=facts.present.gain)
@@ -109,8 +109,8 @@ def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, deri
 
 
 def check_tunable(identified: Identified) -> None:
-    """Check that gains can be given. RangeError if a `PID` should not be tuned for such a process, or if the process is
-    not linear."""
+    """Check that gains can be given. Raises RangeError if a `PID` should not be tuned for such a process, or if the
+    process is not linear."""
     model = identified.model
     if identified.unexplained > MOST_UNEXPLAINED:
         raise RangeError(

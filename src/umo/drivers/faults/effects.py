@@ -75,7 +75,7 @@ class Stuck(Effect):
 
 @dataclass(eq=False, kw_only=True)
 class BitFlip(Effect):
-    """One bit has the other level, the same one in every transfer. Without a number the seed decides which."""
+    """A fault that inverts one bit, the same bit in every transfer. Without a number the seed decides which."""
 
     bit: int | None = None
 

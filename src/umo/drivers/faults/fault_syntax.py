@@ -33,7 +33,7 @@ _TEXT = re.compile(r"(?P<head>.*?)(?:\s+at\s+(?P<at>.+?))?(?:\s+for\s+(?P<for>.+
 class InjectedFault:
     """A fault that is injected on purpose: `InjectedFault("z.encoder", "noise", "20 um", at=1.0, for_=2.0)`.
 
-    `str` gives it as text, as wirings and `umo run --fault` take it: "z.encoder noise 20 um at 1 s for 2 s".
+    `str` gives it as text, as wirings and `umo run --fault` take it: "z.encoder noise 20 um at 1 s for 2 s". Raises
     DeclarationError for an invalid kind, amount or time.
     """
 

@@ -231,7 +231,7 @@ class _Group:
         return found if min(found) >= self._lowest and max(found) <= self._highest else []
 
     def _keep_good(self, values: npt.NDArray[Any], counts: npt.NDArray[Any], out: IntArray) -> None:
-        """ChannelsFailed for the readings that are not raw integers; the others stand."""
+        """Raise ChannelsFailed for the readings that are not raw integers; the others stand."""
         good = (counts >= self._lowest) & (counts <= self._highest)  # a NaN is neither
         out[np.arange(len(out))[self._places][good]] = counts[good]
         bad = np.flatnonzero(~good)

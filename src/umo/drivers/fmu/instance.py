@@ -189,7 +189,7 @@ class FmuInstance:
         return arranged([_plain(each, kind) for each in buffer], shape)
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """A call of FMI; DriverError if the model refuses it, has failed before or has ended."""
+        """A call of FMI. Raises DriverError if the model refuses it, has failed before or has ended."""
         if self.lost:
             raise DriverError(self.lost)
         return self._call(function, *arguments)

@@ -69,7 +69,7 @@ class FmuChannel(Channel):
 
 
 def described(file: Path) -> Any:
-    """FMPy's description of the model; WiringError if the file is not a co-simulation unit of FMI 2.0 or 3.0."""
+    """FMPy's description of the model. Raises WiringError if the file is not a co-simulation unit of FMI 2.0 or 3.0."""
     try:
         changed = os.stat(file).st_mtime_ns
     except OSError as error:
@@ -191,7 +191,7 @@ def _pint() -> Any:
 
 
 def check_start(description: Any, name: str, value: float | str) -> None:
-    """Check a start value. WiringError if the variable cannot start at this value."""
+    """Check a start value. Raises WiringError if the variable cannot start at this value."""
     variable = variables_of(description).get(name)
     if variable is None:
         variables = variables_of(description)

@@ -144,7 +144,7 @@ class Gpio(BlockDriver[GpioChannel]):
         return self._lines
 
     def _called(self, call: Callable[[], T]) -> T:
-        """A call of the chip; DriverError if the system refuses it."""
+        """A call of the chip. Raises DriverError if the system refuses it."""
         try:
             return call()
         except DriverError:

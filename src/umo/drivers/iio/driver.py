@@ -50,7 +50,7 @@ class IioChannel(Channel):
         return (self.name,)
 
     def raw(self, text: str) -> int:
-        """The raw integer in a file of the kernel; DriverError if there is none."""
+        """The raw integer in a file of the kernel. Raises DriverError if there is none."""
         if self.scale is None:
             return _integer(text)
         try:

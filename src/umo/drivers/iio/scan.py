@@ -36,7 +36,7 @@ class ScanType(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> ScanType:
-        """Parse the form. DriverError if it is not one value of whole bytes."""
+        """Parse the form. Raises DriverError if it is not one value of whole bytes."""
         match = _TYPE.fullmatch(text)
         if match is None or int(match[5] or 1) != 1:
             raise DriverError(f"umo reads scan elements of one integer, not of the type {text!r}")
@@ -74,7 +74,7 @@ class ScanLayout:
 
 
 def element(folder: Path, channel: str) -> tuple[str, int, ScanType]:
-    """Return a channel's place in a scan. DriverError if it has none."""
+    """Return a channel's place in a scan. Raises DriverError if it has none."""
     elements = folder / "scan_elements"
     kind = text_in(elements / f"{channel}_type")
     if not kind:

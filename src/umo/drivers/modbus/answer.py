@@ -32,7 +32,7 @@ def answer_size(request: bytes) -> int:
 
 
 def check(request: bytes, answer: bytes) -> None:
-    """Check an answer. Lost unless it fits the request in every respect; an exception answer is accepted."""
+    """Check an answer. Raises Lost unless it fits the request in every respect; an exception answer is accepted."""
     check_start(request, answer)
     if answer[1] & 0x80:
         _check_length("an exception answer", answer, EXCEPTION_SIZE)
@@ -50,7 +50,7 @@ def cells_of(answer: bytes) -> Sequence[int]:
 
 
 def check_start(request: bytes, answer: bytes) -> None:
-    """Check the beginning of an answer. Lost if it belongs to another request."""
+    """Check the beginning of an answer. Raises Lost if it belongs to another request."""
     unit, function = request[0], request[1]
     if answer and answer[0] != unit:
         raise Lost(f"an answer of unit {answer[0]} in place of {unit}")

@@ -60,7 +60,7 @@ ORDERS = {"ABCD": (False, False), "CDAB": (True, False), "BADC": (False, True), 
 """Orders of a value's bytes on the line, A the highest: whether the low word comes first, and whether the low byte of
 each word comes first. For 64 bits, all four words follow the order of the two."""
 SINGLE_ORDERS = {"AB": (False, False), "BA": (False, True)}
-"""The same for one register."""
+"""The byte orders of a single register."""
 FORMS = (
     "coil:N (N 0 to 65535)",
     "discrete:N (N 0 to 65535)",
@@ -143,7 +143,7 @@ class ModbusChannel(Channel):
         return self._laid((1 << 16 * self.cells) - 1 if self.low is None else (1 << self.bits) - 1 << self.low)
 
     def raw(self, words: Sequence[int]) -> int:
-        """The raw integer that its registers hold. DriverError for one that is not of 64 bits with a sign."""
+        """The raw integer that its registers hold. Raises DriverError for one that is not of 64 bits with a sign."""
         if self.scale:
             return self._rounded(self.number(words), words)
         raw = int(self.number(words))
@@ -163,7 +163,7 @@ class ModbusChannel(Channel):
         return whole - (1 << self.bits) if self.signed and whole >> (self.bits - 1) else whole
 
     def words(self, raw: int) -> list[int]:
-        """Contents of its registers for a raw integer, with 0 in the bits that do not belong to the channel.
+        """Contents of its registers for a raw integer, with 0 in the bits that do not belong to the channel. Raises
         DriverError for one beyond its range."""
         self.fit(raw)
         if self.scale:

@@ -306,7 +306,7 @@ class Modbus(BlockDriver[ModbusChannel], Looks, HasWatchdog, Inspects):
 
 
 def _check_unit(place: Place, unit: int, answers_as: int | None, boot_time: str | float | None) -> None:
-    """WiringError for an option of the unit that is beyond its range, or for another place."""
+    """Raise WiringError for an option of the unit that is beyond its range, or for another place."""
     if isinstance(place, Host):
         within("unit", unit, 0, 255)
     else:

@@ -14,8 +14,8 @@ CHECKSUM_SIZE = 2
 
 
 def answer_end(request: bytes, data: bytes) -> int:
-    """End of the answer to the request with which the data begins; 0 while it is incomplete. Lost if the data begins
-    with anything else. The request is without its check sum."""
+    """End of the answer to the request with which the data begins; 0 while it is incomplete. Raises Lost if the data
+    begins with anything else. The request is without its check sum."""
     check_start(request, data[:EXCEPTION_SIZE])
     if len(data) < EXCEPTION_SIZE:
         return 0

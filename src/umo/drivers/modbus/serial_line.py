@@ -84,7 +84,7 @@ class SerialLine:
 
     @property
     def is_shared(self) -> bool:
-        """True if several units are on it."""
+        """True if several units are on the line."""
         return self._users > 1
 
     @property
@@ -99,7 +99,7 @@ class SerialLine:
         return self._port
 
     def open(self, deadline: float) -> None:
-        """Open the line if it is not open, or has failed since. DriverError if that fails."""
+        """Open the line if it is not open, or has failed since. Raises DriverError if that fails."""
         if self._port is None:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
@@ -147,7 +147,7 @@ class SerialLine:
         self._echo = frame if self.place.echo else b""
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Return the data without the echo of the request. Lost if there is no echo, or another sender has sent,
+        """Return the data without the echo of the request. Raises Lost if there is no echo, or another sender has sent,
         too."""
         size = min(len(data), len(self._echo))
         repeated, self._echo = self._echo[:size], self._echo[size:]

@@ -141,7 +141,7 @@ class Tcp:
 
 
 def frame_end(data: bytes) -> int:
-    """End of the first frame of the data, 0 while it is incomplete; Lost if the data is not Modbus."""
+    """End of the first frame of the data, 0 while it is incomplete. Raises Lost if the data is not Modbus."""
     if len(data) < _HEADER.size:
         return 0
     _, protocol, length = _HEADER.unpack_from(data)

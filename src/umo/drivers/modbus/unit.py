@@ -105,7 +105,7 @@ class Unit:
 
     def look(self, table: Table, address: int, count: int, timeout: float) -> bool | None:
         """Return whether the unit answers a request for these cells, without waiting; an exception also counts as an
-        answer. None if not known yet; DriverError if it does not answer now."""
+        answer. None if not known yet. Raises DriverError if it does not answer now."""
         request = self._requests[table](address, count=count, device_id=self._unit)
         self._timeout = timeout
         return self._connecting(lambda deadline: self._transport.look(request, timeout), timeout)

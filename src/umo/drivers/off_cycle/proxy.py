@@ -70,7 +70,7 @@ class OffCycle(Wrapper):
         self.fault_time: Callable[[], int] = lambda: NO_TIME
         """The machine's time in ns, by which injected faults act; NO_TIME if there are none."""
         self.generation = 0
-        """How often the outputs have been initialised, as far as the machine knows."""
+        """Number of initialisations of the outputs that the machine knows of."""
         self.read_rows: IntArray = self.exchange.arrivals.read()[1]
         """The values read last, with their stamps."""
         self._wanted: IntArray

@@ -73,7 +73,7 @@ class Row(IntEnum):
     ORDER = 2
     """The number of the last order that was carried out."""
     GENERATION = 3
-    """How often the outputs had been initialised; the same number for all channels."""
+    """Number of initialisations of the outputs so far; the same number for all channels."""
 
 
 class Wanted(IntEnum):
@@ -182,8 +182,8 @@ class Exchange:
     # Texts -----------------------------------------------------------------------------------------------
 
     def set_cause(self, channel: int, text: str) -> None:
-        """Set why the last call failed for a channel, by its number; -1: for the whole driver, or "" if it did not
-        fail."""
+        """Set the cause, as text, for which the last call failed for a channel (by its number; -1 stands for the whole
+        driver). "" means that it did not fail."""
         at = self._texts + TEXT_BYTES * (channel + 1)
         self._memory[at : at + TEXT_BYTES] = text.encode(errors="replace")[:TEXT_BYTES].ljust(TEXT_BYTES, b"\0")
 

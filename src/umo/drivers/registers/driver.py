@@ -130,7 +130,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Set `_bus` to an object with `close`, and open it; DriverError if that fails."""
+        """Set `_bus` to an object with `close`, and open it. Raises DriverError if that fails."""
 
     @abstractmethod
     def _get(self, address: int, size: int) -> bytes:

@@ -107,7 +107,7 @@ class RegisterChannel(Channel):
         return register.address + byte, bit % 8
 
     def decode(self, contents: int) -> int:
-        """The raw integer in a register's contents; DriverError if it is too large for an int64."""
+        """The raw integer in a register's contents. Raises DriverError if it is too large for an int64."""
         raw = contents >> self.low & (1 << self.bits) - 1
         sign = 1 << self.bits - 1 if self.signed else 0
         raw = (raw ^ sign) - sign

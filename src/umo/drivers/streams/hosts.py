@@ -47,7 +47,7 @@ class TcpDial:
 
     def __call__(self, deadline: float) -> Stream:
         """Open a connection. Tries each address of the host, with an equal share of the remaining time. Raises Gone or
-        TimedOut, as for the last address; DriverError if the name is not found."""
+        TimedOut, as for the last address. Raises DriverError if the name is not found."""
         self._found = self._found or self._look_up(deadline)
         why, timed_out = "no address", False  # not the error itself: it would keep its frames, and they it
         for tried, place in enumerate(self._found):
@@ -92,7 +92,7 @@ class TcpDial:
 
 
 def _connected(place: tuple[Any, ...], seconds: float) -> socket.socket:
-    """A connection that does not block; OSError if there is none within the time."""
+    """A connection that does not block. Raises OSError if there is none within the time."""
     family, kind, protocol, _, address = place
     connection = socket.socket(family, kind, protocol)
     try:
@@ -109,7 +109,7 @@ def _connected(place: tuple[Any, ...], seconds: float) -> socket.socket:
 
 
 def _connecting(place: tuple[Any, ...], until: float) -> Iterator[socket.socket | None]:
-    """Connect without waiting: yield None while it is in progress, then the connection; OSError if it fails."""
+    """Connect without waiting: yield None while it is in progress, then the connection. Raises OSError if it fails."""
     family, kind, protocol, _, address = place
     connection: socket.socket | None = socket.socket(family, kind, protocol)
     try:

@@ -41,7 +41,7 @@ class Look:
     ) -> None:
         """Begin a look that ends within `seconds`. The request is sent when the device `is_ready`; without a request
         (b"") the connection counts as its answer. `has_answered`: returns whether the bytes received since the request
-        are the whole answer; Lost if they are anything else."""
+        are the whole answer. Raises Lost if they are anything else."""
         self.stop()
         self._steps = self._look(request, has_answered, monotonic() + seconds, is_ready)
 

@@ -43,7 +43,8 @@ Place = Host | Serial
 def place_of(
     default: tuple[Host, Serial], host: str | None, port: int | None, serial: str | None, **settings: Any
 ) -> Place:
-    """The place that the options of a driver name, or None if none is given. WiringError if they are of both kinds."""
+    """The place that the options of a driver name, or None if none is given. Raises WiringError if they are of both
+    kinds."""
     given = {name: value for name, value in settings.items() if value is not None}
     tcp: dict[str, Any] = {name: value for name, value in (("host", host), ("port", port)) if value is not None}
     if serial is None:

@@ -177,8 +177,8 @@ class TextChannel(Channel):
         return raw
 
     def request(self, raw: int) -> str:
-        """Return the request that sets the channel to a raw integer. DriverError if the integer does not fit, or is not
-        a level."""
+        """Return the request that sets the channel to a raw integer. Raises DriverError if the integer does not fit, or
+        is not a level."""
         if self.setting is None:
             raise DriverError(f"channel {self.text} cannot be written: it has no set")
         self.fit(raw)

@@ -250,7 +250,7 @@ def _check_times(**times: float) -> None:
 def _check_texts(
     greeting: str | None, boot_time: float, ends: tuple[str | None, ...], watchdog_set: str | None
 ) -> None:
-    """WiringError for texts that lack something."""
+    """Raise WiringError for texts that lack something."""
     if greeting is not None and not boot_time:
         raise WiringError("greeting needs boot_time: how long it is waited for, in s")
     if "" in ends:

@@ -32,7 +32,7 @@ class QueryLine(NamedTuple):
         return [channel.text for _, _, channel in self.takers]
 
     def read(self, link: TextLink, out: IntArray) -> None:
-        """Put the values of an answer into their places. ChannelsFailed for channels for which the device has no
+        """Put the values of an answer into their places. Raises ChannelsFailed for channels for which the device has no
         value."""
         answer = link.ask(self.request, self.ends)
         answers = [answer] if self.queries == 1 else answer.split(self.by)

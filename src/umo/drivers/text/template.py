@@ -46,7 +46,7 @@ class Template:
 
     @classmethod
     def parse(cls, text: str, where: str, scale: Decimal | None) -> Template:
-        """Parse a request. WiringError unless it has exactly one {}."""
+        """Parse a request. Raises WiringError unless it has exactly one {}."""
         try:
             parts = list(Formatter().parse(text))
         except ValueError as error:
@@ -63,7 +63,7 @@ class Template:
         return f"{self.before}{number if self._base is None else int(number):{self._format}}{self.after}"
 
     def check(self, lowest: int, highest: int, where: str) -> None:
-        """Check a range. WiringError if a raw integer of this range would be written as another number, or with
+        """Check a range. Raises WiringError if a raw integer of this range would be written as another number, or with
         decimals although there is no scale."""
         what = f"{where}: {f'{self.before}{{:{self.spec}}}{self.after}'!r}"
         no_format = WiringError(f"{what} has {{:{self.spec}}}, which is not the format of a number")
@@ -95,8 +95,8 @@ class Template:
 
 
 def numbered(thing: Any, n: int, where: str) -> Any:
-    """Return a table with `{n}` and `{n:02d}` in its texts replaced by the number of the channel; WiringError for
-    another format."""
+    """Return a table with `{n}` and `{n:02d}` in its texts replaced by the number of the channel. Raises WiringError
+    for another format."""
 
     def written(found: re.Match[str]) -> str:
         if not _CHANNEL_NUMBER.fullmatch(found[1] or ""):

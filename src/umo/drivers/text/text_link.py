@@ -68,7 +68,7 @@ class TextLink:
 
     def look(self, query: str, ends: Ends, seconds: float) -> bool | None:
         """Return whether the device answers this query in any way, on a new connection and without waiting; without a
-        query, whether it can be connected. None if not known yet; DriverError if it does not answer now."""
+        query, whether it can be connected. None if not known yet. Raises DriverError if it does not answer now."""
         if (self._ready or self._was_found) and self._stream is not None and self._stream.idle():
             return True  # it answered the last request: any failure would have dropped the connection
         try:

@@ -1,4 +1,4 @@
-"""What is known at a point in a function: the meaning of each name, and which values are not None."""
+"""The known facts at a point in a function: the meaning of each name, and which values are not None."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ array of another name."""
 
 
 class FlowState(NamedTuple):
-    """What is known at one point in a function."""
+    """The known facts at one point in a function."""
 
     names: Names
     known: set[str]
 
 
 class KnownFlow:
-    """What is known at the next statement."""
+    """The known facts at the next statement."""
 
     def __init__(self) -> None:
         self.names: Names = {}
         self.known: set[str] = set()
         """Expressions that are not None here: local names and fields."""
         self.left: dict[str, list[FlowState]] = {}
-        """What is known where each label is jumped to."""
+        """The known facts at each jump to a label."""
         self._decided: dict[ast.AST, tuple[Names, Names]] = {}
         """What is known if an `and` or an `or` that was lowered is true, and if it is false."""
 

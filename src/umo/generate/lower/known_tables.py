@@ -31,12 +31,12 @@ def is_dict(value: Any) -> bool:
 
 
 def element_of(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Code:
-    """Return the element at an index. IndexError beyond the ends."""
+    """Return the element at an index. Raises IndexError beyond the ends."""
     return value_of_each(f, table, element_place(f, table, index, node), node)
 
 
 def element_place(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Value:
-    """Return the index into the table. IndexError beyond the ends."""
+    """Return the index into the table. Raises IndexError beyond the ends."""
     f.world.memory.place_known(table)
     return _place(f, index, len(table), node)
 
@@ -59,19 +59,19 @@ def _place(f: FunctionBuilder, index: Term, length: int, node: ast.AST) -> Value
 
 
 def value_of(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Code:
-    """Return the value of a key. KeyError if the table has no such key."""
+    """Return the value of a key. Raises KeyError if the table has no such key."""
     return value_of_each(f, list(table.values()), key_place(f, table, key, node), node)
 
 
 def key_place(f: FunctionBuilder, table: dict[Any, Any], key: Term, node: ast.AST) -> Value:
-    """Return the number of a key. KeyError if the table has no such key."""
+    """Return the number of a key. Raises KeyError if the table has no such key."""
     place = _place_of_key(f, table, key, node)
     f.raises(KeyError, node, Operator("<", place, ZERO))
     return place
 
 
 def member_of(f: FunctionBuilder, kind: type[Enum], value: Term, node: ast.AST) -> Term:
-    """Return the member of an Enum with this value. ValueError if there is none."""
+    """Return the member of an Enum with this value. Raises ValueError if there is none."""
     if "_missing_" in own_methods(kind, ("_missing_",)) or not is_plain_enum(kind):
         raise f.refused(node, f"{kind.__name__} defines the member for a value itself", "a dict of its members")
     if isinstance(value, Code) and isinstance(value.type, StateType) and value.type.kind is kind:

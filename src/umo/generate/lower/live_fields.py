@@ -254,7 +254,7 @@ class LiveFields:
 
 
 def literal(value: Any, of: CType) -> Literal:
-    """Return a live value as a literal of this type. ValueError if it does not fit."""
+    """Return a live value as a literal of this type. Raises ValueError if it does not fit."""
     if of == MASK:
         return Literal(mask_of(value), of)
     if of == REAL:

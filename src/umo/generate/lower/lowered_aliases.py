@@ -21,7 +21,7 @@ from umo.generate.lower.terms import Code, Elementwise, SliceView, Term, TupleTe
 
 
 class LoweredAliases(LoweredSubject):
-    """What is known of references to the arrays of a function."""
+    """Lowers references to the arrays of a function, as far as they are known."""
 
     def __init__(self, f: FunctionBuilder) -> None:
         super().__init__(f)

@@ -255,7 +255,7 @@ class LoweredArrays(LoweredSubject):
         return Elementwise(array(REAL, n), Operator("/" if isinstance(sign, ast.Div) else SIGNS[type(sign)], a, b))
 
     def _divided(self, sign: ast.operator, a: Value, b: Value, n: int, node: ast.AST) -> Code:
-        """Return the quotient. Integers divided by 0 are 0. ControllerLimit beyond 32 bits."""
+        """Return the quotient. Integers divided by 0 are 0. Raises ControllerLimit beyond 32 bits."""
         if isinstance(sign, ast.FloorDiv):
             beyond = Operator("&&", Operator("==", b, Literal(-1, INT)), Operator("==", a, LEAST_INT))
             with self.each_place(n) as turn:
@@ -289,7 +289,7 @@ class LoweredArrays(LoweredSubject):
         return found
 
     def _checked(self, what: str, a: Value, b: Value, n: int, node: ast.AST) -> Code:
-        """Return the result for integers. ControllerLimit beyond 32 bits."""
+        """Return the result for integers. Raises ControllerLimit beyond 32 bits."""
         result, fault = self.f.temporary(array(INT, n)), self.f.fault(ControllerLimit, node)
         with self.each_place(n) as turn:
             self.f.add(CheckedArithmetic(what, Element(result, turn), placed(a, turn), placed(b, turn), fault))

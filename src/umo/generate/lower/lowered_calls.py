@@ -136,7 +136,7 @@ class LoweredCalls(LoweredSubject):
         return self.members(term, node)
 
     def members(self, term: Term, node: ast.AST) -> list[Term]:
-        """The same, and the values of the fields of a dataclass."""
+        """Return the members of a value, and the values of the fields of a dataclass."""
         if isinstance(term, TupleTerm):
             return list(term.terms)
         if isinstance(term, Known) and isinstance(term.value, tuple | list) and is_container(term.value):

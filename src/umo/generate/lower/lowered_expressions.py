@@ -139,8 +139,8 @@ class LoweredExpressions(LoweredSubject):
         raise self.f.refused(node, "the object of this attribute is not known when the code is generated")
 
     def _there(self, base: Code, node: ast.Attribute) -> Code:
-        """Return the value of an optional term whose attribute is read. AttributeError if it is None and has no such
-        attribute."""
+        """Return the value of an optional term whose attribute is read. Raises AttributeError if it is None and has no
+        such attribute."""
         base = self.place(base)
         self.f.raises(AttributeError, node, negated(has(base.value)))
         return Code(plain(base.type), inside(base.value))
@@ -300,7 +300,7 @@ class LoweredExpressions(LoweredSubject):
         return len(self._terms_of_tuple(base))
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> Value:
-        """Return an index into an array. IndexError beyond its ends."""
+        """Return an index into an array. Raises IndexError beyond its ends."""
         if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
             return Literal(index.value % of.length, INT)
         code = self.f.values.number(as_number(self.f, index, node), node)
@@ -309,7 +309,8 @@ class LoweredExpressions(LoweredSubject):
         return self.place_in(code, of.length, node)
 
     def place_in(self, code: Code, length: int, node: ast.AST) -> Value:
-        """Return an index into `length` elements, counted from the end if negative. IndexError beyond the ends."""
+        """Return an index into `length` elements, counted from the end if negative. Raises IndexError beyond the
+        ends."""
         place, number = self.f.values.kept(code).value, Literal(length, INT)
         below, above = Operator("<", place, Literal(-length, INT)), Operator(">=", place, number)
         self.f.raises(IndexError, node, Operator("||", below, above))

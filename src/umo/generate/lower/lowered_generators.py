@@ -306,7 +306,7 @@ class LoweredGenerators(LoweredSubject):
         return self._or_default(Code(kind, found), there, default, node)
 
     def _or_default(self, found: Code, there: Temporary, default: Term | None, node: ast.Call) -> Term:
-        """Return the element found, or the default. ValueError without either."""
+        """Return the element found, or the default. Raises ValueError without either."""
         if default is None:
             self.f.raises(ValueError, node, negated(there))
             return found

@@ -131,13 +131,13 @@ class LoweredRings(LoweredSubject):
             raise self.f.refused(node, "the loop changes the deque that it iterates over", "range(len(...))")
 
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
-        """Return an element. IndexError beyond the ends."""
+        """Return an element. Raises IndexError beyond the ends."""
         ring = self.of(term, node)
         count = self.f.values.copied(Code(INT, ring.count)).value
         return Code(ring.of, Element(ring.at, self._place(index, count, node)))
 
     def element_among(self, chosen: Selection, index: Term, node: ast.AST) -> Code:
-        """Return an element of a list that conditions have selected. IndexError beyond the ends."""
+        """Return an element of a list that conditions have selected. Raises IndexError beyond the ends."""
         return Code(chosen.of.of, Element(chosen.at, self._place(index, chosen.count, node)))
 
     def _place(self, index: Term, count: Value, node: ast.AST) -> Value:

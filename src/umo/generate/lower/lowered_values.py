@@ -220,7 +220,7 @@ class LoweredValues(LoweredSubject):
         raise self.f.refused(node, f"a {code.type.name} where a {of.name} was before", "one type for each name")
 
     def present(self, code: Code, node: ast.AST) -> Code:
-        """Return the value of an optional term. TypeError if it is None."""
+        """Return the value of an optional term. Raises TypeError if it is None."""
         if not isinstance(code.type, OptionalType):
             return code
         code = code if is_place(code.value) else self.kept(code)

@@ -28,7 +28,7 @@ MOST_SORTED = 64
 
 
 def sorted_list(f: FunctionBuilder, terms: Sequence[Term], node: ast.AST) -> Code:
-    """Return a new sorted list. ControllerLimit for a NaN, whose place in Python depends on the version."""
+    """Return a new sorted list. Raises ControllerLimit for a NaN, whose place in Python depends on the version."""
     found = f.values.new_list(terms, node) if len(terms) <= MOST_SORTED else None
     if found is None:
         raise f.refused(

@@ -55,7 +55,7 @@ class AskedOfValues(Protocol):
         """Return a term as a value of this type."""
 
     def present(self, code: Code, node: ast.AST) -> Code:
-        """Return the value of an optional term. TypeError if it is None."""
+        """Return the value of an optional term. Raises TypeError if it is None."""
 
     def check_there(self, of: CType | None, where: str, node: ast.AST) -> None:
         """Refuse a type whose values may be None."""
@@ -67,7 +67,7 @@ class AskedOfValues(Protocol):
 
 
 class AskedOfAliases(Protocol):
-    """What is known of references to the arrays of a function."""
+    """The questions about references to the arrays of a function."""
 
     sole: set[Value]
 
@@ -144,10 +144,11 @@ class AskedOfExpressions(Protocol):
         """Return one element of a tuple, a list, an array or a known value."""
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> Value:
-        """Return an index into an array. IndexError beyond its ends."""
+        """Return an index into an array. Raises IndexError beyond its ends."""
 
     def place_in(self, code: Code, length: int, node: ast.AST) -> Value:
-        """Return an index into `length` elements, counted from the end if negative. IndexError beyond the ends."""
+        """Return an index into `length` elements, counted from the end if negative. Raises IndexError beyond the
+        ends."""
 
     def of_numbers(
         self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
@@ -166,7 +167,7 @@ class AskedOfArrays(Protocol):
     def is_array(self, term: Term) -> bool: ...
 
     def array(self, term: Term, node: ast.AST) -> Code:
-        """Return an array or a number. TypeError if it is None."""
+        """Return an array or a number. Raises TypeError if it is None."""
 
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
         """Refuse an array whose length is not known."""
@@ -268,7 +269,7 @@ class AskedOfCalls(Protocol):
         """The elements of a tuple or of a list of numbers."""
 
     def members(self, term: Term, node: ast.AST) -> list[Term]:
-        """The same, and the values of the fields of a dataclass."""
+        """Return the members of a value, and the values of the fields of a dataclass."""
 
     def function(
         self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
@@ -377,10 +378,10 @@ class AskedOfRings(Protocol):
         there."""
 
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
-        """Return an element. IndexError beyond the ends."""
+        """Return an element. Raises IndexError beyond the ends."""
 
     def element_among(self, chosen: Selection, index: Term, node: ast.AST) -> Code:
-        """Return an element of a list that conditions have selected. IndexError beyond the ends."""
+        """Return an element of a list that conditions have selected. Raises IndexError beyond the ends."""
 
     def set_element(self, term: Term, index: Term, value: Term, node: ast.AST) -> None: ...
 

@@ -160,7 +160,7 @@ class Turns:
     find: Callable[[int], Term]
     """Returns the values of the turn with this number."""
     find_at: Callable[[Value], Term] | None = None
-    """The same for a computed number; None if the turns differ in more than their values."""
+    """Return the turn for a computed number; None if the turns differ in more than their values."""
     arrays: tuple[Value, ...] = ()
     """The lists and arrays whose elements are read."""
     until: Value | None = None

@@ -1,4 +1,4 @@
-"""What is known of the values in a text: the live object, or the classes that a value may have."""
+"""The known facts about the values in a text: the live object, or the classes that a value may have."""
 
 from __future__ import annotations
 

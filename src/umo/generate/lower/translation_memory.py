@@ -104,11 +104,11 @@ class TranslationMemory:
         self.texts = FactSet[tuple[int, str]](now)
         """Fields that are assigned a text. A controller does not have them, unless code depends on them."""
         self.asked = FactSet[tuple[int, str]](now)
-        """Those of these fields on which code depends: each is one of the texts of the machine."""
+        """The fields on which code depends; each has one of the texts of the machine."""
         self.told: dict[tuple[int, str], UnknownText] = {}
         """The texts of those fields on which code does not depend so far."""
         self.made = FactSet[tuple[int, str]](now)
-        """Those of these fields whose text is made at run time."""
+        """The fields whose text is made at run time."""
         self.words = Facts[None, tuple[str, ...]](now)
         """The texts of the machine. A text is its index among them."""
         self.shared = FactSet[Any](now)

@@ -20,7 +20,7 @@ def is_whole_power(sign: ast.AST, base: Code, power: Term) -> bool:
 
 
 def whole_power(f: FunctionBuilder, base: Code, power: int, node: ast.AST) -> Code:
-    """Return the power. ControllerLimit beyond 32 bits: no intermediate product is greater than the power."""
+    """Return the power. Raises ControllerLimit beyond 32 bits; no intermediate product exceeds the power."""
     if not power:
         return Code(INT, ONE)
     number = f.values.kept(Code(INT, f.values.as_type(base, INT, node)))

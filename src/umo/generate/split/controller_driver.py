@@ -107,8 +107,8 @@ class Controller(Driver[Channel], Looks, Capability):
         return self._cycle or (wired.period or 0.0) * wired.rates.every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
-        """Take the part that runs on this controller, before the machine is connected. NotTranslated if the part cannot
-        be translated."""
+        """Take the part that runs on this controller, before the machine is connected. Raises NotTranslated if the part
+        cannot be translated."""
         target = target_of(TARGETS[self.real], self.real)
         cycle = self.cycle_for(part, wired)
         self._part = part

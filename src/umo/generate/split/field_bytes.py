@@ -38,7 +38,7 @@ class FieldBytes:
         return [f"{self.place}{member}" for member, _ in self._numbers(self.type, "")]
 
     def live(self) -> bytes:
-        """Return the bytes of the attribute's present value. DriverError if a controller cannot hold it."""
+        """Return the bytes of the attribute's present value. Raises DriverError if a controller cannot hold it."""
         value = getattr(self.owner, self.name)
         try:
             return self._bytes.pack(*self._flat(self.type, value))

@@ -61,7 +61,7 @@ class HostRefused(DriverError):
 
 
 def check_refused(body: bytes, name: str) -> None:
-    """HostRefused if this is the refusal of a controller of this name."""
+    """Raise HostRefused if this is the refusal of a controller of this name."""
     if len(body) == 2 and body[0] == FrameKind.REFUSED:
         raise HostRefused(f"the controller {name} refuses: {REFUSALS.get(body[1], f'reason {body[1]}')}")
 

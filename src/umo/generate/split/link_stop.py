@@ -28,8 +28,8 @@ LONGEST = 1 << 16
 
 def stop_controller(dial: Dial, name: str, deadline: float, retry: float) -> None:
     """Bring the outputs of a controller to their defaults, for any part, even if another host has started it. Each
-    frame is sent again after `retry` s. Raises DeviceTimeout or DriverError; HostRefused if it has another host for all
-    that time."""
+    frame is sent again after `retry` s. Raises DeviceTimeout or DriverError. Raises HostRefused if it has another host
+    for all that time."""
     stream: Stream | None = None
     try:
         while True:

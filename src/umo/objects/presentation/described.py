@@ -195,8 +195,8 @@ class Described:
         return "{}" if digits is None else f"{{:z.{digits}f}}"
 
     def in_unit(self, unit: str, line: tuple[float, float] | None) -> Described:
-        """The same number in another unit. `line`: factor and offset of the conversion, or None if its resolution
-        varies there."""
+        """Return the description of the number in another unit. `line`: factor and offset of the conversion, or None if
+        its resolution varies there."""
         about = {name: fact for name, fact in self.plain.items() if name not in ("resolution", "zero_offset")}
         if line is not None and self.resolution is not None:
             factor, offset = line

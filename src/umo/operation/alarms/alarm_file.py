@@ -46,13 +46,13 @@ class AlarmRecord(NamedTuple):
     """Time in s on the cycle's clock."""
     path: str
     text: str
-    """Its new state, priority and text, as in the event."""
+    """The new state of the alarm, its priority and its text, as in the event."""
     who: str
     """The client; "" means the machine itself."""
 
 
 def file_of(station: str) -> Path:
-    """Return the file of a station. OSError if there is no folder that outlives a run."""
+    """Return the file of a station. Raises OSError if there is no folder that outlives a run."""
     name = "".join(each if each.isalnum() or each in "-_." else "_" for each in station)[:MAX_NAME].lstrip(".")
     return folders.checked(state_folder() / FOLDER) / f"{name or '_'}{SUFFIX}"
 
@@ -63,7 +63,7 @@ look."""
 
 
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
-    """Add records at the end, all or none of them. OSError if they cannot be written."""
+    """Add records at the end, all or none of them. Raises OSError if they cannot be written."""
     data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
     if not data:
         return
@@ -117,8 +117,8 @@ def older(file: Path) -> Path:
 
 
 def read(file: Path) -> list[AlarmRecord]:
-    """The records that are kept, oldest first; UmoError if a file cannot be read. A file that does not exist counts as
-    empty."""
+    """The records that are kept, oldest first. Raises UmoError if a file cannot be read. A file that does not exist
+    counts as empty."""
     found: list[AlarmRecord] = []
     for each in (older(file), file):
         try:

@@ -38,7 +38,7 @@ DONE: Mapping[Operation, str] = {
 
 
 def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
-    """Return all alarms of a machine, in the order of frames; none if no class of it has the keyword `alarms`.
+    """Return all alarms of a machine, in the order of frames; none if no class of it has the keyword `alarms`. Raises
     DeclarationError for an invalid declaration."""
     return alarms_of(root, partial(_own_alarms, root))
 
@@ -136,9 +136,9 @@ def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
 
 def operate(alarms: AlarmEngine | None, operation: Operation, path: str, who: str, seconds: float = 0.0) -> str:
     """Carry out an operation of a client for the alarms at a path: one alarm, those of an object or compound, or of a
-    pattern; "" means all. `seconds`: the shelving time, up to `LONGEST_SHELF`. Returns its result as text.
+    pattern; "" means all. `seconds`: the shelving time, up to `LONGEST_SHELF`. Returns its result as text. Raises
     CommandRefused if the machine has no alarms, or if an alarm named by its own path is in a state in which the
-    operation is not possible; PathError if there is none."""
+    operation is not possible. Raises PathError if there is none."""
     if alarms is None:
         raise CommandRefused("the machine has no alarms")
     done, words = DONE[operation], f"for {duration(seconds)}" if seconds else ""

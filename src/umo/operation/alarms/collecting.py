@@ -85,8 +85,8 @@ def has_alarms(root: Compound) -> bool:
 
 def alarms_of(root: Compound, more: Callable[[], list[DeclaredAlarm]] = list) -> list[DeclaredAlarm]:
     """Return all alarms of a machine that declares some, otherwise none. They include alarms of the machine itself, for
-    sensors that may be marked BAD, and `more`. In the order of frames. DeclarationError for an invalid declaration, and
-    for two alarms with the same path."""
+    sensors that may be marked BAD, and `more`. In the order of frames. Raises DeclarationError for an invalid
+    declaration, and for two alarms with the same path."""
     if not has_alarms(root):
         return []
     compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
@@ -136,7 +136,7 @@ def _of(node: Compound, known: Mapping[str, Node]) -> Iterator[DeclaredAlarm]:
 
 
 def _test(node: Compound, name: str, condition: Any, known: Mapping[str, Node]) -> Test:
-    """The condition with its object; DeclarationError if it does not fit that."""
+    """The condition with its object. Raises DeclarationError if it does not fit that."""
     where = f"alarm {joined(node._path or type(node).__name__, name)}"
     if not isinstance(condition, High | Low | Bad | In):
         return FunctionCondition(partial(condition, node))

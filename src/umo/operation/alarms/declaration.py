@@ -30,7 +30,7 @@ class Priority(NamedNumber):
 class High:
     """The value of a digital object is above a limit. `of`: its path below the compound; `limit` in its unit.
 
-    It ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change.
+    It ends at `limit - deadband`. While the value is BAD or UNREFERENCED, the condition does not change. Raises
     DeclarationError for a limit that is not finite, and for a negative deadband.
     """
 
@@ -100,7 +100,7 @@ class Alarm:
     priority: low, medium (default), high, critical. on_delay, off_delay: time on the cycle's clock for which the
     condition must be true, or false, before it counts; in s, or such as "2 s"; default 0. latch: the alarm stays after
     its condition has ended, until it is acknowledged and reset; default False. acknowledge: whether it must be
-    acknowledged; default True. DeclarationError for options of other types or out of these ranges.
+    acknowledged; default True. Raises DeclarationError for options of other types or out of these ranges.
     """
 
     condition: Condition

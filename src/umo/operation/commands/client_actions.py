@@ -233,7 +233,7 @@ class ClientActions:
         return [error for each in found if (error := self._end(each, why)) is not None]
 
     def cancel_or_release(self, why: str, path: str) -> None:
-        """Cancel the action at this path, or all for "", and release held ones. PathError if there is none."""
+        """Cancel the action at this path, or all for "", and release held ones. Raises PathError if there is none."""
         held = [each for each in self._held if each in self._held_actions]
         if path not in ("", *held, *(each.command.path for each in self._running)):
             raise PathError(f"no action {path} is running")

@@ -48,7 +48,7 @@ class ClientCommand:
 
     @classmethod
     def parse(cls, number: int, data: bytes) -> ClientCommand:
-        """Make a command from a text. ValueError, TypeError or RecursionError if it is not one."""
+        """Make a command from a text. Raises ValueError, TypeError or RecursionError if it is not one."""
         text = json.loads(data)
         for name in ("who", "key", "do", "path", "refused", "arguments"):
             kind = dict if name == "arguments" else str
@@ -121,7 +121,7 @@ class Lease:
         return others
 
     def check(self, key: str) -> None:
-        """Check that a client has the lease. CommandRefused if not."""
+        """Check that a client has the lease. Raises CommandRefused if not."""
         if not self.holder:
             raise CommandRefused("nobody has the lease; take it first")
         if key != self._key:

@@ -73,12 +73,12 @@ class Commanded(Commanding):
     # What a verb asks for ------------------------------------------------------------------------------
 
     def object(self, path: str) -> Atomic | Compound:
-        """Return the object at a path. PathError if there is none."""
+        """Return the object at a path. Raises PathError if there is none."""
         found: Atomic | Compound = known(self._objects, path, "object", f" in {type(self.machine.root).__name__}")
         return found
 
     def actuator(self, path: str) -> Actuator:
-        """Return the actuator at a path. PathError if there is none."""
+        """Return the actuator at a path. Raises PathError if there is none."""
         found: Actuator = known(self._actuators, path, "actuator")
         return found
 
@@ -90,8 +90,8 @@ class Commanded(Commanding):
             )
 
     def last_sign(self, path: str, lasts: float) -> float:
-        """Return the time of the last sign of life for the hold of a command. CommandRefused if that is too long ago,
-        because in a long period the client may have died since it sent the command."""
+        """Return the time of the last sign of life for the hold of a command. Raises CommandRefused if that is too long
+        ago, because in a long period the client may have died since it sent the command."""
         signed = self.levels.signed(path, self.lease.number)
         if not 0.0 <= self.clock() - signed <= lasts:
             raise CommandRefused(f"{path}: {DEAD_MAN_REASON}: no sign of life from its client for {lasts:g} s")
@@ -107,8 +107,8 @@ class Commanded(Commanding):
             self.suspension.lease_ended()
 
     def change_mode(self, mode: Mode, command: ClientCommand) -> VerbAnswer:
-        """Change the mode. The answer is BEGUN if `on_resume` runs before the mode is automatic. CommandRefused if the
-        application cannot continue."""
+        """Change the mode. The answer is BEGUN if `on_resume` runs before the mode is automatic. Raises CommandRefused
+        if the application cannot continue."""
         if mode is self.mode:
             if self._changing is not None:
                 raise CommandRefused("the change to automatic mode has begun, and has not ended")
@@ -173,7 +173,8 @@ class Commanded(Commanding):
 
 
 def known(table: Mapping[str, Any], path: str, what: str, where: str = "") -> Any:
-    """Return the entry of a table for this path. PathError if there is none; the client suggests the nearest one."""
+    """Return the entry of a table for this path. Raises PathError if there is none; the client suggests the nearest
+    one."""
     if path not in table:
         raise PathError(f"there is no {what} {path!r}{where}")
     return table[path]

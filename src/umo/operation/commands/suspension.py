@@ -202,7 +202,7 @@ class Suspension:
     # The application goes on ---------------------------------------------------------------------------
 
     def check(self) -> None:
-        """Check a change to automatic mode. CommandRefused if the application cannot continue from the present
+        """Check a change to automatic mode. Raises CommandRefused if the application cannot continue from the present
         state."""
         found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
         found += [reason for left in self._left_motions.values() if (reason := left.why_not())]

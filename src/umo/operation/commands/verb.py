@@ -82,8 +82,8 @@ class VerbArgument:
     required: bool = True
 
     def checked(self, value: Any) -> Any:
-        """Return the value in the form that the verb takes, such as a time in s. RangeError for a value outside its
-        declaration."""
+        """Return the value in the form that the verb takes, such as a time in s. Raises RangeError for a value outside
+        its declaration."""
         if self.kind is ArgumentKind.CHOICE:
             if value not in self.choices:
                 raise RangeError(f"there is no {self.name} {value!r}; there are: {', '.join(self.choices)}")
@@ -161,12 +161,12 @@ class Verb:
 
     @property
     def word(self) -> str:
-        """Its name as an identifier: "acknowledge_alarm"."""
+        """The name of the verb as an identifier, such as "acknowledge_alarm"."""
         return self.name.replace(" ", "_")
 
     @property
     def title(self) -> str:
-        """Its name in CamelCase: "AcknowledgeAlarm"."""
+        """The name of the verb in CamelCase, such as "AcknowledgeAlarm"."""
         return self.name.title().replace(" ", "")
 
     @property
@@ -188,8 +188,8 @@ class Verb:
         return {"arguments": dict(arguments)}
 
     def given(self, command: ClientCommand) -> dict[str, Any]:
-        """The arguments that a command has, checked. RangeError for an argument that is missing, unknown, or outside of
-        its range."""
+        """The arguments that a command has, checked. Raises RangeError for an argument that is missing, unknown, or
+        outside of its range."""
         if self.of_action:
             return dict(command.arguments)
         found = dict(command.arguments)

@@ -19,8 +19,8 @@ def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
     """Return the description of the twin that twin.py of a station declares for its machine; None if there is none.
 
     The description of its frames names the options of its machine. `place`: the station's folder; for a running station
-    the one that its run names. StationError if twin.py cannot be imported or fails, DeclarationError if it does not fit
-    the machine.
+    the one that its run names. Raises StationError if twin.py cannot be imported or fails, DeclarationError if it does
+    not fit the machine.
     """
     if not declares_twin(place):  # or a machine and an application given as functions
         return None

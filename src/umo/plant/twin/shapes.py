@@ -47,7 +47,7 @@ class Shape:
                 raise DeclarationError(f"{what}: {name} must be above 0 m, not {size!r}")
 
     def sizes(self) -> dict[str, float]:
-        """Its lengths by name, in m."""
+        """The lengths of the shape by name, in m."""
         return {}
 
     def describe(self) -> dict[str, Any]:

@@ -21,9 +21,8 @@ from umo.text import did_you_mean
 
 class Twin:
     """The bodies of a machine, in SI units; z is up. `floor`: the height of a floor, m, or None if there is none.
-    `view`: by default everything is seen from the front, the right and above.
-
-    DeclarationError for two bodies with one name, a missing parent, and a circle of parents.
+    `view`: by default everything is seen from the front, the right and above. Raises DeclarationError for two bodies
+    with one name, a missing parent, and a circle of parents.
     """
 
     def __init__(self, bodies: Iterable[Body], *, floor: float | None = 0.0, view: Viewpoint | None = None) -> None:
@@ -56,8 +55,8 @@ class Twin:
         `joints`: for each joint that moves, the object that drives it: `{"z": "z.encoder"}`, or a `Drive` with scale
         and offset. The object's value in m or rad is the joint's coordinate in MuJoCo (its `qpos`). The other joints
         keep the initial position of the model. `more`: additional bodies, whose parents are bodies of the model by
-        name. Its first camera is the view, its first plane the floor. DeclarationError if MuJoCo is not installed, the
-        model cannot be read, or a joint does not exist.
+        name. Its first camera is the view, its first plane the floor. Raises DeclarationError if MuJoCo is not
+        installed, the model cannot be read, or a joint does not exist.
         """
         from umo.plant.twin.mujoco import parts
 

@@ -30,7 +30,7 @@ class AlarmRow(NamedTuple):
     note: str
     """Further text, such as why its condition cannot be evaluated."""
     raised: int = 0
-    """How often it has become active in this run; 0 if not known here."""
+    """Number of times that the alarm has become active in this run; 0 if this is unknown."""
     first: float | None = None
     last: float | None = None
     """The first and the last of these times, in s on the cycle's clock."""

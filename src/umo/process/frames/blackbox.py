@@ -33,8 +33,8 @@ MISSED_PERIOD, ON_DEMAND = "a period was missed", "on demand"
 
 
 def folder() -> Path:
-    """The folder of this user's black boxes, for nobody else. FramesError if it cannot be made. All users may read the
-    folder around it, which has records for them."""
+    """The folder of this user's black boxes, for nobody else. Raises FramesError if it cannot be made. All users may
+    read the folder around it, which has records for them."""
     try:
         return folders.checked(folders.own(folders.lasting(), 0o755) / "blackbox")
     except OSError as error:
@@ -42,8 +42,8 @@ def folder() -> Path:
 
 
 def save(reader: Reader, path: Path, reason: str, periods: int = KEPT_PERIODS) -> None:
-    """Write the last `periods` frames of a ring, their entries that are still in its journal, and the reason. OSError
-    if that fails; then no file is left."""
+    """Write the last `periods` frames of a ring, their entries that are still in its journal, and the reason. Raises
+    OSError if that fails; then no file is left."""
     content = _content(reader, reader.last(periods), reason)
     with folders.written(path, 0o600) as stream:
         stream.write(content)

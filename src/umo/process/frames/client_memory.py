@@ -38,7 +38,7 @@ def size_of(layout: Layout) -> int:
 
 
 class ClientMemory:
-    """The cells, for the machine or for a client. FramesError if the memory does not fit the description of the
+    """The cells, for the machine or for a client. Raises FramesError if the memory does not fit the description of the
     frames."""
 
     def __init__(self, file: int, layout: Layout) -> None:

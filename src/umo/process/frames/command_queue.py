@@ -98,8 +98,8 @@ class Sender:
             ) from None
 
     def send(self, command: dict[str, Any]) -> int:
-        """Send a command and return its number. CommandRefused if the queue stays full, or if the machine would drop
-        the command, which would then have no answer."""
+        """Send a command and return its number. Raises CommandRefused if the queue stays full, or if the machine would
+        drop the command, which would then have no answer."""
         text = json.dumps(command).encode()
         if _parsed(0, text) is None:
             raise CommandRefused(f"{command.get('do')} {command.get('path')}: it is not a valid command")

@@ -54,7 +54,7 @@ _OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
 
 
 def folder() -> Path:
-    """Return the user's folder, which is made if needed. FramesError if that fails."""
+    """Return the user's folder, which is made if needed. Raises FramesError if that fails."""
     try:
         if given := os.environ.get(FOLDER_VARIABLE):
             return folders.checked(Path(given))
@@ -109,8 +109,8 @@ def _made(path: Path) -> int:
 
 
 class FrameServer:
-    """Gives clients that ask at `path` the descriptors `ends`. OSError if the socket cannot be made. A forked process
-    inherits it: one of the two may `listen`, when the memory is complete, and the other answers.
+    """Gives clients that ask at `path` the descriptors `ends`. Raises OSError if the socket cannot be made. A forked
+    process inherits it: one of the two may `listen`, when the memory is complete, and the other answers.
     """
 
     def __init__(self, path: Path, ends: RunDescriptors) -> None:
@@ -122,8 +122,8 @@ class FrameServer:
         self._socket.setblocking(False)
 
     def listen(self) -> None:
-        """Make the run visible: the socket gets its name when it already listens. FramesError if the name cannot be
-        used."""
+        """Make the run visible: the socket gets its name when it already listens. Raises FramesError if the name cannot
+        be used."""
         hidden = self.path.with_name(f".{os.getpid()}-{time.monotonic_ns():x}{self.path.suffix}")
         try:
             with _address(hidden) as address:
@@ -174,7 +174,7 @@ class FrameServer:
 
 
 def receive(path: Path) -> RunDescriptors:
-    """The descriptors of the run whose socket this is. FramesError if they cannot be received."""
+    """The descriptors of the run whose socket this is. Raises FramesError if they cannot be received."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
         here.settimeout(STOPPED_TIMEOUT)
         try:
@@ -211,8 +211,8 @@ def _connect(here: socket.socket, address: str) -> None:
 
 
 def _wait_for_answer(here: socket.socket, path: Path, maker: int) -> None:
-    """Wait for the answer of a process that lives; FramesError if it was stopped, has ended, or does not answer in
-    time. `maker`: the process that has made the socket, 0 if it is unknown."""
+    """Wait for the answer of a process that lives. Raises FramesError if it was stopped, has ended, or does not answer
+    in time. `maker`: the process that has made the socket, 0 if it is unknown."""
     ready = select.poll()
     ready.register(here, select.POLLIN)
     begun = heard = time.monotonic()

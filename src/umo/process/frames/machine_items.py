@@ -62,11 +62,11 @@ class MachineItem:
     """One value of a machine."""
 
     number: int
-    """Its place in `Declaration.items` and in the arrays of `Changes`."""
+    """Place of the item in `Declaration.items` and in the arrays of `Changes`."""
     kind: ItemKind
     path: str
     about: Mapping[str, Any] = field(repr=False)
-    """Its description in the frames (`umo.process.frames.layout`)."""
+    """Description of the item in the frames (`umo.process.frames.layout`)."""
     unit: str = ""
     """The unit as declared, "mm/s**2"; "" if it has none."""
     minimum: float | None = None
@@ -76,16 +76,16 @@ class MachineItem:
 
     @property
     def name(self) -> str:
-        """Its name, unique among all items: the path, preceded by the kind if a path may have several items."""
+        """Name of the item, unique among all items: the path, preceded by the kind if a path may have several items."""
         return self.path if self.kind.value in PLAIN else f"{self.kind.value}:{self.path}"
 
     def identity(self, names: Identities) -> str:
-        """Its name in the alphabet of a protocol."""
+        """Return the name of the item in the alphabet of a protocol."""
         return names.of(self.path, "" if self.kind.value in PLAIN else self.kind.value)
 
     @property
     def look(self) -> str:
-        """Its unit in printed form."""
+        """The unit of the item in printed form."""
         return shown_unit(self.unit)
 
     def state_of(self, value: float) -> str | None:

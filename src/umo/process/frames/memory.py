@@ -37,7 +37,8 @@ class RunDescriptors(NamedTuple):
 
     @classmethod
     def pair(cls) -> tuple[RunDescriptors, RunDescriptors]:
-        """Make empty memory, and return the descriptors for the writer and for readers. FramesError if that fails."""
+        """Make empty memory, and return the descriptors for the writer and for readers. Raises FramesError if that
+        fails."""
         if not hasattr(os, "memfd_create"):
             raise FramesError("frames can be published on Linux only; reading black boxes works everywhere")
         opened: list[int] = []
@@ -54,7 +55,7 @@ class RunDescriptors(NamedTuple):
         return cls(frames, cells, pipe[1]), readers
 
     def again(self) -> RunDescriptors:
-        """Return further descriptors of the same memory. OSError if there are no more descriptors."""
+        """Return further descriptors of the same memory. Raises OSError if there are no more descriptors."""
         opened: list[int] = []
         try:
             for file in self:
@@ -72,8 +73,8 @@ class RunDescriptors(NamedTuple):
 
 def fill(file: int, head: bytes, size: int, *, private: bool) -> mmap.mmap:
     """Give empty memory its size and its initial content, and seal it. Return the writable mapping. `private`: from
-    then on no other process can write to it, if the kernel has this seal. FramesError if there is not enough memory.
-    All pages are allocated before, which would otherwise slow the first lap of the ring.
+    then on no other process can write to it, if the kernel has this seal. Raises FramesError if there is not enough
+    memory. All pages are allocated before, which would otherwise slow the first lap of the ring.
     """
     try:
         os.posix_fallocate(file, 0, size)
@@ -91,7 +92,7 @@ def fill(file: int, head: bytes, size: int, *, private: bool) -> mmap.mmap:
 
 
 def mapped(file: int, *, write: bool = False) -> mmap.mmap:
-    """Map memory that another process has made. FramesError if it can be truncated."""
+    """Map memory that another process has made. Raises FramesError if it can be truncated."""
     try:
         seals = fcntl.fcntl(file, F_GET_SEALS)
         if seals & SIZE_SEALS != SIZE_SEALS:

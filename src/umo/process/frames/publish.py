@@ -58,8 +58,8 @@ def published(
     `umo show stations` and `umo show values press` then find it: a thread of this process answers them. `place` is the
     station's folder, `options` are the options with which its machine was made, `job` the plain data to repeat the run.
     With `ends`, the writer's descriptors of empty memory, this process only writes, and the process that made them
-    answers clients that look for the station. FramesError if there is not enough memory, or if this connection is
-    already published.
+    answers clients that look for the station. Raises FramesError if there is not enough memory, or if this connection
+    is already published.
     """
     if connection.image.transfer.journal is not None:
         raise FramesError(f"{station} is already published; a connection can publish only one ring of frames")

@@ -106,8 +106,8 @@ class _Packed:
 class Ring:
     """An observer that publishes every frame, in memory that no other process can write or truncate.
 
-    The constructor reserves the memory; FramesError if there is not enough. `ends` are the writer's descriptors of
-    empty memory. Call `close` at the end.
+    The constructor reserves the memory. Raises FramesError if there is not enough. `ends` are the writer's descriptors
+    of empty memory. Call `close` at the end.
     """
 
     def __init__(

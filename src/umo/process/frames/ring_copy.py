@@ -17,7 +17,8 @@ MIN_SLOTS = 16
 
 
 class RingCopy:
-    """`ends`: the writer's descriptors of empty memory. FramesError if there is not enough. It has no journal."""
+    """`ends`: the writer's descriptors of empty memory. Raises FramesError if there is not enough. It has no
+    journal."""
 
     def __init__(self, layout: Layout, ends: RunDescriptors) -> None:
         self.layout = layout

@@ -20,7 +20,7 @@ name is not of its kind."""
 
 
 def frames_at(path: Path) -> Reader:
-    """Return the frames of a running station or a black box. FramesError for any defect of the file."""
+    """Return the frames of a running station or a black box. Raises FramesError for any defect of the file."""
     if not (path.is_file() or path.is_socket()):
         raise FramesError(f"{path} is not a file" if path.exists() else f"there are no frames at {path}: no such file")
     with reading(path):

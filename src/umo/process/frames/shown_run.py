@@ -1,4 +1,4 @@
-"""A run of which one frame after another is shown, in any order: of a recording at a chosen time, or of a replay."""
+"""A run whose frames are shown one at a time, in any order: a recording at a chosen time, or a replay."""
 
 from __future__ import annotations
 

@@ -120,8 +120,8 @@ class Trial:
 
 
 def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
-    """Return the run of a recording as a trial, with the code `given`. NotReplayable if that is not a station, or if
-    the recorded wiring has drivers that no wiring of the station has."""
+    """Return the run of a recording as a trial, with the code `given`. Raises NotReplayable if that is not a station,
+    or if the recorded wiring has drivers that no wiring of the station has."""
     job, about = tape.job, tape.layout.about
     made = job_of(job, given, runs=True)
     if made.station is None:
@@ -144,7 +144,7 @@ class ClosedShrinking:
     end the search."""
 
     def __init__(self, trial: Trial) -> None:
-        """NotReplayable if the trial ends without an error."""
+        """Raise NotReplayable if the trial ends without an error."""
         self.trial, self.trials = trial, 1
         trial_error = trial.ending()
         if trial_error is None:

@@ -34,7 +34,7 @@ class CodeGiven:
 
     @property
     def is_program(self) -> bool:
-        """True if it names functions and not a station."""
+        """True if the code is given by functions and not by a station."""
         return self.station is not None and ":" in self.station and not Path(self.station).exists()
 
 
@@ -43,9 +43,9 @@ NOTHING_GIVEN = CodeGiven()
 
 
 def job_of(recorded: Mapping[str, Any], given: CodeGiven, *, runs: bool = False) -> Job:
-    """Return the recorded job with the given code. `runs`: its drivers are run, in closed loop. NotReplayable if no
-    code is given and the recorded station neither ships with umo nor is installed, or if the recording names other code
-    or files."""
+    """Return the recorded job with the given code. `runs`: its drivers are run, in closed loop. Raises NotReplayable if
+    no code is given and the recorded station neither ships with umo nor is installed, or if the recording names other
+    code or files."""
     options = recorded.get("options")
     job = Job(options=dict(options.get("given", {})) if isinstance(options, Mapping) else {}, path=[])
     job.options = {name: value for name, value in job.options.items() if name not in WIRING_OPTIONS}
@@ -97,7 +97,7 @@ def _functions(text: str) -> tuple[str, str | None, str | None]:
 
 
 def _check_files(job: Job, station: Station | None) -> None:
-    """NotReplayable if an option of the recorded run is a file: it was named by the recording."""
+    """Raise NotReplayable if an option of the recorded run is a file: it was named by the recording."""
     if not job.options:
         return
     found = {name: each for name, (_, each) in driver_options(_wiring(job, station)).items()}

@@ -54,7 +54,7 @@ class Comparison:
         self.on_difference: Callable[[], object] = lambda: None
         """Function that is called at the first difference."""
         self.compares = True
-        """True if it compares; otherwise it only counts."""
+        """True if commands are compared; otherwise they are only counted."""
         image = machine.image
         self._paths = [str(each["path"]) for each in layout.objects]
         slot_of = {item.path: slot for slot, item in enumerate(image.items)}

@@ -27,7 +27,7 @@ from umo.user_code import Raised
 
 
 class DebuggedReplay:
-    """An observer of a replay that stops it. `look` is called in each period."""
+    """An observer that can stop a replay. `look` is called in each period."""
 
     def __init__(
         self,
@@ -232,7 +232,7 @@ class DebuggedReplay:
         self._stop = Stop(period=self.replay.player.shown + max(count, 1))
 
     def to(self, place: str) -> None:
-        """Go to a time, a period, the first difference or the end. OptionError for any other text."""
+        """Go to a time, a period, the first difference or the end. Raises OptionError for any other text."""
         stop, player = Stop.parse(place), self.replay.player
         if stop.difference and self._found is not None:
             stop = Stop(period=self._found.period)

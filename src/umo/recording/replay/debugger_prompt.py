@@ -76,7 +76,7 @@ class ReplayPdb(pdb.Pdb):
         self._folder = os.path.dirname(inspect.getsourcefile(type(machine)) or "") + os.sep
         """The folder of the machine's code, which may be an installed package."""
         self.seeking = False
-        """True if it stops in the first line of the user's code."""
+        """True if the prompt stops in the first line of the user's code."""
         self._waiting: list[FrameType] = []
         """The innermost frames of the user's code in the sequences."""
 
@@ -243,7 +243,7 @@ class ReplayPdb(pdb.Pdb):
 
 
 def _count(text: str) -> int:
-    """OptionError if it is not a number from 1 on."""
+    """Raise OptionError if it is not a number from 1 on."""
     if text and not (text.isdecimal() and int(text)):
         raise OptionError(f"{text!r} is not a number of periods")
     return int(text or 1)

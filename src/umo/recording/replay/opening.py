@@ -45,8 +45,8 @@ def opened(path: Path | str) -> Iterator[Recording]:
 
 
 def other_hash_seed(about: Mapping[str, object]) -> str | None:
-    """The hash seed of a recorded run, if this process has another one: it can be set only at the start of a process.
-    NotReplayable if Python does not accept it."""
+    """Return the hash seed of a recorded run if this process has another one, because it can be set only at the start
+    of a process. Raises NotReplayable if Python does not accept it."""
     initial = about.get("initial")
     seed = str(initial.get("hash_seed", "")) if isinstance(initial, dict) else ""
     if seed in ("", "random") or seed == os.environ.get(HASH_SEED):

@@ -37,7 +37,7 @@ class Program:
 
     @classmethod
     def of(cls, tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Program:
-        """Return the recorded run with the code `given`. NotReplayable if it cannot be made."""
+        """Return the recorded run with the code `given`. Raises NotReplayable if it cannot be made."""
         try:
             job = job_of(tape.job, given)
             plan = Plan(job)
@@ -50,7 +50,7 @@ class Program:
         return cls(plan.machine, plan.wired, loop, plan.name, job.manual, other_code(tape.job, plan.place))
 
     def set(self, settings: Mapping[str, object]) -> None:
-        """Let numbers have other values than in the recording. OptionError for an unknown number, or an invalid
+        """Let numbers have other values than in the recording. Raises OptionError for an unknown number, or an invalid
         value."""
         known = {path: each for path, each in numbers_of(self.machine).items() if each.settable}
         parameters = [each for each in self.wired.parameters if each.number.path not in settings]

@@ -38,7 +38,7 @@ def recorded_wiring(
 ) -> str | dict[str, Any] | None:
     """Return the wiring of a recorded job: a file of the station if one has the recorded text, otherwise the recorded
     table. `runs`: its drivers will be run, in closed loop, so that they must be those of a wiring of the station.
-    NotReplayable if it names code or files that neither the station nor an installed package has."""
+    Raises NotReplayable if it names code or files that neither the station nor an installed package has."""
     wiring = job.get("wiring")
     wiring = wiring if isinstance(wiring, Mapping) else {}
     text, table = wiring.get("text"), wiring.get("table")
@@ -64,7 +64,7 @@ def _text_of(file: Path) -> str | None:
 
 
 def _checked(table: dict[str, Any], station: Station | None, own: Sequence[Path], runs: bool) -> dict[str, Any]:
-    """The table with types and files of the station; NotReplayable for any others."""
+    """The table with types and files of the station. Raises NotReplayable for any others."""
     known = [driver for file in own for driver in drivers_in(read(file))]
     drivers = table.get("drivers")
     table["drivers"] = {
@@ -75,8 +75,8 @@ def _checked(table: dict[str, Any], station: Station | None, own: Sequence[Path]
     for driver in drivers_in(source):
         if runs and driver.kind not in WITHOUT_DEVICE and driver not in known:
             raise NotReplayable(
-                f"the wiring of the recording has a driver {driver.kind!r} that no wiring of the station has like "
-                f"this: {HOW}"
+                f"the wiring of the recording has a driver {driver.kind!r} with settings that no wiring of the "
+                f"station has: {HOW}"
             )
         if driver.kind not in registry.known() and driver.kind not in {each.kind for each in known}:
             raise NotReplayable(

@@ -34,7 +34,7 @@ from umo.system.processes import HASH_SEED
 MAX_COMPARED = 100
 """Number of characters of an error's text that are compared."""
 SHORT = 20
-"""The same number if numbers in the text may differ."""
+"""Number of compared characters if numbers in the text may differ."""
 RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
 
 

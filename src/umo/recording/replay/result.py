@@ -18,7 +18,7 @@ class Difference:
     period: int
     """Number of the period, counted from 0 at the beginning of the recording."""
     time: float
-    """Its time in s on the cycle's clock."""
+    """Time of the difference in s on the cycle's clock."""
     path: str
     """The object; "" if it is not an object."""
     recorded: str
@@ -53,7 +53,7 @@ class Replayed:
     inexact: str = ""
     """The reason why the replay ended before the end of the recording; "" if it did not."""
     ended: str = ""
-    """How the recorded run ended, as it reported; "" if the recording does not say."""
+    """The end of the recorded run, as the run reported it; "" if the recording does not contain it."""
     error: BaseException | None = None
     """The error that ended the replayed run, or None if there was none."""
     settings: dict[str, Any] = field(default_factory=dict)

@@ -67,7 +67,7 @@ class WholeRecording:
     """A whole recording in memory, from which periods are chosen."""
 
     def __init__(self, tape: Tape) -> None:
-        """Read a recording. NotReplayable if parts of it are lost."""
+        """Read a recording. Raises NotReplayable if parts of it are lost."""
         blocks = list(tape.blocks())
         if any(block.lost or block.entries_lost or block.commands_lost or block.events_lost for block in blocks):
             raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
@@ -172,7 +172,7 @@ class Shrinking:
     def __init__(
         self, tape: Tape, given: CodeGiven = NOTHING_GIVEN, program: Callable[[Tape], Program] | None = None
     ) -> None:
-        """NotReplayable if its replay has neither a difference nor an error."""
+        """Raise NotReplayable if its replay has neither a difference nor an error."""
         self.source = WholeRecording(tape)
         self._program = program or (lambda each: Program.of(each, given))
         self.replays = 0

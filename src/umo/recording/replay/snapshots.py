@@ -86,7 +86,7 @@ class Runner:
         self.orders: Orders = {}
         self.known: dict[int, float] = {}
         self._children: list[Child] = []
-        """The processes of the snapshots that it has forked, as far as they have not ended."""
+        """The processes of the snapshots that this runner has forked and that have not ended."""
         self._link = self._begin({})
 
     def _begin(self, orders: Orders) -> Link:

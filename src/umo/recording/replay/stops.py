@@ -39,13 +39,13 @@ class Stop:
     time: float | None = None
     """Time in s."""
     difference: bool = False
-    """True if it stops at the first difference."""
+    """True if the replay stops at the first difference."""
     end: bool = False
-    """True if it stops in the last period."""
+    """True if the replay stops in the last period."""
 
     @classmethod
     def parse(cls, text: str) -> Stop:
-        """Parse a place such as `12.3s`, `500`, `first-difference` or `end`. OptionError for anything else."""
+        """Parse a place such as `12.3s`, `500`, `first-difference` or `end`. Raises OptionError for anything else."""
         word = text.strip()
         if word in (FIRST_DIFFERENCE, END):
             return cls(difference=word == FIRST_DIFFERENCE, end=word == END)
@@ -78,7 +78,7 @@ class BreakCondition:
     It only reads: it may call the functions of NAMES and `math`, and READING methods."""
 
     def __init__(self, text: str) -> None:
-        """OptionError if it is not such an expression."""
+        """Raise OptionError if it is not such an expression."""
         self.text = text
         try:
             tree = ast.parse(text.strip(), "--break", "eval")
@@ -99,8 +99,8 @@ class BreakCondition:
         """The reason why the last evaluation failed; "" if it did not."""
 
     def becomes_true(self, machine: Compound, period: int, time: float) -> bool:
-        """True if it is true now, and was not in the period before. OptionError if it contains an unknown name, at the
-        first evaluation."""
+        """True if it is true now, and was not in the period before. Raises OptionError if it contains an unknown name,
+        at the first evaluation."""
         tried, self._tried = self._tried, True
         try:
             parts = {name: getattr(machine, name) for name in self._parts}

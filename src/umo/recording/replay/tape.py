@@ -53,7 +53,7 @@ class TapeBlock(Protocol):
 
     @property
     def lost(self) -> int:
-        """Number of frames that are missing before it."""
+        """Number of frames that are missing before the block."""
 
     @property
     def entries_lost(self) -> int:

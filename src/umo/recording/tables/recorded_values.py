@@ -50,8 +50,8 @@ class RecordedPart(NamedTuple):
 
 
 class RecordedValues:
-    """The chosen objects and signals of a recording. PathError for an unknown path, RangeError for times in the wrong
-    order."""
+    """The chosen objects and signals of a recording. Raises PathError for an unknown path, RangeError for times in the
+    wrong order."""
 
     def __init__(
         self,

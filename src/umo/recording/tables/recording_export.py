@@ -26,8 +26,8 @@ PIECE_ROWS = 4096
 
 
 def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
-    """Write the values in the format of the suffix. Return the number of periods. FramesError if it cannot be written;
-    ImportError for Parquet without pyarrow."""
+    """Write the values in the format of the suffix. Return the number of periods. Raises FramesError if it cannot be
+    written. Raises ImportError for Parquet without pyarrow."""
     if path.suffix not in SUFFIXES:
         raise OptionError(f"{path.name}: the suffix must be one of {', '.join(SUFFIXES)}")
     if path.exists() and path.samefile(values.recording.path):
@@ -39,8 +39,8 @@ def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Return a context with a new file next to a path, which replaces that path when it is complete. FramesError if it
-    cannot be made."""
+    """Return a context with a new file next to a path, which replaces that path when it is complete. Raises FramesError
+    if it cannot be made."""
     try:
         with _renamed(path) as file:
             yield file

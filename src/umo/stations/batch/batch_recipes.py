@@ -19,7 +19,7 @@ class BatchRecipe(Recipe):
     temperature: Annotated[float, Number("degC", 20.0, 95.0)]
     """degC."""
     hold: Annotated[float, Number("s", 0.0, 3600.0)]
-    """Time for which it is kept at its temperature, s."""
+    """Time for which the batch is kept at its temperature, s."""
     stirring: Annotated[float, Number("rpm", 0.0, 150.0)]
     """Speed of the stirrer, rpm."""
 

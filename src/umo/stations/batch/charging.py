@@ -76,7 +76,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
         await wait(self.settling_time)
 
     async def _flow(self, valve: Valve, done: Callable[[], bool], what: str) -> None:
-        """Open a valve until the condition is true; ChargingError if the load stands still before."""
+        """Open a valve until the condition is true. Raises ChargingError if the load stands still before."""
         number, _ = await first(until(done), self._standstill(), held_open(valve))
         if number == 1:
             load = value_of(self.scale)

@@ -125,7 +125,7 @@ class Reactor(
 
     @property
     def waits(self) -> bool:
-        """True if it waits for the charging line."""
+        """True if the reactor waits for the charging line."""
         return self.phase == WAITING
 
     @property
@@ -154,7 +154,7 @@ class Reactor(
 
     @property
     def activity(self) -> str:
-        """Its activity in one word: its phase, or the state in which it waits."""
+        """The activity of the reactor in one word: its phase, or the state in which it waits."""
         if self.cycle.fault:
             return "fault"
         state = self.unit.state

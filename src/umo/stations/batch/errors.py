@@ -4,7 +4,7 @@ TaskFailed
 |-- ChargingError       the charging line does not fill, weigh or empty its hopper as it should
 |-- TemperatureError    a reactor does not come to its temperature, or does not stay there
 |-- DrainingError       a reactor does not become empty
-`-- BatchesLost         a reactor stayed in fault: its batches were not made
+`-- BatchesLost         a reactor stayed in fault, so its batches were not made
 """
 
 from umo.errors import TaskFailed

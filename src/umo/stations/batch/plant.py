@@ -65,7 +65,7 @@ class Plant(Driver, Reports):
         self.levels = dict.fromkeys(CHANNELS, 0)
         self.vessels = [Vessel(POWER * random.uniform(0.95, 1.05)) for _ in range(REACTORS)]
         self.hopper = [0.0] * MATERIALS
-        """Its load, kg of each raw material."""
+        """The load of the hopper, kg of each raw material."""
         self._inflows = [flow * random.uniform(0.95, 1.05) for flow in INFLOWS]
         self._inlets, self._outlets, self._waste = [0.0] * MATERIALS, [0.0] * REACTORS, 0.0
         self._load = 0.0  # as the scale follows it

@@ -18,7 +18,7 @@ VALVE_LAG, STIRRER_LAG, HEATER_LAG, THERMOMETER_LAG = 0.15, 1.0, 8.0, 4.0
 DRAIN, LAST = 4.0, 0.5
 """Flow through the drain, kg/s, and time constant of the flow when the vessel is nearly empty, s."""
 TRACE = 0.3
-"""Content below which it is empty, kg."""
+"""Content below which the vessel counts as empty, kg."""
 
 
 @dataclass(eq=False)
@@ -36,7 +36,7 @@ class Vessel:
     feed: float = 0.0  # of the valves, 0 (closed) to 1 (open)
     drain: float = 0.0
     charged: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
-    """Amounts that came in since it was empty, kg."""
+    """Amounts that came in since the vessel was empty, kg."""
     held: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
     """Longest time at the temperature and speed of each recipe since it was empty, s."""
     holding: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))

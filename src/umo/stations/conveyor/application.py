@@ -31,8 +31,8 @@ async def main(
         tolerance: largest deviation of an accepted part from it, mm.
         patience: time in s within which an operator must continue after a fault, a stop, or a lack of parts.
 
-    RangeError if the drive does not have this speed, or if the belt moves by more than half of the tolerance in a
-    period, which limits the accuracy of a measured length. PartsLost if not all parts were sorted.
+    Raises RangeError if the drive does not have this speed, or if the belt moves by more than half of the tolerance in
+    a period, which limits the accuracy of a measured length. Raises PartsLost if not all parts were sorted.
     """
     Range.of(m.sorter.belt.setpoint).check("speed", speed)
     step = 1000.0 * speed * m.cycle.period

@@ -175,7 +175,7 @@ class Plant(Driver[PlantChannel], Reports):
     # Opening and time ---------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Switch the circuits on; the first time, build the machine. DriverError without MuJoCo."""
+        """Switch the circuits on; the first time, build the machine. Raises DriverError without MuJoCo."""
         self._steps = self._whole_steps()
         if self._physics is None:
             self._physics = self._build()

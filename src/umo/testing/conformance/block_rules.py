@@ -26,7 +26,7 @@ LOOK_INTERVAL = 0.01
 """Time in s until the second look at a channel, doubled each time: a driver that receives its values without a request
 keeps them."""
 LOOKS = 5
-"""Looks at a channel until it has stood still for one of them."""
+"""Largest number of looks at a channel to find that it stands still."""
 FEWEST_BLOCKS = 4
 """Blocks that are tried at any rate."""
 MAX_TURNS = 16
@@ -119,7 +119,7 @@ def _turns(texts: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
-    """RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
+    """Raise RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
     for look in range(LOOKS):
         before = [probe.read(text) for text in texts]
         block = probe.read_many(texts)

@@ -267,7 +267,7 @@ def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:
 
 
 def _brought_alone(context: RuleContext, outputs: Sequence[Output]) -> None:
-    """RuleBroken if a new driver brings them to other levels, too: it is no matter of two clients then."""
+    """Raise RuleBroken if a new driver brings them to other levels, too: it is no matter of two clients then."""
     with suppress(OSError), context.opened() as alone:
         for output in outputs:
             alone.write(output.channel, output.other(1))
@@ -415,7 +415,7 @@ def errors_are_named(context: RuleContext) -> None:
 
 @contextmanager
 def _wired(connection: connect[Machine]) -> Iterator[Machine]:
-    """The connected machine; RuleBroken if umo does not wire the channels."""
+    """The connected machine. Raises RuleBroken if umo does not wire the channels."""
     with ExitStack() as stack:
         try:
             machine = stack.enter_context(connection)

@@ -44,7 +44,7 @@ class DriverFactory:
         return max(UNCONTROLLED_TIMEOUT, self.subject.timeout)
 
     def bring_up(self, probe: Probe) -> None:
-        """Open it and initialise its channels."""
+        """Open a driver and initialise its channels."""
         probe.open()
         for text in self.channels:
             probe.initialize(text, self.default(text))

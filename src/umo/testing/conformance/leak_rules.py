@@ -278,7 +278,7 @@ def long_run(context: RuleContext) -> str:
 
 
 def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
-    """RuleBroken if a new driver is quicker: else it is the computer or the device that has become slow."""
+    """Raise RuleBroken if a new driver is quicker: else it is the computer or the device that has become slow."""
     with context.opened(direct=True) as probe:
         new = LongRun(context, probe)
         new.go(WARMING_CYCLES)
@@ -338,7 +338,7 @@ def _without_a_device(context: RuleContext, line: Tap) -> str:
 
 
 def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: LeakLimit = LeakLimit()) -> str:
-    """RuleBroken if memory is left over; else what was measured."""
+    """Raise RuleBroken if memory is left over; else what was measured."""
     most = CYCLES if context.cycles is None else max(10, min(CYCLES, context.cycles // ROUNDS))
     began, took, count = context.budget.clock(), 0.0, 0
     while count < min(each.fewest, most) or (count < most and took < MAX_WARMING and context.budget.has(ROUNDS * took)):

@@ -21,7 +21,7 @@ same moment."""
 LOOK_INTERVAL = 0.005
 """Time in s between two looks: a period."""
 MOST_LOOKS = 20
-"""Looks while the device does not answer, and when it does."""
+"""Largest number of looks while the device does not answer, and when it does."""
 OTHER_LEVEL = 2
 """Number of the level that another client writes, beside that of the driver."""
 FEWEST_OUTPUTS = 1

@@ -98,7 +98,7 @@ def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[]
 
 
 def _check_once(context: RuleContext, traffic: Traffic, usual: list[Traffic], opening: list[bytes], what: str) -> None:
-    """RuleBroken if a request was sent more often than usual."""
+    """Raise RuleBroken if a request was sent more often than usual."""
     kinds = list(zip(*(each.requests for each in usual), strict=False))
     for alike in kinds:
         most = max(_count(each.requests, alike) for each in usual)
@@ -146,8 +146,8 @@ def _asked_in_vain(context: RuleContext, call: DriverCall) -> Traffic:
 
 
 def _check_doubled(context: RuleContext, probe: Probe, output: Output) -> None:
-    """RuleBroken if a write that succeeds sends two requests with the same level, which differ in nothing but what
-    differs between equal writes too, as a number does."""
+    """Raise RuleBroken if a write that succeeds sends two requests with the same level, which differ in nothing but
+    what differs between equal writes too, as a number does."""
     levels = dict.fromkeys((*(output.other(number) for number in range(3)), output.default))
     sent: dict[int, list[list[bytes]]] = {raw: [] for raw in levels}
     for raw in [*levels] * EQUAL_WRITES:

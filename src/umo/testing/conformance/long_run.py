@@ -159,7 +159,7 @@ class LongRun:
     # Readings ---------------------------------------------------------------------------------------
 
     def _look(self, number: int) -> None:
-        """RuleBroken if a reading of the last cycle is wrong."""
+        """Raise RuleBroken if a reading of the last cycle is wrong."""
         found = dict(zip(self.context.readable, self._out.tolist(), strict=True))
         alone = {}
         if self.readable:
@@ -196,7 +196,7 @@ class LongRun:
         self._lags.add(view)
 
     def _check_is_time(self, view: str, output: Output) -> None:
-        """RuleBroken if a block reads the level that was there before, though the present one has come."""
+        """Raise RuleBroken if a block reads the level that was there before, though the present one has come."""
         place, levels = self._place[view], (output.default, output.other(), output.default)
         for before, raw in pairwise(levels):
             self._write_all(output, before)

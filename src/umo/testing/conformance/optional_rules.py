@@ -90,7 +90,7 @@ def _same_at_each_level(context: RuleContext, probe: Probe, given: Mapping[str, 
 
 
 def _scale(probe: Probe, text: str) -> PhysicalScale | None:
-    """RuleBroken for what is no scale."""
+    """Raise RuleBroken for what is no scale."""
     try:
         scale = probe.call(f"physical_scale of {text}", scale_of, probe.driver, probe.channel(text))
     except OSError as error:
@@ -118,7 +118,7 @@ def _ends(context: RuleContext, outputs: list[Output]) -> set[str]:
 
 
 def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping[str, PhysicalScale | None]) -> bool:
-    """Return True if the two ends of a loop-back could be compared. RuleBroken if their values differ."""
+    """Return True if the two ends of a loop-back could be compared. Raises RuleBroken if their values differ."""
     one, other = given.get(output.channel), given.get(context.view(output))
     if context.view(output) == output.channel or one is None or other is None:
         return False
@@ -199,7 +199,7 @@ def _clock_is_set(probe: Probe, texts: tuple[str, ...]) -> None:
 
 
 def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
-    """RuleBroken for what are no ages."""
+    """Raise RuleBroken for what are no ages."""
     given = probe.call("ages", ages_of, probe.driver, tuple(map(probe.channel, texts)))
     if given is None:
         return None
@@ -503,7 +503,7 @@ def _feed(context: RuleContext, probe: Probe, seconds: float) -> None:
 def _check_held(context: RuleContext, probe: Probe, when: str) -> None:
     for output in context.required_outputs:
         if not context.same(output, output.other(), context.level(probe, output)):
-            raise RuleBroken(f"the watchdog has let go of {output.channel}, {when}")
+            raise RuleBroken(f"the watchdog has released {output.channel}, {when}")
 
 
 def _check_let_go(context: RuleContext, probe: Probe, seconds: float, since: str) -> None:

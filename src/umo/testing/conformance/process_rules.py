@@ -34,7 +34,7 @@ ALARM_TOLERANCE = 0.2
 TRIES = 2
 """Tries of which the best counts."""
 MOST_WAITS = 4
-"""Places in one call at which it is interrupted."""
+"""Largest number of places in one call at which it is interrupted."""
 WAITING_FUNCTIONS = {
     "recv", "recv_into", "recvfrom", "recvfrom_into", "recvmsg", "select", "poll", "read", "readinto", "readline",
     "ioctl", "sleep", "connect",
@@ -88,7 +88,7 @@ def _quiet_while_away(context: RuleContext, probe: Probe) -> None:
 
 
 def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
-    """RuleBroken if threads that are not older than the trial run while they should wait."""
+    """Raise RuleBroken if threads that are not older than the trial run while they should wait."""
     shares = []
     for _ in range(TRIES):
         before, began = threads(), monotonic()

@@ -79,8 +79,8 @@ def timeout(context: RuleContext) -> str | None:
 
 
 def _last_missing(context: RuleContext, probe: Probe, call: DriverCall) -> None:
-    """RuleBroken if a call of several requests succeeds without the last of its answers. Nothing is said of a driver
-    that sends requests beside its calls."""
+    """Raise RuleBroken if a call of several requests succeeds without the last of its answers. Nothing is said of a
+    driver that sends requests beside its calls."""
     counts = set()
     for _ in range(2):
         _alive(context, probe, call)

@@ -36,7 +36,7 @@ class MyCard(Driver):
     """What the device is, in one line.
 
     Options:
-        address: of the device on its bus, 0 to 127.
+        address: address of the device on its bus, 0 to 127.
     """
 
     def __init__(self, *, address: int = 1) -> None:

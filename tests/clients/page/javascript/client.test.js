@@ -95,7 +95,7 @@ test("of a command without an answer nobody knows whether it was carried out; on
   feed._text({ type: "answer", id: 1, state: "begun", text: "" });
   feed._closed(1006);
   const { state, text } = await asked;
-  assert.deepEqual([state, text], ["failed", "no answer: the connection was lost; whether it was carried out is not known"]);
+  assert.deepEqual([state, text], ["failed", "no answer, because the connection was lost; it is unknown whether the command was carried out"]);
   assert.equal((await client.ask({ do: "call", path: "home" })).state, "refused");
 });
 

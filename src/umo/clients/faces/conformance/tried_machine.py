@@ -75,7 +75,7 @@ class TriedCell(Compound, equipment=True, alarms=ALARMS):
 
     @action(harmless=True)
     async def cook(self) -> None:
-        """Cook until it is cancelled."""
+        """Cook until the action is cancelled."""
         await wait(1e9)
 
     @action(velocity=Range("V", -10.0, 10.0), release="halt")

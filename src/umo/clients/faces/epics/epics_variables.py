@@ -135,9 +135,9 @@ class EpicsVariables:
         self.add(parts_of(path), "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
 
     def add_verb(self, parts: NameParts, verb: Verb, path: str | None) -> None:
-        """Add a variable for a verb. A put of any value gives the verb, or its one number or text; an RPC has its
-        arguments by name. `path`: None if the path is an argument, too; then a put of a verb without arguments is the
-        path."""
+        """Add a variable for a verb. A put gives the verb: with any value if the verb has no argument, with the number
+        or text of its only argument; an RPC gives the arguments by name. `path`: None if the path is an argument too;
+        then the put of a verb without other arguments is the path."""
         about = {each.name: each.plain() for each in verb.arguments}
         single = verb.arguments[0] if len(verb.arguments) == 1 and path is not None else None
 
@@ -277,7 +277,7 @@ def precision_of(item: MachineItem) -> int:
 
 
 def number_in(given: Value, *, whole: bool = False) -> float:
-    """The number that was put; CommandRefused if there is none."""
+    """The number that was put. Raises CommandRefused if there is none."""
     if not given.changed("value"):
         raise CommandRefused("no value was put")
     number = float(given["value"])
@@ -301,7 +301,7 @@ def _put(argument: VerbArgument, given: Value) -> Any:
 
 
 def _query(what: str, given: Any) -> Any:
-    """The arguments of an RPC by name; CommandRefused if it has none."""
+    """The arguments of an RPC by name. Raises CommandRefused if it has none."""
     query = given["query"] if given.has("query") else {} if given.has("scheme") else given
     if not isinstance(query, Value | Mapping):
         raise CommandRefused(f"{what}: the query is not a structure of arguments")

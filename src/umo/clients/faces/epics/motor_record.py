@@ -153,7 +153,7 @@ class MotorRecord:
         return jog
 
     async def _stop(self, user: User, given: Value) -> None:
-        """End what clients have begun. CommandRefused if the application moves the axis."""
+        """End what clients have begun. Raises CommandRefused if the application moves the axis."""
         axis, ended = self._axis, False
         for do, path in ((CANCEL.name, axis["move"]), (CANCEL.name, axis["home"]), (LET_GO.name, axis["jog"])):
             try:

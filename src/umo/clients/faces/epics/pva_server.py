@@ -49,7 +49,7 @@ class PvaServer:
         self._tasks = KeptTasks()
 
     def open(self) -> str:
-        """Start the server and return its address. UmoError if the port is in use."""
+        """Start the server and return its address. Raises UmoError if the port is in use."""
         self._loop = asyncio.get_running_loop()
         endpoint = self._endpoint
         endpoint.listening().close()  # the server would silently take another port

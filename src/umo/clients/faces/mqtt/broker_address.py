@@ -18,7 +18,7 @@ MAX_PASSWORD = 1024
 class BrokerAddress:
     """`ca`: file of the certificates that the broker's is checked with (PEM): TLS. `certificate`: file of the own
     certificate and key (PEM). `password_file`: its first line is the password of `user`; only this user may read it.
-    OptionError for a broker on another computer without `ca`."""
+    Raises OptionError for a broker on another computer without `ca`."""
 
     host: str
     port: int
@@ -45,7 +45,7 @@ class BrokerAddress:
             raise OptionError("`user` and `password_file` belong together")
 
     def context(self) -> ssl.SSLContext | None:
-        """Return the context for TLS, or None without `ca`. OptionError if the files are not valid."""
+        """Return the context for TLS, or None without `ca`. Raises OptionError if the files are not valid."""
         if self.ca is None:
             return None
         file = self.ca
@@ -59,7 +59,7 @@ class BrokerAddress:
         return context
 
     def password(self) -> str | None:
-        """The first line of the file; OptionError if it cannot be read."""
+        """The first line of the file. Raises OptionError if it cannot be read."""
         if self.password_file is None:
             return None
         try:

@@ -50,7 +50,7 @@ class ResponseSpace:
         self._left = MAX_RESPONSE
 
     def take(self, weight: int) -> None:
-        """Reserve bytes. ServiceError if the response has no space left."""
+        """Reserve bytes. Raises ServiceError if the response has no space left."""
         self._left -= weight
         if self._left < 0:
             raise ServiceError(_C.BadResponseTooLarge)
@@ -127,7 +127,7 @@ class Attributes:
 
 
 def check_timestamps(timestamps: int) -> None:
-    """ServiceError if this is not a TimestampsToReturn."""
+    """Raise ServiceError if this is not a TimestampsToReturn."""
     if timestamps not in (SOURCE, SERVER, BOTH, NEITHER):
         raise ServiceError(_C.BadTimestampsToReturnInvalid)
 

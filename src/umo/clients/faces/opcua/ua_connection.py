@@ -127,7 +127,7 @@ class Processor(UaProcessor):
         return await super()._process_message(typeid, header, sequence, body)
 
     def _own(self, header: Any) -> Any:
-        """The session of this connection. ServiceError if a request is of another one."""
+        """The session of this connection. Raises ServiceError if a request is of another one."""
         session: Any = self.session
         if session is None and self.iserver.lookup_external_session(header.AuthenticationToken) is not None:
             raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)

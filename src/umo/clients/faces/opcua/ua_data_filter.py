@@ -83,7 +83,7 @@ def _has_numbers(space: AddressSpace, node: ua.NodeId) -> bool:
 
 
 def _span(space: AddressSpace, node: ua.NodeId) -> float:
-    """Width of its EURange. ServiceError if it has none, or one without an end."""
+    """Width of its EURange. Raises ServiceError if it has none, or one without an end."""
     for each in space[node].references:
         if each.IsForward and each.BrowseName.Name == "EURange":
             value = space.read_attribute_value(each.NodeId, ua.AttributeIds.Value).Value

@@ -38,7 +38,7 @@ supported."""
 
 
 class EventFilter:
-    """The filter of a client, checked. ServiceError if it cannot be used at all; `result` lists its errors."""
+    """The filter of a client, checked. Raises ServiceError if it cannot be used at all; `result` lists its errors."""
 
     def __init__(self, space: AddressSpace, given: Any) -> None:
         if is_structure(given, ua.DataChangeFilter) or is_structure(given, ua.AggregateFilter):

@@ -71,7 +71,7 @@ class Monitoring:
         self.subscriptions.pop(subscription.number, None)
 
     def of(self, session: Any, number: int) -> UaSubscription:
-        """Return a subscription of a session. ServiceError if the session has no such subscription."""
+        """Return a subscription of a session. Raises ServiceError if the session has no such subscription."""
         found = session.publisher.subscriptions.get(number)
         if found is None:
             raise ServiceError(_C.BadSubscriptionIdInvalid)
@@ -221,8 +221,8 @@ class Monitoring:
                     item.take(event)
 
     def refresh(self, subscription: UaSubscription, only: int | None = None) -> None:
-        """Report the retained conditions again, between the two refresh events. `only`: for one item. ServiceError if
-        the subscription has no such item."""
+        """Report the retained conditions again, between the two refresh events. `only`: for one item. Raises
+        ServiceError if the subscription has no such item."""
         items = [each for each in _notifiers(subscription) if only is None or each.number == only]
         if only is not None and not items:
             raise ServiceError(_C.BadMonitoredItemIdInvalid)

@@ -22,7 +22,7 @@ KEY = re.compile(rb"-----BEGIN (?:RSA )?PRIVATE KEY-----.+?-----END (?:RSA )?PRI
 
 
 class Security:
-    """The certificates in the options of the face. OptionError if a file has none.
+    """The certificates in the options of the face. Raises OptionError if a file has none.
 
     Other computers reach secured endpoints only. Programs of this computer may also connect without security, because
     nothing else can read what they send."""

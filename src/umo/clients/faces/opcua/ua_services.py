@@ -29,7 +29,7 @@ def service(name: str) -> ua.NodeId:
 
 
 def decoded(kind: Any, body: Any) -> Any:
-    """A structure from the wire. ServiceError if it is not one."""
+    """A structure from the wire. Raises ServiceError if it is not one."""
     try:
         return struct_from_binary(kind, body)
     except ServiceError:
@@ -39,7 +39,7 @@ def decoded(kind: Any, body: Any) -> Any:
 
 
 def counted(operations: list[Any], most: int = limits.MAX_OPERATIONS) -> list[Any]:
-    """Return the operations of a request. ServiceError if it has none, or too many."""
+    """Return the operations of a request. Raises ServiceError if it has none, or too many."""
     if not operations:
         raise ServiceError(_C.BadNothingToDo)
     if len(operations) > most:

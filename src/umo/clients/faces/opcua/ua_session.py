@@ -34,7 +34,7 @@ class Client(permission_rules.User):
 
     user: User | None = None
     holder: User | None = None
-    """The same user, who counts as alive only while requests arrive; for dead-man commands."""
+    """The user as the holder of dead-man commands, who counts as alive only while requests arrive."""
 
 
 class UaSession(InternalSession):
@@ -45,9 +45,9 @@ class UaSession(InternalSession):
     def __init__(self, *given: Any, external: bool = False, **more: Any) -> None:
         super().__init__(*given, external=external, **more)
         self.processor: Any = None
-        """Its connection."""
+        """The connection of the session."""
         self.socket: Any = None
-        """The socket of the connection on which it was activated last, or is being."""
+        """The socket of the connection on which the session was last activated, or is being activated."""
         self.publisher = Publisher(self._send, self.iserver.monitoring.clock)
         self.view = Browsing(self.aspace)
         self.most = 0
@@ -107,7 +107,7 @@ class UaSession(InternalSession):
         return int(self.processor.sent(request.header.RequestHandle, request.sequence, response))
 
     async def close_session(self, delete_subs: bool = True) -> None:
-        """Its subscriptions end with it: they are not transferred."""
+        """Close a session. Its subscriptions end too, because they are not transferred."""
         self.publisher.close()
         await super().close_session(False)
 

@@ -141,7 +141,7 @@ class UaSubscription:
         given: Any,
         ended: Callable[[UaSubscription], object],
     ) -> None:
-        """`ended` is called when it is closed."""
+        """`ended` is called when the subscription is closed."""
         self._ended = ended
         self.number, self.session_id, self.publisher = number, session_id, publisher
         self.items: dict[int, MonitoredItem] = {}

@@ -113,7 +113,7 @@ export function refusal(least, most) {
   if (!Number.isFinite(least) || !Number.isFinite(most)) return "give two numbers";
   if (!(least < most)) return "the least must be below the greatest";
   const size = Math.max(Math.abs(least), Math.abs(most));
-  return most - least > size * CONSTANT_SHARE && Number.isFinite(most - least) ? "" : "the two are too close together, or too far apart";
+  return most - least > size * CONSTANT_SHARE && Number.isFinite(most - least) ? "" : "the two limits are too close together, or too far apart";
 }
 
 /** Ranges that were typed, for the address: `-5:20:mm,0:24:V`; null: none. @param {Map<string, Range>} fixed  By key of the axis. */

@@ -6,7 +6,7 @@ import { Undo } from "./undo.js";
 /** @typedef {{what: string, path: string, state: string, text: string, call: boolean, at: number, command: number | null}} Asked  `at`: s on the cycle's clock; `command`: its number, where it came to the machine. */
 
 const MAX_REMEMBERED = 30;  // commands that are remembered
-const UNANSWERED = "no answer: the connection was lost; whether it was carried out is not known";
+const UNANSWERED = "no answer, because the connection was lost; it is unknown whether the command was carried out";
 const ENDS = ["done", "refused", "failed", "cancelled"];
 
 export class Client {

@@ -58,7 +58,7 @@ export class LawPanel {
     this._running = "";
     /** @type {Page.Tuned | null} */
     this._found = null;
-    this._place = el("input", { type: "text", value: law.base, "aria-label": `${law.base} loop`, title: "The law; of one for many the element (heating.3), or the part that it is for (zones.3)" });
+    this._place = el("input", { type: "text", value: law.base, "aria-label": `${law.base} loop`, title: "The law; for a law of many elements, one element (heating.3) or its part (zones.3)" });
     this._kind = el("select", { "aria-label": `${law.base} experiment` }, ...["relay", "step"].map((kind) => el("option", { textContent: kind, value: kind })));
     this._amplitude = el("input", { type: "number", value: "10", min: "0.1", max: "50", step: "any", "aria-label": `${law.base} amplitude`, title: "% of the range of the actuator, or of a cascade's inner setpoint" });
     this._begin = el("button", { textContent: "Begin", type: "submit" });

@@ -9,7 +9,7 @@ import { allow, el, setText, store } from "./dom.js";
  */
 
 const MODES = ["automatic", "manual"];
-const AUTOMATIC = "Automatic mode: the program has the actuators; the commands of the parts, recipes, numbers and some actions can be used. Manual mode has all.";
+const AUTOMATIC = "Automatic mode: the program drives the actuators. You can use the commands of the parts, recipes, numbers and some actions. In manual mode you can use everything.";
 
 export class LeaseBar {
   /** @param {Feed} feed @param {Client} client @param {{automatic?: string, answers?: boolean}} [how]  `automatic`: what is said in automatic mode; `answers`: whether a refusal is told here. */
@@ -62,8 +62,8 @@ export class LeaseBar {
 
 /** What keeps the controls from being used. @param {Feed} feed @param {Client} client */
 function why(feed, client) {
-  if (feed.description?.recording) return "This is a recording: what is shown was so at the time above.";
+  if (feed.description?.recording) return "This is a recording. The page shows the values at the time above.";
   if (!feed.server?.operate) return "This page is read-only. `umo show page --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
-  return client.leased ? "" : "Give your name and take control, then everything below can be used. One has control at a time, and everybody sees who.";
+  return client.leased ? "" : "Give your name and take control, then everything below can be used. Only one client has control at a time, and everybody sees its name.";
 }

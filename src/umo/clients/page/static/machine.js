@@ -48,7 +48,7 @@ export class View {
     this._table = el("table", { className: "objects" }, this._head(), this._body);
     this._lease = new LeaseBar(feed, client, { automatic: "Automatic mode: the actuators belong to the program.", answers: true });
     const options = Object.entries(COLUMNS).map(([name, title]) => this._option(name, title));
-    this._anew = el("button", { textContent: "Anew", title: "Least and greatest values from now on, on this page", onclick: () => this._follow(true) });
+    this._anew = el("button", { textContent: "Anew", title: "Collect least and greatest values from now on, on this page", onclick: () => this._follow(true) });
     this._since = el("span", { className: "hint" });
     this._hint = el("span", { className: "hint told" });
     this._panel = new Panel(feed);

@@ -24,7 +24,7 @@ export class Panel {
     const { state } = this._feed;
     if (!state) return;
     for (const [name, text] of Object.entries(state.facts)) this._fact(name, text, name === "end" && state.ending?.failed);
-    setText(this._box, state.box || "none: one is written when a period is missed in real time");
+    setText(this._box, state.box || "none; a black box is written when a period is missed in real time");
     this._show(this._feed.events);
   }
 

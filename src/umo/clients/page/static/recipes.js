@@ -9,7 +9,7 @@ import { inSentence, numberText, statesOf, unitOf } from "./presentation.js";
  * @typedef {import("./client.js").Client} Client
  */
 
-const PLAN = "The batches that begin from now on have the recipes of the program";
+const PLAN = "Batches that begin from now on use the recipes of the program";
 
 /** A value of a recipe. @param {unknown} value @returns {string} */
 export function recipeText(value) {

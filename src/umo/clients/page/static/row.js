@@ -18,7 +18,7 @@ export class Row {
     this._entry = feed.entries[places[0]];
     this._paths = places.map((place) => feed.entries[place].path);
     const mark = how.family ? (how.open ? "▾ " : "▸ ") : "";
-    const title = how.family ? "Fold or unfold" : "Put on the scope, or take off";
+    const title = how.family ? "Fold or unfold" : "Show on the scope, or remove";
     this._sign = el("td", { className: "quality", role: "cell" });
     this._value = el("td", { className: "value" });
     this._age = el("td", { className: "age" });

@@ -32,7 +32,7 @@ export class ScopeBar {
     this._hint = el("span", { className: "hint" });
     this.element = el("div", { className: "bar" }, this._add, el("datalist", { id: "paths" }, ...paths.map((value) => el("option", { value }))),
       this._pause, this._spans, button("Live", "Home, or a double click", act.live), trigger,
-      el("label", { title: "Axes over the declared ranges; they stand still" }, this._declared, "Declared range"), this._clock,
+      el("label", { title: "Fix the axes to the declared ranges" }, this._declared, "Declared range"), this._clock,
       button("Clear cursors", "Esc; A and B set one, comma and full stop move it", act.clear), button("PNG", "Save as a picture", act.picture),
       button("CSV", "Save every sample of the time shown", act.samples), this._hint);
   }
