@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from helpers.tiers import first
 from umo.process import run_state
 from umo.process.run_state import RunState, Who
 from umo.system.processes import Child, carry_out
@@ -56,7 +57,7 @@ def state() -> Iterator[RunState]:
             state.release(who)  # its memory ends with the test
 
 
-@pytest.mark.parametrize("who", [Who.RESERVE, Who.RESET, run_state.worker(0)])
+@pytest.mark.parametrize("who", first(1, [Who.RESERVE, Who.RESET, run_state.worker(0)]))
 def test_the_holder_of_a_lock_is_known_until_its_death_however_others_try_to_take_it(state: RunState, who: int) -> None:
     holder = Holder(state, who)
     for _ in range(3):

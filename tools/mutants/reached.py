@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tools.mutants.copied import PLUGIN, Copied
 
-PACKAGES = ("cycle", "objects", "process")
+PACKAGES = ("cycle", "objects", "process", "operation", "generate", "recording", "clients/faces")
 """The parts of umo that are changed."""
 CONFIGURATION = """
 [run]

@@ -11,6 +11,7 @@ import sys
 import time
 import tokenize
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -81,10 +82,14 @@ def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list
 def _modules(station: Station) -> list[ModuleType]:
     """Return the imported modules of the station."""
     found = {}
+    folder = cache(Path.resolve)  # of many modules: once
     for module in list(sys.modules.values()):
         file = getattr(module, "__file__", None)
-        if isinstance(file, str) and file.endswith(".py") and Path(file).resolve().is_relative_to(station.path):
-            found[Path(file).resolve()] = module
+        if isinstance(file, str) and file.endswith(".py"):
+            path = Path(file)
+            place = path.resolve() if path.is_symlink() else folder(path.parent) / path.name
+            if place.is_relative_to(station.path):
+                found[place] = module
     return [found[file] for file in sorted(found)]
 
 
