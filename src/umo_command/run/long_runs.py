@@ -17,10 +17,10 @@ from typing import Any
 from umo.cycle.frame import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
-from umo.system.folders import remove
+from umo.system.folders import remove, replaced
 from umo.system.processes import identity, is_used
 from umo_command.console import say
-from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
+from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary
 
 PARTS = 10
 """Number of parts that a trace with a limit is divided into, about."""
@@ -109,7 +109,7 @@ class RunningSummary:
         self._result.progress = frame.progress
         self._result.outcome.simulated = frame.time
         try:
-            with whole(self._path) as file:
+            with replaced(self._path) as file:
                 self._result.save(file, running=True)
         except OSError as error:
             if not self._failed:
