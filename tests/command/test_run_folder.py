@@ -20,7 +20,7 @@ from umo.cycle.stopping import StopFlag
 from umo.cycle.trace import Trace, lines
 from umo.testing import periods, station
 from umo_command.run import plot
-from umo_command.run.run_folder import TraceFile, whole
+from umo_command.run.run_folder import TraceFile
 
 Umo = Callable[..., Result]
 
@@ -166,13 +166,6 @@ def test_ctrl_c_between_run_and_plot_loses_nothing(umo: Umo, quick: Path, monkey
     monkeypatch.setattr(Trace, "save", interrupted)
     assert umo("run", "tank", "--no-plot").exit_code == 0
     assert (folder(quick) / "trace.csv").exists()
-
-
-def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), whole(tmp_path / "a.txt") as file:
-        file.write_text("half")
-        raise KeyboardInterrupt
-    assert list(tmp_path.iterdir()) == []
 
 
 # The trace as it comes ---------------------------------------------------------------------------------

@@ -198,3 +198,35 @@ def test_a_link_in_the_place_of_the_folder_of_black_boxes_is_refused(
     (folders.own(tmp_path) / "blackbox").symlink_to(tmp_path / "there")
     with pytest.raises(FramesError, match="the folder for black boxes cannot be used"):
         blackbox.folder()
+
+
+def test_a_file_that_opens_itself_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    with folders.replaced(file) as new:
+        new.write_text("whole")
+        assert new.suffix == ".txt"
+        assert not file.exists()
+    with pytest.raises(KeyboardInterrupt), folders.replaced(file) as new:
+        new.write_text("half")
+        raise KeyboardInterrupt
+    assert file.read_text() == "whole"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_the_umask_decides_who_may_read_a_file_that_is_replaced(tmp_path: Path) -> None:
+    mask = os.umask(0o027)
+    try:
+        with folders.replaced(tmp_path / "a.txt"):
+            pass
+    finally:
+        os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == 0o640
+
+
+def test_a_link_at_the_place_of_the_new_file_is_not_followed(tmp_path: Path) -> None:
+    other, file = tmp_path / "other", tmp_path / "a.txt"
+    other.write_text("of somebody else")
+    (tmp_path / f".{os.getpid()}.a.txt").symlink_to(other)
+    with folders.replaced(file) as new:
+        new.write_text("mine")
+    assert (file.read_text(), other.read_text()) == ("mine", "of somebody else")

@@ -68,6 +68,10 @@ class Station:
         self._tell(now)
         self._ring.live({Live.STATE: Stage.ENDED})
 
+    def close(self) -> None:
+        self.reader.close()
+        self._ring.close()
+
 
 class FeedWorld:
     """One station, from its first frame on."""
@@ -234,6 +238,7 @@ class FeedWorld:
             self.reader.close()
             self.mirror._finish()
         self.publisher.close()
+        self.station.close()
 
 
 class FeedRuns:

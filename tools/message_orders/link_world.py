@@ -34,7 +34,7 @@ from tools.message_orders.link_part import (
     machine,
     wiring,
 )
-from tools.message_orders.schedules import Schedule
+from tools.message_orders.schedules import DELIVER, Schedule
 from umo import Quality, connect
 from umo.errors import UmoError
 from umo.generate.controller_folder import write_folder
@@ -54,7 +54,7 @@ DEFAULTS, DRIVEN = [0, 0], [50, 10]
 STOP_TIME = HOST_TIMEOUT + BRAKING_TIMEOUT + CONTROLLER_PERIOD
 LONGEST_PERIOD = 2.5
 """s in which a period of the host ends, whatever the line does: it waits for an answer to START for 1 s at most."""
-IN_STEP_TIME, IN_STEP_MESSAGES = 1.5, 40
+IN_STEP_TIME, IN_STEP_MESSAGES = 0.5, 40
 """Within so much, counted from the last message that the schedule decides over, both ends are in step."""
 
 
@@ -286,10 +286,13 @@ class LinkWorld(LineWorld):
 
     def run(self, schedule: Schedule) -> None:
         """From in step to in step. Untrue."""
+        session = self.program.session
         self.line.begin(schedule.letters)
         getattr(self, f"_{schedule.scenario}")()
         self.line.counts = False
         self.until_in_step()
+        if schedule.scenario == "run" and schedule.letters.strip(DELIVER) in ("L", "C", "X"):
+            require(self.program.session == session, "a message that is lost ends the session")
         self._both_stop()
         self.until_in_step()
 

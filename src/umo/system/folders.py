@@ -138,6 +138,21 @@ def written(path: Path, mode: int, *, to_disk: bool = False) -> Iterator[BinaryI
         sync(path.parent)
 
 
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """A file to write by its path, whole or not at all, for code that opens the file itself. The path has the same
+    suffix. The umask decides who may read the file."""
+    new = path.with_name(f".{os.getpid()}.{path.name}")
+    calls.unlink(new)  # of a process that had this number before
+    calls.close(calls.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666))
+    try:
+        yield new
+        calls.replace(new, path)
+    except BaseException:
+        remove(new)
+        raise
+
+
 def remove(path: Path) -> None:
     """Remove a file, unless it is gone, or cannot be removed."""
     with suppress(OSError):

@@ -18,10 +18,10 @@ from umo.cycle.frame import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
 from umo.exit_status import ExitStatus
-from umo.system.folders import remove
+from umo.system.folders import remove, replaced
 from umo.system.processes import identity, is_used
 from umo_command.console import say
-from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
+from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary
 
 PARTS = 10
 """Approximate number of parts that a trace with a limit is divided into."""
@@ -110,7 +110,7 @@ class RunningSummary:
         self._result.progress = frame.progress
         self._result.outcome.simulated = frame.time
         try:
-            with whole(self._path) as file:
+            with replaced(self._path) as file:
                 self._result.save(file, running=True)
         except OSError as error:
             if not self._failed:

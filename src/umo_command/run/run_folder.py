@@ -12,7 +12,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from math import isfinite
@@ -31,7 +31,7 @@ from umo.errors import UmoError, text_of
 from umo.objects.presentation.run_facts import clock_text
 from umo.process.job import Plan
 from umo.process.outcome import Outcome
-from umo.system.folders import remove
+from umo.system.folders import remove, replaced
 from umo.system.processes import identity
 from umo.text import others, printable
 from umo.wiring.json_values import as_plain
@@ -239,7 +239,7 @@ class RunFolder:
         folder, alone = None, not RUNS.exists()
         try:
             folder = cls(_new_folder(f"{plan.name}-{now:%Y%m%d-%H%M%S}"), alone)
-            with whole(folder.path / "run.json") as file:
+            with replaced(folder.path / "run.json") as file:
                 _write(file, json.dumps(about, indent=2, default=as_plain) + "\n")
         except OSError as error:
             if folder is not None:
@@ -267,7 +267,7 @@ class RunFolder:
 
     def _save(self, name: str, write: Callable[[Path], object]) -> bool:
         try:
-            with whole(self.path / name) as file:
+            with replaced(self.path / name) as file:
                 write(file)
         except OSError as error:
             self.lost(name, error)
@@ -306,19 +306,6 @@ class TraceFile:
                 "red",
             )
         self._written, self._next = frame.time, frame.time + TRACE_PAUSE
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Return a context with a file to write, which gets its name when it is complete. If writing fails or is
-    interrupted, no file is left."""
-    new = path.with_name(f".new-{path.name}")
-    try:
-        yield new
-        if new.exists():
-            new.replace(path)
-    finally:
-        remove(new)
 
 
 def _write(file: Path, text: str) -> None:

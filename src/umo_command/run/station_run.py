@@ -25,6 +25,7 @@ from umo.process.compiling import prepare_if_asked, start_compiled
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import FIXED_HASHES, LINUX
+from umo.system.folders import replaced
 from umo.system.packages import how_to_install
 from umo.system.processes import HASH_SEED
 from umo.system.signal_handling import SIGNALS, handling
@@ -36,7 +37,7 @@ from umo_command.run.follow import RingFrame, follow
 from umo_command.run.long_runs import RunningSummary, TraceParts, prune
 from umo_command.run.record_beside import SUFFIX, RecordBeside, RecordOrder, order_of
 from umo_command.run.record_virtual import RecordedVirtual
-from umo_command.run.run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile, whole
+from umo_command.run.run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile
 from umo_command.shared import begin_again, interrupt_once
 from umo_command.values import check_file
 
@@ -264,7 +265,7 @@ def _leave_behind(folder: RunFolder, result: RunSummary, trace: Trace, title: st
 def _plot(title: str, trace: Trace, result: RunSummary, folder: RunFolder) -> str:
     """Draw the plot, which takes seconds. Return what it does not show. A failure, or Ctrl-C, affects the plot only."""
     try:
-        with whole(folder.path / "plot.png") as file, handling(interrupt_once, SIGNALS):
+        with replaced(folder.path / "plot.png") as file, handling(interrupt_once, SIGNALS):
             say("drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
             from umo_command.run.plot import Curves, save_plot
 

@@ -24,7 +24,7 @@ EVENTS = 100
 
 def delta(number: int, *, events: int = 0, last: bool = False, size: int = 1) -> Delta:
     flags = FULL * (number % FULL_EVERY == 0) | LAST * last
-    return Delta(RUN, number, flags, np.zeros(0, "<u2"), np.zeros(size, np.uint64), b"", events)
+    return Delta(RUN, number, flags, np.zeros(0, "<u2"), np.zeros(size, np.uint64), b"", events=events)
 
 
 def data(number: int, **more: Any) -> bytes:

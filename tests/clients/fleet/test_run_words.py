@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from umo.clients.fleet.message_parts import packed, unpacked
-from umo.clients.fleet.run_words import FULL, HEADER, Delta, RunMetadata, WordFrame, peek
+from umo.clients.fleet.run_words import FULL, HEADER, Delta, Head, RunMetadata, WordFrame, peek
 from umo.errors import FramesError
 from umo.process.frames.layout import Layout
 
@@ -77,7 +77,7 @@ def test_a_message_that_is_cut_or_changed_at_its_head_is_refused_or_fits(data: s
 def test_run_and_number_are_read_without_the_declaration() -> None:
     words = WordFrame(layout())
     message = Delta(RUN, 7, FULL, *words.changed(words.words(frame(words, 1)[0]), None), b"").packed()
-    assert peek(message) == (RUN, 7, 0, FULL)
+    assert peek(message) == Head(RUN, 7, FULL)
     with pytest.raises(FramesError):
         peek(b"short")
 

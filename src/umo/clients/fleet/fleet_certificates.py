@@ -22,6 +22,7 @@ from typing import Any
 from umo.clients.fleet.fleet_identity import CA_FILE, CERTIFICATE_FILE, KEY_FILE, Identity, issued, read_certificate
 from umo.clients.fleet.fleet_rules import FILE, KINDS, FleetRules, checked_name, key_of, line_of
 from umo.errors import OptionError
+from umo.system.folders import replaced
 
 AUTHORITY = "authority"
 AUTHORITY_DAYS, DAYS = 20 * 365, 2 * 365
@@ -187,9 +188,5 @@ def _write_folder(target: Path, files: dict[str, bytes]) -> None:
 
 def _write(file: Path, data: bytes) -> None:
     """A file that is whole, old or new."""
-    new = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
-    try:
+    with replaced(file) as new:
         new.write_bytes(data)
-        new.replace(file)
-    finally:
-        new.unlink(missing_ok=True)

@@ -16,8 +16,8 @@ the words; then the rest.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -71,17 +71,13 @@ class RunMetadata:
 
 
 @dataclass(frozen=True)
-class Delta:
-    """One message."""
+class Head:
+    """The beginning of a message."""
 
     run: bytes
     number: int
     flags: int
-    places: npt.NDArray[Any]
-    words: Words
-    rest: bytes
-    """Packed; empty means as before."""
-    events: int = 0
+    events: int = field(default=0, kw_only=True)
     """Number of the next event of the run."""
 
     @property
@@ -91,6 +87,16 @@ class Delta:
     @property
     def is_last(self) -> bool:
         return bool(self.flags & LAST)
+
+
+@dataclass(frozen=True)
+class Delta(Head):
+    """One message."""
+
+    places: npt.NDArray[Any]
+    words: Words
+    rest: bytes
+    """Packed; empty: as before."""
 
     def packed(self) -> bytes:
         head = HEADER.pack(self.run, self.number, self.events, len(self.words), len(self.rest), self.flags)
@@ -142,7 +148,7 @@ class WordFrame:
             words: Words = np.frombuffer(data, np.uint64, count, at)
         except (struct.error, ValueError) as error:
             raise FramesError(f"a delta does not fit its declaration: {error}") from None
-        return Delta(run, number, flags, places, words, data[at + words.nbytes :], events)
+        return Delta(run, number, flags, places, words, data[at + words.nbytes :], events=events)
 
     def apply(self, delta: Delta, words: Words) -> None:
         """Apply a delta to these words."""
@@ -156,26 +162,9 @@ class WordFrame:
         return np.frombuffer(words.tobytes(), self.dtype)[0]
 
 
-class Head(NamedTuple):
-    """The beginning of a message."""
-
-    run: bytes
-    number: int
-    events: int
-    flags: int
-
-    @property
-    def is_full(self) -> bool:
-        return bool(self.flags & FULL)
-
-    @property
-    def is_last(self) -> bool:
-        return bool(self.flags & LAST)
-
-
 def peek(data: bytes) -> Head:
     """Return the beginning of a message. Raises FramesError if it is not a delta."""
     if len(data) < HEADER.size:
         raise FramesError(f"{len(data)} bytes are not a delta")
     run, number, events, _, _, flags = HEADER.unpack_from(data)
-    return Head(run, number, events, flags)
+    return Head(run, number, flags, events=events)

@@ -123,7 +123,7 @@ class StationPublisher:
             flags |= FULL
         places, changed = self._frames.changed(words, None if flags & FULL else self._words)
         told = rest if rest != self._rest or number % REST_EVERY == 0 or flags else b""
-        delta = Delta(self.run, number, flags, places, changed, told, self._event)
+        delta = Delta(self.run, number, flags, places, changed, told, events=self._event)
         data = delta.packed()
         self.kept.add(delta, data)
         self._deltas.put(data)

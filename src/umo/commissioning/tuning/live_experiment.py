@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,11 @@ BEFORE = 20
 
 
 class CollectedSamples:
-    """Output and measurement of a law in each frame of a running station, from now on."""
+    """Output and measurement of a law in each frame of a running station, from now on. `show` is called after each
+    look."""
 
-    def __init__(self, station: RunningStation, facts: LawFacts) -> None:
+    def __init__(self, station: RunningStation, facts: LawFacts, show: Callable[[], object]) -> None:
+        self._show = show
         self._reader = station.reader.again()
         self._reader.read()  # what was before is none of it
         paths = [each.path for each in self._reader.layout.described.traced]
@@ -37,6 +39,7 @@ class CollectedSamples:
     def look(self) -> None:
         """Take the frames since the last look."""
         self._history.add_frames(self._reader.read(), self._places)
+        self._show()
 
     def response(self, start: float = -np.inf, stop: float = np.inf) -> MeasuredResponse:
         """Return the response between these times, s. Raises RangeError if there are too few samples."""
@@ -62,20 +65,13 @@ def experiment(
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
     """Make the experiment under the lease, wait for its end, and return its response and its result. The errors are
     those of the experiment (`umo.control.experiment`)."""
-    path, samples = f"{place}.experiment", CollectedSamples(station, facts)
-    try:
-
-        def look() -> None:
-            samples.look()
-            show()
-
-        ended = station.carry_out(CALL, path, arguments, look)
+    path = f"{place}.experiment"
+    with closing(CollectedSamples(station, facts, show)) as samples:
+        ended = station.carry_out(CALL, path, arguments, samples.look)
         with suppress(UmoError):  # it has ended by itself
             station.carry_out(LET_GO, path)
         samples.look()
         return samples.response(ended["from"] - BEFORE * facts.dt, ended["to"]), ended
-    finally:
-        samples.close()
 
 
 def moves(
@@ -83,22 +79,15 @@ def moves(
 ) -> MeasuredResponse:
     """Move an axis by this distance and back, twice, under the lease. Raises RangeError if it does not fit in the range
     of the axis; the other errors are those of `move_to`."""
-    axis, samples = facts.law.rpartition(".")[0], CollectedSamples(station, facts)
+    axis = facts.law.rpartition(".")[0]
     start = float(station[facts.sensor].read())
     low, high = next(each for each in station.reader.layout.described.objects if each.path == facts.sensor).bounds
     inside = [each for each in (start + distance, start - distance) if low <= each <= high]
     if not inside:
         at, by = measure(start, facts.units[0]), measure(distance, facts.units[0])
         raise RangeError(f"{axis} stands at {at}: a move by {by} leaves its range")
-
-    def look() -> None:
-        samples.look()
-        show()
-
-    try:
+    with closing(CollectedSamples(station, facts, show)) as samples:
         for position in (inside[0], start) * MOVES:
-            station.carry_out(CALL, f"{axis}.move_to", {"position": position}, look)
+            station.carry_out(CALL, f"{axis}.move_to", {"position": position}, samples.look)
         samples.look()
         return samples.response()
-    finally:
-        samples.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -15,7 +14,7 @@ import numpy as np
 
 from umo.errors import FramesError, OptionError
 from umo.recording.tables.recorded_values import RecordedValues, TellTime
-from umo.system.folders import remove
+from umo.system.folders import replaced
 from umo.text import reason_of
 
 SUFFIXES = (".parquet", ".csv", ".npz")
@@ -42,25 +41,10 @@ def replacing(path: Path) -> Iterator[Path]:
     """Return a context with a new file next to a path, which replaces that path when it is complete. Raises FramesError
     if it cannot be made."""
     try:
-        with _renamed(path) as file:
+        with replaced(path) as file:
             yield file
     except OSError as error:
         raise FramesError(f"{path} could not be written: {reason_of(error)}") from None
-
-
-@contextmanager
-def _renamed(path: Path) -> Iterator[Path]:
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
-    try:
-        os.close(handle)
-        yield Path(name)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        os.replace(name, path)
-    except BaseException:
-        remove(Path(name))
-        raise
 
 
 # CSV -------------------------------------------------------------------------------------------------------
