@@ -20,6 +20,7 @@ from umo.errors import UmoError, WiringError
 from umo.process.station import find
 from umo.system.processes import ENDED, state
 from umo_command.check.report import check_station
+from umo_command.connect import faces
 from umo_command.run import faces_beside
 from umo_command.run.faces_beside import FIRST_PAUSE, MAX_PAUSE, MAX_TOLD, FacesBeside, faces_of, names_in
 
@@ -259,9 +260,15 @@ def told(run: tuple[subprocess.Popen[str], list[str]], words: str) -> str:
 
 
 def face_of(process: subprocess.Popen[str]) -> int:
-    """The pid of its faces; 0: they are not there."""
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    return next((int(pid) for pid in children if "serve_faces" in Path(f"/proc/{pid}/cmdline").read_text()), 0)
+    """The pid of its faces, which are waited for: a 0 would be the process group of the tests."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    of = faces.__name__
+
+    def found() -> int:
+        pids = children.read_text().split()
+        return next((int(pid) for pid in pids if of in Path(f"/proc/{pid}/cmdline").read_text()), 0)
+
+    return until(found)
 
 
 def gone(pid: int) -> bool:
@@ -284,7 +291,7 @@ def test_they_are_served_while_it_runs_and_begin_again_after_kill(station: Path)
         assert os.sched_getscheduler(face) == os.SCHED_OTHER
         os.kill(face, signal.SIGKILL)
         told(run, "the faces have ended (signal 9); the machine runs on")
-        again = until(lambda: face_of(run[0]))
+        again = face_of(run[0])
         os.kill(control, signal.SIGKILL)
         assert run[0].wait(30) != 0
         assert gone(again)
