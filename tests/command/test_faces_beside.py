@@ -334,7 +334,7 @@ def test_one_that_hangs_does_not_keep_the_machine_from_ending(station: Path) -> 
 def test_one_that_cannot_begin_is_told_and_the_machine_runs(station: Path) -> None:
     (station / "wiring" / "simulated.toml").write_text(WIRING.replace("red", "blown"))
     with running(station, "--until", "5 s") as run:
-        told(run, "faces: the lamp is blown")
+        told(run, "test_faces_beside:Lamp: the lamp is blown")
         told(run, "the faces have ended (status 2); the machine runs on")
         assert run[0].wait(30) == 124
 
@@ -347,5 +347,5 @@ def test_without_them_none_is_started_and_a_mistake_is_none(station: Path) -> No
             assert process.stderr is not None
             lines = process.stderr.read()
             assert process.wait(30) == status
-            assert ("faces: " in lines) == (status == 2)
+            assert ("faces.test_faces_beside:Lamp.wort: unknown key" in lines) == (status == 2)
             assert "Traceback" not in lines
