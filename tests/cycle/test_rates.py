@@ -700,6 +700,7 @@ def test_a_law_out_of_turn_is_no_step_of_its_parts_sequences() -> None:
 def test_a_slow_part_does_not_lengthen_the_timeout_of_a_driver() -> None:
     machine = works()
     wiring = wired(machine, Scripted())
+    wiring["drivers"]["box"] = Scripted()
     with connect(machine, wiring) as m:
         timeouts = {wire.driver.timeout for wire in m._machine.whole.image.wires if wire.item is not m.timer}
     assert max(timeouts) <= 0.01

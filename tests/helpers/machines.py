@@ -65,14 +65,17 @@ def wired(
     entries: dict[str, dict[str, Any]] | None = None,
     **drivers: Any,
 ) -> dict[str, Any]:
-    """Everything on `box`, the timer on `clock` at 1 ms; `entries` change single lines by path."""
+    """Everything on `box`, the timer on `clock` at 1 ms; `entries` change single lines by path. In virtual time the box
+    has 1 s for a call: on a busy computer it may take the 10 periods after which it has timed out by default."""
     wire: dict[str, dict[str, Any]] = {
         item.path: {"driver": "clock", "period": "1 ms"} if item.path == "timer" else {"driver": "box"}
         for item in atoms(machine)
     }
     for path, entry in (entries or {}).items():
         wire[path] = wire.get(path, {}) | entry
-    return {"drivers": {"box": box, "clock": clock or VirtualTimer(), **drivers}, "wire": wire}
+    is_virtual = clock is None and wire.get("timer", {}).get("driver") == "clock"
+    patient = {"type": box, "timeout": "1 s"} if is_virtual else box
+    return {"drivers": {"box": patient, "clock": clock or VirtualTimer(), **drivers}, "wire": wire}
 
 
 class Board(Scripted):

@@ -95,7 +95,7 @@ ENDS = (
         "`period` + 20 ms", "130, 143, 129", "no", "asked to stop",
     ),
     End(
-        "a further signal, where there is one process: code that does not end by itself is interrupted, and named",
+        "a further signal, if there is only one process: code that does not end by itself is interrupted, and the message names it",
         "the same process",
         "", "that of the signal", "no",
     ),
@@ -254,7 +254,7 @@ UNSAFE = (
     ),
     Unsafe(
         "a device does not answer for the last 0.5 s of the resets",
-        "its outputs; they are told as not reached",
+        "its outputs; they are reported as not reached",
         "nothing reaches it; a limit is needed, as others wait for the end of the run",
         {f"0 long: silent d1 30000ms {AT}; kill control {AT}": "d1", f"0 long: silent d2 30000ms {AT}; ask {AT}": "d2"},
     ),
