@@ -819,7 +819,9 @@ def test_no_text_makes_anything_but_faults(tmp_path_factory, text):
 
 def process_of(table: dict[str, Any], period: str = "1 ms") -> Any:
     machine = bench()
-    return resolve(machine, wired(machine, Scripted(), entries={"timer": {"period": period}}) | {"process": table})
+    wiring = wired(machine, Scripted(), entries={"timer": {"period": period}})
+    wiring["drivers"]["box"] = Scripted()
+    return resolve(machine, wiring | {"process": table})
 
 
 def test_the_limit_for_a_hang_is_20_periods_at_least_100_ms_and_above_all_timeouts_of_a_period() -> None:
