@@ -95,7 +95,8 @@ ENDS = (
         "`period` + 20 ms", "130, 143, 129", "no", "asked to stop",
     ),
     End(
-        "a further signal, if there is only one process: code that does not end by itself is interrupted, and the message names it",
+        "a further signal, if there is only one process: code that does not end by itself is interrupted, and the "
+        "message names it",
         "the same process",
         "", "that of the signal", "no",
     ),
