@@ -316,7 +316,9 @@ def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
             client.send(type="command", id=number, do="tune", path="sorter.window", value=number % 50 + 1)
         answered = [client.get("answer") for _ in numbers]
         assert {each["id"] for each in answered} == set(numbers)
-        assert {each["text"] for each in answered if each["state"] == "refused"} == {"up to 2 commands at once"}
+        assert {each["text"] for each in answered if each["state"] == "refused"} == {
+            "a page may have at most 2 commands in progress"
+        }
         eventually(lambda: command(client, 1000, "tune", path="sorter.window", value=25)["state"] == "done")
 
 
@@ -334,7 +336,7 @@ def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStat
         command(client, 1, "lease")
         for held in (None, "sorter.diverter", [1], ["x"] * 257):
             client.send(type="touch", number=1, held=held)
-            assert "held must be up to 256 paths" in client.get("error")["text"]
+            assert "held must be a list of at most 256 paths" in client.get("error")["text"]
 
 
 # In a browser -------------------------------------------------------------------------------------------

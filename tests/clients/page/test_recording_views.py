@@ -91,7 +91,7 @@ def test_the_command_that_is_copied_replays_the_run_and_stops_where_the_slider_s
         program, *words = shlex.split(str(page.evaluate("navigator.clipboard.readText()")))
         shown, time = int(run._frame["sequence"]) // 2 - 1, round(float(run._frame["time"]), 9)
         assert abs(run.position - moment) < 0.006 and words[-1] == f"{time:g}s"
-    assert program == "umo" and words[:2] == ["recording", "replay", str(conveyor)]
+    assert program == "umo" and words[:3] == ["recording", "replay", str(conveyor)]
     command = [sys.executable, "-m", "umo_command", *words]
     done = subprocess.run(command, input="p m.now\nq\n", capture_output=True, text=True, timeout=50)
     assert f"period {shown:,}, {time:g} s" in done.stdout and f"(replay) {time:g}" in done.stdout, done
