@@ -510,5 +510,5 @@ for driver in (path, label):
     run = [sys.executable, "-c", code, chip.path]
     path, label = subprocess.run(run, stdout=subprocess.PIPE, text=True, check=True).stdout.splitlines()
     assert path.startswith(f"no permission to open {chip.path}; its permissions are 600")
-    assert label.startswith("no GPIO chip 'sim0'; there are: ")
+    assert label.startswith("there is no GPIO chip 'sim0'; there are: ")
     assert f"no permission to open {chip.path}" in label
