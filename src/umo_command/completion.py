@@ -96,9 +96,14 @@ def paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 @completing
 def running_and_paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
     """Return stations for the first word, and paths of the station for the others."""
+    return [*_first_running(ctx, incomplete), *paths(ctx, incomplete)]
+
+
+def _first_running(ctx: typer.Context, incomplete: str) -> Iterable[str]:
+    """Return stations for the first word; for the others nothing: the first one is the station from now on."""
     words = ctx.params.get("words") or []
     ctx.params |= {"station": words[0]} if words else {}
-    return paths(ctx, incomplete) if words else [*running(ctx, incomplete), *paths(ctx, incomplete)]
+    return [] if words else running(ctx, incomplete)
 
 
 @completing
@@ -124,12 +129,10 @@ def numbers(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def running_and_alarms(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """A station, if it is the first word, or alarms of it."""
-    words = ctx.params.get("words") or []
-    ctx.params |= {"station": words[0]} if words else {}
+    """Return stations for the first word, and alarms of the station."""
+    first = _first_running(ctx, incomplete)
     with _machine(ctx) as reader:
-        found = [] if reader is None else _alarms(reader)
-    return found if words else [*running(ctx, incomplete), *found]
+        return [*first, *([] if reader is None else _alarms(reader))]
 
 
 @completing

@@ -163,7 +163,7 @@ class WatchedRecording(Watched):
         return facts | {"state": "recorded"}
 
     def _events(self) -> list[dict[str, Any]]:
-        """Those of the whole recording."""
+        """The latest events of the whole recording, as plain data."""
         found = [each.event for each in self._recordings[0].events[-MAX_TOLD:]]
         return [each._asdict() | {"state": str(each.state)} for each in found]
 
@@ -196,7 +196,7 @@ def _as_second(about: Described) -> Described:
 
 
 class _Seen:
-    """What was seen of a recording as it was read: extremes, and missed periods."""
+    """The extremes and the missed periods of a recording, as far as it was read."""
 
     def __init__(self, recording: Recording) -> None:
         self.extremes = Extremes(len(recording.layout.objects), len(recording.layout.signals))

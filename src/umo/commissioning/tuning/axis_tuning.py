@@ -55,7 +55,7 @@ class AxisModel:
 
     @property
     def position(self) -> ProcessModel:
-        """From the output to the position."""
+        """The model from the output to the position."""
         return _position(self.identified.model)
 
     @property

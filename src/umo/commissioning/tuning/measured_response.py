@@ -28,7 +28,7 @@ class MeasuredResponse:
     dt: float
     """Time in s from one sample to the next."""
     outputs: FloatArray
-    """For each sample, the output that was held after it."""
+    """The output that was held after each sample."""
     measurements: FloatArray
     inner: MeasuredResponse | None = None
     """For a cascade, the measurement of the inner law, whose setpoints are the outputs."""
