@@ -407,7 +407,8 @@ def test_how_long_is_said_shortly(seconds: float, text: str) -> None:
     assert lasting(seconds) == text
 
 
-def test_why_without_a_box_says_how_to_get_one() -> None:
+def test_why_without_a_box_says_how_to_get_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # no run is recorded there
     result = umo("show", "why")
     assert result.exit_code == 2
     assert "no black box yet" in said(result)
