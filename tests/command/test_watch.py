@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import StringIO
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
