@@ -84,6 +84,11 @@ def touching(client: Client, held: list[str], until: Callable[[], bool]) -> None
     eventually(touch)
 
 
+def in_one_try(tried: Callable[[int], bool]) -> None:
+    """True of one try of five, each with ten numbers of commands: a busy computer may make a page touch too late."""
+    assert any(tried(10 * number) for number in range(1, 6))
+
+
 # By websocket -------------------------------------------------------------------------------------------
 
 
@@ -207,7 +212,7 @@ def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
             touching(client, ["sorter.diverter"], ran_on(station, 1.5))
             return station.sorter.diverter.read() == "ON"
 
-        assert any(map(lasts, range(2, 12, 2)))  # not each time: on a busy computer the page may touch too late
+        in_one_try(lasts)
         eventually(lambda: station.sorter.diverter.read() == "OFF")
         assert station.reader.now().holder
         eventually(lambda: not station.reader.now().holder)
@@ -244,15 +249,21 @@ def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStat
 def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStation) -> None:
     with viewing() as (process, address), opened(address.replace("http", "ws", 1).replace("/?", "/ws?")) as client:
         client.get("description")
-        command(client, 1, "lease", who="Ann")
-        command(client, 2, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
-        touching(client, ["sorter.belt.run_at"], lambda: station.sorter.belt.setpoint.read() > 0.2)
+
+        def jogs(number: int) -> bool:
+            command(client, number, "lease", who="Ann")
+            command(client, number + 1, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
+            runs = ran_on(station, 1.5)
+            touching(client, ["sorter.belt.run_at"], lambda: station.sorter.belt.setpoint.read() > 0.2 or runs())
+            return station.sorter.belt.setpoint.read() > 0.2
+
+        in_one_try(jogs)
         process.kill()
         eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
         eventually(lambda: not station.reader.now().holder)
-        texts = [event.text for event in station.events]
-        assert texts.index("dead-man timeout") < texts.index(
-            "the lease of Ann (page, 127.0.0.1) has ended: it was not renewed"
+        latest = [event.text for event in station.events][::-1]
+        assert latest.index("the lease of Ann (page, 127.0.0.1) has ended: it was not renewed") < latest.index(
+            "dead-man timeout"
         )
 
 
@@ -275,11 +286,14 @@ def test_more_paths_are_held_than_one_command_can_carry(station: umo.RemoteStati
     others = [f"{'a' * 40}.{i}" for i in range(100)]
     with opened(served.socket) as client:
         client.get("description")
-        command(client, 1, "lease")
-        command(client, 2, "write", path="sorter.diverter", value="ON")
-        touching(client, [*others, "sorter.diverter"], ran_on(station, 2.5))
-        assert station.reader.now().holder
-        assert station.sorter.diverter.read() == "ON"
+
+        def lasts(number: int) -> bool:
+            command(client, number, "lease")
+            command(client, number + 1, "write", path="sorter.diverter", value="ON")
+            touching(client, [*others, "sorter.diverter"], ran_on(station, 2.5))
+            return bool(station.reader.now().holder) and station.sorter.diverter.read() == "ON"
+
+        in_one_try(lasts)
 
 
 @pytest.mark.full
