@@ -14,6 +14,7 @@ import pytest
 
 from umo import BinaryActuator, Compound, DigitalSensor, Quality, connect
 from umo.cycle.stage import Progress
+from umo.cycle.frame import Signal
 from umo.cycle.trace import Statistics, Trace
 from umo.states import OnOff
 from umo.testing import VirtualTimer, periods, put
@@ -177,3 +178,12 @@ def test_a_path_that_is_not_utf8_does_not_cost_the_trace(tmp_path: Path) -> None
     trace.items[0]._name, trace.items[0]._parent = "caf\udce9", press()
     trace.save(tmp_path / "trace.csv")
     assert r"caf\udce9[mm]" in (tmp_path / "trace.csv").read_text()
+
+
+def test_the_heading_of_a_signal_with_states_tells_their_numbers() -> None:
+    trace = Trace()
+    trace.signals = (
+        Signal("mixer.step", "", None, "step", {0: "FILL", 4: "STIR"}),
+        Signal("mixer.level", "mm", None, "level"),
+    )
+    assert trace.columns[-2:] == ["mixer.step[FILL=0 STIR=4]", "mixer.level[mm]"]

@@ -99,9 +99,10 @@ def test_a_value_without_a_name_and_one_that_was_not_read_are_told_as_they_are()
     assert str(named.value(nan)) == str(Described({"one": "ON", "zero": "OFF"}).value(nan)) == "nan"
 
 
-def test_the_heading_of_a_column_tells_the_unit_or_which_state_is_1() -> None:
-    headings = [described(each).heading for each in (OBJECTS["level"], OBJECTS["limit"])]
-    assert headings == ["[mm]", "[FAIL=1]"]
+def test_the_heading_of_a_column_tells_the_unit_or_the_numbers_of_its_states() -> None:
+    step = Described({"path": "mixer.step", "states": {"0": "FILL", "4": "STIR"}})
+    headings = [each.heading for each in (described(OBJECTS["level"]), described(OBJECTS["limit"]), step)]
+    assert headings == ["[mm]", "[FAIL=1]", "mixer.step[FILL=0 STIR=4]"]
 
 
 def test_a_state_that_is_not_confirmed_yet_is_told_as_one() -> None:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from umo.cycle.frame import Frame, Signal
 from umo.objects import Atomic, Quality
 from umo.objects.description import described
+from umo.objects.presentation.described import column_heading
 
 MAX_ROWS = 100_000
 """Largest number of rows of a trace."""
@@ -130,9 +131,9 @@ class Trace:
 
     @property
     def columns(self) -> list[str]:
-        """`time_s`, `missed`, `execution_us`, then each path with its unit, or, for a binary object, with its state 1;
-        then the signals likewise."""
-        signals = [f"{signal.path}[{signal.unit}]" for signal in self.signals]
+        """`time_s`, `missed`, `execution_us`, then each path with its unit, or with the names of its states and their
+        numbers (of a binary object, its state 1); then the signals likewise."""
+        signals = [column_heading(signal.path, signal.unit, signal.states) for signal in self.signals]
         return ["time_s", "missed", "execution_us", *(described(item).heading for item in self.items), *signals]
 
     def place(self, shown: Atomic | Signal) -> int:

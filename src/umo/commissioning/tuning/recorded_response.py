@@ -28,7 +28,7 @@ def recorded_response(
         raise OptionError(f"--file {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
     low, high = -np.inf if start is None else start, np.inf if stop is None else stop
     if file.suffix == ".mcap":
-        return _of_recording(file, columns, low, high)
+        return MeasuredResponse.of_rows(_of_recording(file, columns, low, high))
     rows = _of_trace(file, columns)
     return MeasuredResponse.of_rows(rows[(rows[:, 0] >= low) & (rows[:, 0] <= high)])
 
@@ -53,13 +53,13 @@ def _place(columns: dict[str, int], path: str, file: Path) -> int:
     return columns[path]
 
 
-def _of_recording(file: Path, paths: Sequence[str], start: float, stop: float) -> MeasuredResponse:
+def _of_recording(file: Path, paths: Sequence[str], start: float, stop: float) -> FloatArray:
     try:
-        from umo.recording.recorded_history import RecordedHistory
         from umo.recording.recording import Recording
+        from umo.recording.tables.recorded_values import RecordedValues
     except ImportError:
         raise OptionError(f"a recording needs mcap: {how_to_install('record')}") from None
     with Recording(file) as recording:
-        known = {each.path: place for place, each in enumerate(recording.layout.described.traced)}
-        places = [_place(known, each, file) for each in paths]
-        return MeasuredResponse.of_history(RecordedHistory(recording), places, start, stop)
+        values = RecordedValues(recording, paths, start, float(np.nextafter(stop, np.inf)))
+        rows = [np.column_stack([frames["time"], values.of(frames)]) for frames, _ in values.parts()]
+    return np.concatenate([np.empty((0, 1 + len(paths))), *rows])

@@ -184,8 +184,8 @@ class Described:
 
     @property
     def heading(self) -> str:
-        """The heading of a column: `z.encoder[um]`, `gripper.valve[open=1]`."""
-        return f"{self.path}[{f'{self.states[1]}=1' if self.is_binary else self.unit}]"
+        """The heading of a column: `z.encoder[um]`, `gripper.valve[open=1]`, `mixer.step[FILL=0 STIR=1]`."""
+        return column_heading(self.path, self.unit, {1: self.states[1]} if self.is_binary else self.states)
 
     @property
     def file_form(self) -> str:
@@ -212,6 +212,11 @@ class Described:
             shown |= {"look": shown_unit(self.unit), "digits": self.digits}
             shown["range"] = span(self.minimum, self.maximum)
         return shown
+
+
+def column_heading(path: str, unit: str, states: Mapping[int, str]) -> str:
+    """The path with its unit, or with the names of its states and their numbers."""
+    return f"{path}[{' '.join(f'{name}={number}' for number, name in states.items()) or unit}]"
 
 
 def shown_all(plain: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
