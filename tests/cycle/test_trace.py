@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from umo import BinaryActuator, Compound, DigitalSensor, Quality, connect
-from umo.cycle.stage import Progress
 from umo.cycle.frame import Signal
+from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.states import OnOff
 from umo.testing import VirtualTimer, periods, put
