@@ -17,6 +17,7 @@ import pytest
 from typer.testing import Result
 
 from helpers.tiers import first
+from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.process.frames import blackbox
@@ -45,7 +46,7 @@ class Frames:
             progress=Progress("running"),
             signals=[],
         )
-        self.frame.signals = [SimpleNamespace(path=f"tank.level{number}", unit="mm") for number in range(3)]
+        self.frame.signals = [Signal(f"tank.level{number}", "mm", None, "level") for number in range(3)]
         self.frame.signal_values = [1.0, 2.0, 3.0]
 
     def next(self) -> SimpleNamespace:
@@ -249,7 +250,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_oldest_runs_are_removed_but_for_one_that_goes_on(runs: Path) -> None:
     assert [run.state for run in recorded("tank")] == ["running", "killed", "ended", "ended"]
-    assert [run.path.name for run in prune(1, "tank")] == ["tank-20260101-000001", "tank-20260101-000002"]
+    assert [path.name for path in prune(1, "tank")] == ["tank-20260101-000001", "tank-20260101-000002"]
     left = {path.name for path in runs.iterdir()}
     assert left == {"tank-20260101-000000", "tank-20260101-000004", "press-20260101-000003", "other"}
 

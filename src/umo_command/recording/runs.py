@@ -12,7 +12,7 @@ def show_runs(station: str | None, keep: int | None) -> None:
     """List the runs. If `keep` is given, first remove all but the newest `keep` runs."""
     if keep is not None:
         removed = prune(keep, station)
-        out.print(f"removed: {len(removed)} runs, {_megabytes(sum(run.size for run in removed))}")
+        out.print(f"removed: {len(removed)} runs, {_megabytes(sum(removed.values()))}")
     found = list(recorded(station))
     if not found:
         out.print(_none(station))

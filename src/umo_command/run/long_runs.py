@@ -130,10 +130,17 @@ class RecordedRun:
     """Exit status; None unless it has ended."""
     how: str
     """The failure, or who has stopped it; "" if neither applies, or it is unknown."""
-    size: int
-    """Bytes of its files."""
     written: float
     """Time of day in s at which its folder was last changed."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of its files now; 0 if it has been removed."""
+        size = 0
+        with suppress(OSError):
+            for path in self.path.iterdir():
+                size += path.lstat().st_size
+        return size
 
     @property
     def failed(self) -> bool:
@@ -164,7 +171,7 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
         state = "ended" if status is not None else "running" if _lives(about) else "killed"
-        yield RecordedRun(folder, name, state, status, _how(summary), _size_of(folder), _written(folder))
+        yield RecordedRun(folder, name, state, status, _how(summary), _written(folder))
 
 
 def _how(summary: dict[str, Any]) -> str:
@@ -174,28 +181,21 @@ def _how(summary: dict[str, Any]) -> str:
     return f"stopped by {by}" if isinstance(by, str) and by else ""
 
 
-def prune(keep: int, station: str | None = None) -> list[RecordedRun]:
-    """Remove all but the newest `keep` runs of each station, or of one, except active ones. Return the removed ones."""
+def prune(keep: int, station: str | None = None) -> dict[Path, int]:
+    """Remove all but the newest `keep` runs of each station, or of one, except active ones. Return the removed folders
+    with the bytes that they had."""
     by_station: dict[str, list[RecordedRun]] = {}
     for run in recorded(station):
         by_station.setdefault(run.station, []).append(run)
     old = [run for runs in by_station.values() for run in runs[: max(0, len(runs) - keep)] if run.state != "running"]
-    for run in old:
-        shutil.rmtree(run.path, ignore_errors=True)
-    return [run for run in old if not run.path.exists()]
+    sizes = {run.path: run.size for run in old}
+    for path in sizes:
+        shutil.rmtree(path, ignore_errors=True)
+    return {path: size for path, size in sizes.items() if not path.exists()}
 
 
 def _encoded(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
-
-
-def _size_of(folder: Path) -> int:
-    """Return the size of the files in a folder in bytes; 0 if it has just been removed."""
-    size = 0
-    with suppress(OSError):
-        for path in folder.iterdir():
-            size += path.lstat().st_size
-    return size
 
 
 def _written(folder: Path) -> float:
