@@ -101,12 +101,13 @@ def pytest_collection_finish() -> None:
 
 
 def in_good_order(items: list[pytest.Item]) -> None:
-    """The slow ones first, in each process (xdist begins with equal parts of the list): none is left over for the end.
-    Those of a file stay together, as they share fixtures."""
+    """The slow ones first (xdist begins with equal parts of the list): none is left over for the end. Every second
+    process has none of them, as slow tests wait most of their time. Those of a file stay together, as they share
+    fixtures."""
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     slow = [item for item in items if item.get_closest_marker("slow")]
     quick = iter([item for item in items if not item.get_closest_marker("slow")])
-    turns = {path: turn % workers for turn, path in enumerate(dict.fromkeys(item.path for item in slow))}
+    turns = {path: 2 * turn % workers for turn, path in enumerate(dict.fromkeys(item.path for item in slow))}
     size, ordered = -(-len(items) // workers), []
     for worker in range(workers):
         first = [item for item in slow if turns[item.path] == worker]

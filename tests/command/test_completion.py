@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import umo as um
 from helpers import patient
+from helpers.tiers import first
 from helpers.waiting import until
 from umo_command.app import app
 
@@ -141,7 +142,7 @@ INTERACTIVE = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", INTERACTIVE)
+@pytest.mark.parametrize("name", first(1, INTERACTIVE))
 def test_a_tab_completes_in_the_shell(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(name) is None:
         pytest.skip(f"there is no {name}")
@@ -162,6 +163,7 @@ def test_a_tab_completes_in_the_shell(name: str, tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.skipif(shutil.which("fish") is None, reason="there is no fish")
 def test_fish_completes(tmp_path: Path) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])

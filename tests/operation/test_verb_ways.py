@@ -121,8 +121,7 @@ def test_a_verb_is_refused_to_who_has_no_role_for_it_and_in_the_wrong_mode(role:
             assert text.startswith("done"), (verb.name, text)
 
 
-@pytest.mark.parametrize("mode", Mode, ids=str)
-@pytest.mark.parametrize("name", [name for name in WAYS if name != "opcua"])
+@pytest.mark.parametrize(("name", "mode"), each_value([name for name in WAYS if name != "opcua"], list(Mode)))
 def test_every_way_has_the_same_answers(name: str, mode: Mode) -> None:
     if name == "fleet":
         pytest.importorskip("zenoh", reason="the extra fleet is not installed")

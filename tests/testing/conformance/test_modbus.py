@@ -122,7 +122,7 @@ def on_a_line() -> Iterator[Subject]:
         )
 
 
-@pytest.mark.parametrize("options", [{}, {"read_write": True}])
+@pytest.mark.parametrize("options", first(1, [{"read_write": True}, {}]))
 def test_the_driver_conforms_on_tcp(options: dict[str, bool], rules: list[str] | None) -> None:
     with on_tcp(**options) as subject:
         certificate = conform(subject, cycles=FEW, only=rules)
