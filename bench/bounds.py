@@ -442,7 +442,7 @@ CAUSES = [
     # Units
     Cause("a unit with many actuators is held", _asks("call", "hall.unit.hold"), before=_started_hall,
           after=_in_turn(_stopped_hall, _rest), expected="done"),
-    Cause("a unit with many actuators goes on", _asks("call", "hall.unit.unhold"),
+    Cause("a unit with many actuators continues", _asks("call", "hall.unit.unhold"),
           before=_in_turn(_started_hall, _asks("call", "hall.unit.hold")), after=_in_turn(_stopped_hall, _rest),
           expected="done"),
     # Alarms
