@@ -367,12 +367,12 @@ MISTAKES = {"name": "first", "content": json.dumps({f"k{number}": "1 lb" for num
 CAUSES = [
     # Leases
     Cause("a lease is taken", _asks("lease"), ["lease"], after=BACK, expected="done"),
-    Cause("a lease is given back, nothing held", BACK, ["give back"], before=_lease, expected="done"),
-    Cause("a lease is given back, every valve held", BACK, before=_held, after=_automatic, expected="done"),
-    Cause("a lease is taken over, every valve held", lambda rig: rig.ask_other("lease", over=True), before=_held,
-          after=_automatic, expected="done"),
-    Cause("a lease lapses, every valve held", _lease_lapses, before=_held, after=_automatic),
-    Cause("the signs of life for every held valve lapse", _silent, before=_held, after=_automatic),
+    Cause("a lease is given back while nothing is held", BACK, ["give back"], before=_lease, expected="done"),
+    Cause("a lease is given back while every valve is held", BACK, before=_held, after=_automatic, expected="done"),
+    Cause("a lease is taken over while every valve is held", lambda rig: rig.ask_other("lease", over=True),
+          before=_held, after=_automatic, expected="done"),
+    Cause("a lease lapses while every valve is held", _lease_lapses, before=_held, after=_automatic),
+    Cause("the client of every held valve gives no more signs of life", _silent, before=_held, after=_automatic),
     # Commands
     Cause("four writes", _four("write", "valves.{}", 5.0), ["write"], before=_manual, after=_automatic,
           expected="done"),
@@ -382,10 +382,11 @@ CAUSES = [
           expected="done"),
     Cause("four numbers are tuned", _four("tune", "zones.{}.gain", 2.0), ["tune"], before=_lease, after=BACK,
           expected="done"),
-    Cause("four misspelt numbers", _four("tune", "zones.{}.gian", 2.0), before=_lease, after=BACK, expected="refused"),
+    Cause("four misspelt numbers are tuned", _four("tune", "zones.{}.gian", 2.0), before=_lease, after=BACK,
+          expected="refused"),
     Cause("four actions are called", _four("call", "zones.{}.warm"), ["call"], before=_manual, after=_automatic,
           expected="done"),
-    Cause("four misspelt actions", _four("call", "zones.{}.wram"), before=_manual, after=_automatic,
+    Cause("four misspelt actions are called", _four("call", "zones.{}.wram"), before=_manual, after=_automatic,
           expected="refused"),
     Cause("four laws report their structure", _four("call", "zones.{}.law"), before=_lease, after=BACK,
           expected="done"),
@@ -395,15 +396,15 @@ CAUSES = [
           before=_manual, after=_automatic, expected="refused"),
     Cause("four recipes with hundreds of values are chosen", _four("call", "hall.book.choose", arguments=FILLING),
           before=_lease, after=BACK, expected="done"),
-    Cause("four recipes with dozens of mistakes are refused", _four("call", "hall.book.choose", arguments=MISTAKES),
+    Cause("four recipes with dozens of wrong values are refused", _four("call", "hall.book.choose", arguments=MISTAKES),
           before=_lease, after=BACK, expected="refused"),
     Cause("all actions are cancelled", _asks("cancel"), ["cancel"], before=_lease, after=BACK, expected="done"),
     Cause("four unknown commands", _four("wirte", "valves.{}", 5.0), before=_lease, after=BACK, expected="refused"),
-    Cause("a stop is asked for", lambda rig: rig.ask_to_stop(), after=lambda rig: rig.go_on()),
+    Cause("a stop is requested", lambda rig: rig.ask_to_stop(), after=lambda rig: rig.go_on()),
     # Modes
-    Cause("manual mode, every valve driven", _asks("mode", value="manual"), ["mode"],
+    Cause("the mode becomes manual while every valve is driven", _asks("mode", value="manual"), ["mode"],
           before=_in_turn(_lease, _driven_valves), after=_in_turn(_automatic, _rest), expected="done"),
-    Cause("automatic mode, every valve was driven", _asks("mode", value="automatic"),
+    Cause("the mode becomes automatic after every valve was driven", _asks("mode", value="automatic"),
           before=_in_turn(_lease, _driven_valves, _asks("mode", value="manual")), after=_in_turn(BACK, _rest),
           expected="done"),
     # Interlocks
@@ -414,38 +415,38 @@ CAUSES = [
     Cause("an interlock of each heater begins", _set("each_stopped", True), before=_driven, after=_acknowledged,
           resets=_heaters, reacts=True),
     Cause("an interlock of each heater ends", _set("each_stopped", False), before=_set("each_stopped", True)),
-    Cause("four acknowledge everything, all valves latched", _four("acknowledge"), ["acknowledge"],
+    Cause("four commands acknowledge everything while all valves are latched", _four("acknowledge"), ["acknowledge"],
           before=_in_turn(_lease, _set("stopped", True), _set("stopped", False)), after=BACK, expected="done"),
-    Cause("all valves' commands expire", _expire, after=_rest),
+    Cause("the commands of all valves expire", _expire, after=_rest),
     # Faults
     Cause("the law of one zone fails", _break_one, before=_driven, after=_cleared),
     Cause("the law of each zone fails", _set("broken", True, "zones"), before=_driven, after=_cleared,
           resets=_heaters),
     Cause("a sequence of each zone fails", _fail_sequences, before=_driven, after=_cleared, resets=_heaters),
-    Cause("the sensors' driver fails: each zone in fault", _away("temperatures", True), before=_driven,
+    Cause("the driver of the sensors fails: each zone is in fault", _away("temperatures", True), before=_driven,
           after=_cleared, resets=_heaters),
     Cause("one equipment with many actuators fails", _fail_hall, before=_driven, after=_cleared, resets=_fans),
-    Cause("a clear of everything, each zone in fault", _asks("clear"), ["clear"],
+    Cause("everything is cleared while each zone is in fault", _asks("clear"), ["clear"],
           before=_in_turn(_lease, _fail_sequences), after=BACK, resets=_heaters, expected="done"),
-    Cause("four misspelt clears", _four("clear", MISSPELT), before=_lease, after=BACK, expected="refused"),
+    Cause("four clears of misspelt paths", _four("clear", MISSPELT), before=_lease, after=BACK, expected="refused"),
     Cause("all probes are marked BAD", _away("probes", True), after=_probes_back),
     Cause("a driver that was away for long is back", _found, before=_long_away, after=_probes_back, resets=_probes),
     # Off the cycle
     Cause("the values of slow devices arrive", _hastened, rig=SlowRig),
-    Cause("the values of a slow device are old: marked STALE", _old("probes", 1), after=_renewed("probes"),
+    Cause("the values of a slow device are old: they are marked STALE", _old("probes", 1), after=_renewed("probes"),
           rig=SlowRig),
-    Cause("the values of a slow device have failed: marked BAD", _old("probes", 2), after=_renewed("probes"),
+    Cause("the values of a slow device have failed: they are marked BAD", _old("probes", 2), after=_renewed("probes"),
           rig=SlowRig),
-    Cause("the values of a slow device have failed: each zone in fault", _old("temperatures", 2), before=_driven,
+    Cause("the values of a slow device have failed: each zone is in fault", _old("temperatures", 2), before=_driven,
           after=_in_turn(_renewed("temperatures"), _cleared), resets=_heaters, rig=SlowRig, expected="in fault"),
     # Units
     Cause("a unit with many actuators is held", _asks("call", "hall.unit.hold"), before=_started_hall,
           after=_in_turn(_stopped_hall, _rest), expected="done"),
-    Cause("a unit with many actuators goes on", _asks("call", "hall.unit.unhold"),
+    Cause("a unit with many actuators continues", _asks("call", "hall.unit.unhold"),
           before=_in_turn(_started_hall, _asks("call", "hall.unit.hold")), after=_in_turn(_stopped_hall, _rest),
           expected="done"),
     # Alarms
-    Cause("every zone's alarm at once", _cold(True), after=_settle_alarms),
+    Cause("the alarms of all zones begin in one period", _cold(True), after=_settle_alarms),
     Cause("all alarms are acknowledged", _asks("acknowledge alarm"), ["acknowledge alarm"], before=_alarmed,
           after=_settle_alarms, expected="done"),
     Cause("all alarms are reset", _asks("reset alarm"), ["reset alarm"], before=_lease, after=BACK, expected="done"),
@@ -459,7 +460,7 @@ CAUSES = [
           before=_lease, after=_in_turn(_asks("return to service", "probes"), BACK), expected="done"),
     Cause("a thousand alarms return to service", _asks("return to service", "probes"), ["return to service"],
           before=_in_turn(_lease, _asks("remove from service", "probes")), after=BACK, expected="done"),
-    Cause("four misspelt alarms", _four("shelve", "zones.{}.clod", 600), before=_lease, after=BACK,
+    Cause("four misspelt alarms are shelved", _four("shelve", "zones.{}.clod", 600), before=_lease, after=BACK,
           expected="refused"),
 ]  # fmt: skip
 
@@ -554,7 +555,7 @@ def bound_of(cause: Cause, limit: float = LIMIT) -> str:
     """The bound of a cause, as the page has it; `limit` in ms."""
     if cause.resets is None:
         return f"{limit:g} ms"
-    return f"{RESET_RATIO:g} times `reset()`{', then' if cause.reacts else ' and'} {limit:g} ms"
+    return f"{RESET_RATIO:g} times `reset()`{', then' if cause.reacts else ' plus'} {limit:g} ms"
 
 
 def _figure(ms: float) -> str:
