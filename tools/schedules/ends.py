@@ -113,7 +113,7 @@ ENDS = (
         "the program ends (by its last line, `sys.exit`, an exception or Ctrl-C) while a machine is connected in a "
         "thread other than the main thread, also in a daemon thread",
         "the thread of the machine; the end of the program waits for this thread. If this thread does not begin to "
-        "leave within 10 s plus the time of a call that hangs: the main thread",
+        "disconnect the machine within 10 s plus the time of a call that hangs: the main thread",
         "", "the status of the program", "no",
     ),
     End(
