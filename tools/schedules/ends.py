@@ -112,8 +112,8 @@ ENDS = (
     End(
         "the program ends (by its last line, `sys.exit`, an exception or Ctrl-C) while a machine is connected in a "
         "thread other than the main thread, also in a daemon thread",
-        "the thread of the machine; the end of the program waits for this thread. If this thread does not begin to "
-        "disconnect the machine within 10 s plus the time of a call that hangs: the main thread",
+        "the thread of the machine, for which the end of the program waits; or the main thread, if the thread of the "
+        "machine does not begin to disconnect it within 10 s plus the time of a call that hangs",
         "", "the status of the program", "no",
     ),
     End(
