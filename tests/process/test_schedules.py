@@ -175,8 +175,8 @@ def test_what_cannot_be_made_safe_stays_driven_and_is_told(player: Player, what:
 
 def test_a_time_of_the_table_is_a_sum_of_times_and_settings() -> None:
     times = Times(period=0.5, hang_timeout=0.1, timeout=0.25)
-    assert times.seconds("3 * `hang_timeout` + 40 ms more") == pytest.approx(0.34)
-    assert times.seconds("at once") == 0.0
+    assert times.seconds("within 3 * `hang_timeout` + 40 ms more") == pytest.approx(0.34)
+    assert times.seconds("immediately") == 0.0
     assert times.seconds("`call_timeout` + `watch_timeout` + 1.3 s") == pytest.approx(1.5 + 0.5 + 1.3)
     with pytest.raises(ValueError, match="soon"):
         times.seconds("soon")
