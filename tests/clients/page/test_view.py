@@ -135,7 +135,7 @@ def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) ->
     howto = (ROOT / "docs" / "howto-view-a-running-machine.md").read_text()
     for text in (howto, umo("show", "page", "--help").stdout):
         assert "UMO_TOKEN" in text
-        assert re.search(r"umo\s+view --[^|`]*--(token|password)\b", text) is None
+        assert re.search(r"umo\s+show\s+page --[^|`]*--(token|password)\b", text) is None
 
 
 @pytest.mark.full
