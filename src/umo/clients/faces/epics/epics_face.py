@@ -12,7 +12,7 @@ from umo.objects.presentation.identity import escaped, is_word
 from umo.process.frames.machine_items import Declaration
 
 PORT, SEARCH_PORT = 5075, 5076
-"""The ports on which EPICS's clients search."""
+"""The port of the server, and the port on which EPICS's clients search."""
 
 
 class Epics(Face):

@@ -33,7 +33,7 @@ from umo.process.frames.machine_items import Declaration, MachineItem
 from umo.text import did_you_mean
 
 USER = "homeassistant"
-"""The name of the user of every command: the protocol transmits none."""
+"""The user's name for every command, because the protocol transmits none."""
 ONLINE, OFFLINE = b"online", b"offline"
 INTERVAL = 1.0
 FASTEST, SLOWEST = 0.1, 3600.0
