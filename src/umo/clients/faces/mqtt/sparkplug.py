@@ -31,17 +31,17 @@ log = logging.getLogger("umo.faces")
 STORE = 50_000
 """Default number of values that are kept while the broker or the primary host is away."""
 CHUNK, CHUNKS = 500, 10
-"""Number of stored values in one message, and of such messages for each look."""
+"""Number of stored values in one message, and of such messages per look."""
 MAX_METRICS = 100
-"""Largest number of metrics in one command message; the others are refused."""
+"""Largest number of metrics in one command message; further ones are refused."""
 REBIRTH_PAUSE = 0.5
 """Shortest time in s between two requested births."""
 NOBODY = "sparkplug"
-"""The name of a user who gives none."""
+"""The name for a user who gives no name."""
 
 
 class Sparkplug(Face):
-    """The edge node of the station; one connection for each run.
+    """The edge node of the station. It opens one connection for each run.
 
     Options:
         host: of the broker; one on another computer needs `ca`.

@@ -44,7 +44,7 @@ COMPANIONS = ("Di", "IA", "Machinery", "PackML")
 REFUSAL = 300
 """Severity of the event of a refusal."""
 REFUSAL_PAUSE = 1.0
-"""Time in s from one event of a refusal of a user to the next."""
+"""Time in s from one event that reports a refusal of a user to the next."""
 
 
 GONE_ANSWER = Answer(ua.StatusCode(_C.BadNoCommunication), "the machine does not run")
