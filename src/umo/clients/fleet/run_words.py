@@ -5,8 +5,8 @@ the metadata: state, mode, missed periods, lease with its holder, the tunable nu
 frame that differ from those of the delta before. The metadata are complete in a delta, or are left out because they
 have not changed.
 
-Frames are selected by their numbers in the ring: with a stride of k the deltas 0, 1, 2 ... are made from the frames k -
-1, 2k - 1, 3k - 1 ... Delta n belongs to the same frame, whichever process publishes the run and however often it
+Frames are selected by their numbers in the ring: with a stride of k the deltas 0, 1, 2 ... are made from the frames
+k-1, 2k-1, 3k-1 ... Delta n belongs to the same frame, whichever process publishes the run and however often it
 restarts, so losses can be counted.
 
 A message, little-endian: `HEADER`; the indices of the words (`<u2`, or `<u4` if there are more than 65,535), then the
