@@ -115,7 +115,7 @@ class RecordFolder:
 
     @property
     def grown(self) -> list[Path]:
-        """Return the folders with many parts of this hour."""
+        """The folders with many parts of this hour."""
         return [place for place, (count, size) in self._grown.items() if count >= MERGED_PARTS or size >= MERGED_BYTES]
 
     # Merging -------------------------------------------------------------------------------------------

@@ -74,8 +74,7 @@ class FleetSettings:
 
     @property
     def why_none(self) -> str:
-        """Return advice for the case that no station is visible. Zenoh itself does not report that its rules forbid
-        access."""
+        """Advice for the case that no station is visible. Zenoh itself does not report that its rules forbid access."""
         publish, identity = "`umo connect fleet` publishes those of a computer", self.network.identity
         if identity is None:
             return publish

@@ -35,7 +35,7 @@ class StreamPositions:
             self._unwritten = None
 
     def needed(self, last: int, *, has_ended: bool) -> int | None:
-        """The first position that is still needed, or None if no received data are needed any more."""
+        """Return the first position that is still needed, or None if no received data are needed any more."""
         if has_ended and self._unwritten is None:
             return None
         base = self._full[0][1] if self._full and self._full[0][0] <= last + 1 else self._begin

@@ -102,7 +102,7 @@ class HttpConnection(H11Protocol):
 
     @property
     def peer_socket(self) -> TransportSocket | None:
-        """Return the socket of the other end, or None if it has closed."""
+        """The socket of the other end, or None if that end has closed."""
         return None if self.over or self._socket is None else self._socket.get_extra_info("socket")
 
     @property

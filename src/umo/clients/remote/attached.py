@@ -135,13 +135,13 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def alarms(self) -> list[AlarmRow]:
-        """Return the alarms that are not normal: unacknowledged ones first, then by priority."""
+        """The alarms that are not normal: unacknowledged ones first, then by priority."""
         return self.reader.alarms(self.reader.latest())
 
     @property
     def raised_alarms(self) -> list[AlarmRow]:
-        """Return the result of `alarms`, followed by the alarms that are normal and were raised in this run. Each has
-        the number of times that it was raised, and the first and last time."""
+        """The alarms in `alarms`, followed by the alarms that are normal and were raised in this run. Each has the
+        number of times that it was raised, and the first and last time."""
         return self.reader.alarms(self.reader.latest(), raised=True)
 
     def acknowledge_alarm(self, path: str = "") -> str:
@@ -174,8 +174,7 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def verbs(self) -> VerbTable:
-        """Return all verbs of the station, with their effects and the required roles. A notebook shows it as a
-        table."""
+        """All verbs of the station, with their effects and the required roles. A notebook shows it as a table."""
         return VerbTable(VERBS)
 
     def __getattr__(self, name: str) -> Any:

@@ -128,7 +128,7 @@ class HeldLease:
 
     @property
     def held(self) -> Mapping[str, object]:
-        """Return the holds, by path."""
+        """The holds, by path."""
         return self._station.session.held
 
     def __enter__(self) -> HeldLease:

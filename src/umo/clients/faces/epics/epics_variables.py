@@ -197,7 +197,7 @@ def variables_of(machine: Declaration, prefix: str, commands: Commands) -> Epics
 
 
 def own_parts() -> frozenset[str]:
-    """The last parts of names that umo uses itself; a part of a path with such a name is escaped."""
+    """Return the last parts of names that umo uses itself. A part of a path with such a name is escaped."""
     return frozenset((*SUFFIXES.values(), TREE, *(verb.word for verb in naming(*OF_ITEMS.values()))))
 
 

@@ -48,7 +48,7 @@ class Security:
         return known is not None and known.not_valid_before_utc <= datetime.now(UTC) <= known.not_valid_after_utc
 
     def uri(self, station: str) -> str:
-        """The ApplicationUri. OPC UA requires it to be the one in the certificate."""
+        """Return the ApplicationUri. OPC UA requires it to be the one in the certificate."""
         if self._server is not None:
             try:
                 names = self._server[0].extensions.get_extension_for_class(x509.SubjectAlternativeName).value

@@ -40,7 +40,7 @@ def below(space: AddressSpace, kind: ua.NodeId, above: ua.NodeId) -> bool:
 
 
 def encoding(space: AddressSpace, kind: ua.NodeId) -> Any:
-    """The VariantType in which values of a data type are encoded, or None if the type is abstract."""
+    """Return the VariantType in which values of a data type are encoded, or None if the type is abstract."""
     for each in lineage(space, kind):
         if each in (ENUMERATION, STRUCTURE):
             return ua.VariantType.Int32 if each == ENUMERATION else ua.VariantType.ExtensionObject
