@@ -613,5 +613,5 @@ class MachineForm:
 
     @cached_property
     def own(self) -> frozenset[str]:
-        """The names of the translated functions; other names belong to the runtime."""
+        """The names of the translated functions. Other names belong to the runtime."""
         return frozenset(one.name for one in self.functions)

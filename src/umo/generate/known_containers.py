@@ -70,8 +70,8 @@ class _Places:
         self._own = self._imported | {*_defined(tree)}
 
     def of(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[ChangedPlace]:
-        """The places in a node. `before`: the function around it that runs before translation; `me`: its name for
-        `self`."""
+        """Yield the places in a node. `before`: the function that contains the node and runs before translation; `me`:
+        that function's name for `self`."""
         for each in ast.iter_child_nodes(node):
             if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
                 first = each.args.posonlyargs + each.args.args

@@ -97,7 +97,7 @@ class Controller(Driver[Channel], Looks, Capability):
         return Channel(text, Direction.BOTH, 32, signed=True)
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file."""
+        """Return the host's addresses and port, or the device file."""
         return self.place.devices()
 
     # The part ----------------------------------------------------------------------------------------------

@@ -221,7 +221,7 @@ class LinkHost:
 
     @property
     def age(self) -> float:
-        """Return the largest possible age in s of the data in the last answer: the time since its request."""
+        """The largest possible age in s of the data in the last answer: the time since its request."""
         return self._now() - self._asked
 
     def _take(self, data: bytes) -> None:

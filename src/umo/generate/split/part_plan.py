@@ -93,8 +93,8 @@ class PartPlan:
 
     @cached_property
     def hash(self) -> int:
-        """Return the hash of all data on which both ends must agree. The initial values of fields are not included,
-        because the host sends them."""
+        """The hash of all data on which both ends must agree. The initial values of fields are not included, because
+        the host sends them."""
         any_target = replace(self.target, name="any", exact_libm=False)
         without_init = replace(self.translation, init="")
         code = [header_of(self.model, self.translation, any_target), source_of(self.model, without_init, any_target)]
