@@ -68,7 +68,7 @@ class _Branches:
         self._fold = fold
 
     def add(self, tree: Tree, first: Mapping[str, Node], last: Mapping[str, Node]) -> None:
-        """Add the parts of similar compounds. `first` are the parts of the first compound, `last` those of the last one."""
+        """Add the parts of similar compounds. `first`: those of the first compound; `last`: those of the last one."""
         for names in self._alike(first):
             begin, end = first[names[0]], last[names[-1]]
             name = folded(names)
