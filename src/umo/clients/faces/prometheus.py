@@ -66,9 +66,9 @@ class Prometheus(Face):
     """Serves `/metrics`.
 
     Options:
-        port: of the server.
-        host: its address; one that other computers reach needs `certificate` and `clients`.
-        certificate: file of its certificate and key (PEM).
+        port: the TCP port of the server.
+        host: the address of the server. If other computers reach it, it needs `certificate` and `clients`.
+        certificate: file of the server's certificate and key (PEM).
         clients: file of the certificates by which clients are known (PEM).
     """
 

@@ -46,15 +46,15 @@ class Controller(Driver[Channel], Looks, Capability):
     separate line in the wiring. A line may change the scale of an object.
 
     Options:
-        host: where the controller is reached over TCP. Default: 127.0.0.1.
-        port: its TCP port. Default: 5327.
+        host: the address of the controller for TCP. Default: 127.0.0.1.
+        port: the TCP port of the controller. Default: 5327.
         serial: the device file of a serial line, in place of host and port.
-        baudrate: of the serial line, in bit/s. Default: 115200.
-        real: the numbers of the controller: "double" or "float".
-        cycle: the controller's own period. Default: that of the part: the machine's, or `every` of its class.
-        host_timeout: when the host was silent for this time, the controller brakes its axes to standstill, and brings
-            its outputs to their defaults; at once where no axis moves.
-        braking_timeout: the braking may take this time, then every output goes to its default. 0: no braking.
+        baudrate: the speed of the serial line in bit/s. Default: 115200.
+        real: the type of the numbers on the controller: "double" or "float".
+        cycle: the period of the controller. Default: that of the part, which is the machine's, or `every` of its class.
+        host_timeout: the time without the host after which the controller brakes its axes to standstill, and then
+            brings its outputs to their defaults. If no axis moves, it does so immediately.
+        braking_timeout: the longest time for braking, after which every output goes to its default. 0: no braking.
     """
 
     forms = ("any text",)

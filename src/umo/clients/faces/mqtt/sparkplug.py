@@ -44,16 +44,16 @@ class Sparkplug(Face):
     """The edge node of the station. It opens one connection for each run.
 
     Options:
-        host: of the broker; one on another computer needs `ca`.
-        port: of the broker.
+        host: the address of the broker. A broker on another computer needs `ca`.
+        port: the TCP port of the broker.
         group: the group of the node.
-        node: its name; default: that of the station.
-        primary: the primary host; nothing is sent until its STATE is online.
-        store: values that are kept while the broker or the primary host is away.
-        ca: file of the certificates that the broker's is checked with (PEM): TLS.
-        certificate: file of the own certificate and key (PEM).
-        user: for the broker.
-        password_file: its first line is the password of `user`.
+        node: the name of the node; default: that of the station.
+        primary: the primary host. Nothing is sent until its STATE is online.
+        store: number of values that are kept while the broker or the primary host is away.
+        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        certificate: file of the face's certificate and key (PEM).
+        user: the name of the user at the broker.
+        password_file: file whose first line is the password of `user`.
     """
 
     def __init__(
