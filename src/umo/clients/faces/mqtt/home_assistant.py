@@ -41,7 +41,7 @@ FASTEST, SLOWEST = 0.1, 3600.0
 
 
 class HomeAssistant(Face):
-    """Discovery as retained JSON below `prefix`, values and availability below `topic`.
+    """The face: it publishes discovery as retained JSON below `prefix`, and values and availability below `topic`.
 
     Options:
         host: the address of the broker. A broker on another computer needs `ca`.
