@@ -1,6 +1,7 @@
-"""The command `umo`: what a person types, and sees on a terminal. It uses `umo`, which does not know it.
+"""The command `umo`: what a person types and sees on a terminal. This package uses `umo`; `umo` does not depend on it.
 
-From its first moment on Ctrl-C ends it without a traceback, also while umo is still imported: nothing is imported here.
+Ctrl-C ends the command without a traceback from the very start, even while umo is still being imported. For this reason
+nothing is imported here.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import signal
 
 
 def main() -> None:
-    """Entry point. Status 130: Ctrl-C before a command has begun."""
+    """Run the command: the entry point. The exit status is 130 if Ctrl-C comes before a command has begun."""
     try:
         from umo_command.words import carry_out
 

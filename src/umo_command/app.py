@@ -1,4 +1,4 @@
-"""The command `umo`: its commands in the order of the help, and its output without a command."""
+"""The command `umo`: its commands in the order of the help, and its behaviour without a command."""
 
 from __future__ import annotations
 

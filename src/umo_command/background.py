@@ -1,4 +1,5 @@
-"""Programs that serve beside machines until they are stopped: faces, gateways, routers, recorders."""
+"""Functions for programs that run in the background of machines until they are stopped: faces, gateways, routers,
+recorders."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from umo.system.realtime import drop_realtime
 from umo.system.streams import limit_waits
 
 NICENESS = 15
-"""Niceness of these programs: their priority is lower than that of an ordinary program."""
+"""Niceness of these programs. Their priority is lower than that of an ordinary program."""
 
 
 def step_back() -> None:
@@ -22,8 +23,8 @@ def step_back() -> None:
 
 
 async def until_stopped(work: Coroutine[Any, Any, object]) -> None:
-    """Work until it ends, or SIGINT or SIGTERM cancels it. A further signal stops code that does not react to the
-    first."""
+    """Run work until it ends, or until SIGINT or SIGTERM cancels it. A further signal stops code that does not react to
+    the first signal."""
     serving = asyncio.ensure_future(work)
     loop = asyncio.get_running_loop()
     with asked_by_signals(lambda: loop.call_soon_threadsafe(serving.cancel)), suppress(asyncio.CancelledError):

@@ -1,5 +1,5 @@
 """Completes words in the shell: stations, running machines, paths, actions, wirings, recordings. `umo
---install-completion` installs it for bash, zsh and fish. Only the words are printed; data that cannot be read give no
+--install-completion` installs it for bash, zsh and fish. Only the words are printed. Data that cannot be read give no
 completions."""
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def completing(words: Callable[[typer.Context, str], Iterable[str]]) -> Callable
 
 @completing
 def stations(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Return folders of stations, folders on the way to one, and the stations that ship or are installed."""
+    """Return folders of stations, folders that lead to one, and the stations that ship with umo or are installed."""
     from umo.process.station import shipped
     from umo.system.packages import MARK, registered
 
@@ -47,7 +47,7 @@ def stations(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def running(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Return the names of the stations that run; if several have the same name, their pids."""
+    """Return the names of the stations that run, or their pids if several have the same name."""
     names: list[str] = []
     for about in (reader.about for reader in _readers()):
         names += [str(about["pid"])] if about["station"] in names else [str(about["station"])]
@@ -95,7 +95,7 @@ def paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def running_and_paths(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Return stations for the first word, and paths of the station for the others."""
+    """Return stations for the first word, and paths of this station for the other words."""
     return [*_first_running(ctx, incomplete), *paths(ctx, incomplete)]
 
 
@@ -129,7 +129,7 @@ def numbers(ctx: typer.Context, incomplete: str) -> Iterable[str]:
 
 @completing
 def running_and_alarms(ctx: typer.Context, incomplete: str) -> Iterable[str]:
-    """Return stations for the first word, and alarms of the station."""
+    """Return stations for the first word, and the station's alarms for the other words."""
     first = _first_running(ctx, incomplete)
     with _machine(ctx) as reader:
         return [*first, *([] if reader is None else _alarms(reader))]

@@ -1,8 +1,8 @@
-"""The two consoles, by which all text reaches the terminal. Piped text is not cut to 80 columns, and brackets in a
+"""The two consoles through which all text reaches the terminal. Piped text is not cut to 80 columns, and brackets in a
 user's names are not markup.
 
-Texts come from other processes and users too: names of stations and devices, records, holders of a lease, errors. None
-of them reaches the terminal raw.
+Texts also come from other processes and users: names of stations and devices, records, holders of a lease, errors. None
+of these texts reaches the terminal with its control characters.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PIPE_WIDTH = 160
 
 
 class PrintableConsole(Console):
-    """A console that shows control characters of a text as `?`: because a terminal would obey them."""
+    """A console that shows control characters of a text as `?`, because a terminal would obey them."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for segment in super().render(renderable, options):
@@ -48,7 +48,7 @@ def plain_table() -> Table:
 
 
 def say(text: str, style: str = "") -> None:
-    """Print a message of umo on stderr, in a line of its own. Long words in it are cut."""
+    """Print a message of umo on stderr, on a separate line. Long words in the message are cut."""
     if err.is_terminal:
         err.file.write(CLEAR_LINE)
     err.print(f"umo: {cut_words(text)}", style=style, soft_wrap=True)

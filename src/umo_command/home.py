@@ -1,4 +1,4 @@
-"""`umo` alone: shows the running stations and the next steps."""
+"""`umo` without a command: shows the running stations and the next steps."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .run.long_runs import newest, recorded
 from .show.stations import show_stations, standing
 
 Step = tuple[str, str]
-"""A command, with a description."""
+"""A command with its description."""
 STEPS = 3
 
 
 def show_home() -> None:
-    """Print the stations that run, the runs of this folder that failed last, and three steps that fit them."""
+    """Print the stations that run, the last failed runs of this folder, and three next steps that fit the situation."""
     show_stations()
     table = Table.grid(padding=(0, 3))
     found = search.readers()  # `show_stations` has named those that cannot be read
@@ -41,8 +41,8 @@ def show_home() -> None:
 def next_steps(
     folder: Path, found: Sequence[RunReader], stopped: Sequence[Ended] = (), failed: Sequence[str] = ()
 ) -> list[Step]:
-    """Return three steps: first those that wait for somebody, then those that show or do something. `failed`: the
-    stations of runs that failed."""
+    """Return three steps: first those for conditions that wait for an operator, then those that show or do something
+    else. `failed`: the stations of runs that failed."""
     steps: list[Step] = []
     for reader in found:
         steps += _waiting(str(reader.about["station"]), reader, reader.latest())

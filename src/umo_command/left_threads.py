@@ -1,4 +1,4 @@
-"""Ends a command whose application has left threads: Python waits silently for those that are not daemons."""
+"""Ends a command whose application has left threads. Python waits silently for threads that are not daemons."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable, some
 
 THREAD_TIMEOUT = 1.0
-"""Time in s after which a notice says that the command waits for threads: those of executors end by themselves."""
+"""Time in s after which a notice says that the command waits for threads. Threads of executors end by themselves before
+that."""
 
 
 def prepare_end(status: int) -> None:
-    """End this process with this status; its machine has been reset. If it then waits for threads, they are printed
-    once with their places; a signal ends the process."""
+    """End this process with this status, after its machine has been reset. If the process then waits for threads, the
+    threads are printed once with their places. A signal ends the process."""
     if not left_threads():
         return
 
@@ -41,7 +42,7 @@ def left_threads() -> list[threading.Thread]:
 
 
 def tell_threads(patience: float = THREAD_TIMEOUT) -> None:
-    """Print the threads that are left after this time in s, if any."""
+    """Print the threads that still run after this time in s, if any."""
     threading.Event().wait(patience)
     if left := left_threads():
         frames = sys._current_frames()

@@ -1,5 +1,5 @@
-"""The names that commands had before they came into groups. They work in this version, with a line on stderr that names
-the new command; the next version removes this file."""
+"""The names that commands had before they were put into groups. They still work in this version, and print a line on
+stderr that names the new command. The next version removes this file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class OldName:
     was: str
     now: str
     options: Mapping[str, str] = field(default_factory=dict)
-    """Options that have other names, too."""
+    """Options whose names have also changed, each with its new name."""
 
 
 OLD_NAMES = (

@@ -1,4 +1,4 @@
-"""The arguments and options that several commands have, each declared once, so that the same thing has the same name
+"""The arguments and options that several commands have in common. Each is declared once, so that it has the same name
 everywhere."""
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from . import completion
 
 
 def time_of(text: str | float) -> float:
-    """Return a time in s, from a number of seconds or a text such as "5 min". A mistake is reported with its option."""
+    """Return a time in s, from a number of seconds or a string such as "5 min". An error is reported with the name of
+    the option."""
     is_number = re.fullmatch(r"\s*[-+.\deE]+\s*", str(text))
     try:
         return seconds(float(text) if is_number else text)
@@ -26,19 +27,19 @@ def time_of(text: str | float) -> float:
 
 
 def duration_of(text: str | float) -> float:
-    """Return a time as `time_of`, but refuse 0."""
+    """Return a time like `time_of`, but refuse 0."""
     if not (found := time_of(text)):
         raise typer.BadParameter("it must be more than 0 s")
     return found
 
 
 def time_option(*names: str, help: str, may_be_0: bool = False) -> Any:
-    """Return an option that takes a time; its value is in s."""
+    """Return an option that takes a time. The value of the option is in s."""
     return typer.Option(*names, metavar="TIME", parser=time_of if may_be_0 else duration_of, help=help)
 
 
 def size_of(text: str | int) -> int:
-    """Return a size in bytes from a text such as "20 GB"; 1 MB at least."""
+    """Return a size in bytes from a string such as "20 GB". It must be at least 1 MB."""
     try:
         return byte_size(text, 10**6)
     except DeclarationError as error:
@@ -62,7 +63,7 @@ STATION = typer.Argument(
 )
 StationName = Annotated[str, STATION]
 OptionalStation = Annotated[str | None, STATION]
-"""The station of commands that show its options in their help."""
+"""The argument STATION of commands that show the options of the station in their help."""
 NO_STATION = "give the directory of a station, or the name of a shipped one: ztheta, conveyor, furnace or batch"
 Running = Annotated[str, running_argument("STATION", "Name or pid of a station that runs in real time (see `umo`).")]
 OneRunning = Annotated[str | None, running_argument("[STATION]", "Name or pid; default: the only one that runs.")]
@@ -108,9 +109,9 @@ FaultSeed = Annotated[
     int | None, typer.Option("--fault-seed", min=0, help="Seed of the random numbers of injected faults; default: 0.")
 ]
 Help = Annotated[bool, typer.Option("--help", "-h", help="Show this message, and the options of the station.")]
-"""The option --help of commands that take the options of a station and name them in their help."""
+"""The option --help of commands that take the options of a station. Their help lists these options."""
 MACHINE_OPTIONS = {"allow_extra_args": True, "ignore_unknown_options": True}
-"""Settings of commands that take the options of the station's machine."""
+"""Settings of commands that take options of a station's machine."""
 Acknowledge = Annotated[
     bool, typer.Option("--acknowledge", help="Start even if the last run on a device ended unsafely.")
 ]

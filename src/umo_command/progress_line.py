@@ -1,7 +1,7 @@
 """The progress display of a run.
 
-It is drawn from within the loop, because the loop's process has no other thread. So it has to be cheap: a line of plain
-text takes about 3 us, but a picture of rich's live display takes 320 us and occasionally 1.3 ms.
+It is drawn from within the loop, because the loop's process has no other thread. So drawing must be quick: a line of
+plain text takes about 3 us, but an update of rich's live display takes 320 us, and occasionally 1.3 ms.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from umo.system.streams import CLEAR_LINE
 from umo.text import printable
 
 PICTURE_PAUSE = 0.1
-"""Wall-clock time in s between two pictures."""
+"""Wall-clock time in s between two updates of the display."""
 BAR_WIDTH = 24
 
 
 class OneLine:
-    """A line that is kept up to date on a terminal; elsewhere a line for every new text."""
+    """A line that is kept up to date on a terminal. If the output is not a terminal, a line is printed for every new
+    text."""
 
     def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
         self._file = console.file

@@ -1,4 +1,4 @@
-"""The names that exist only while a machine runs: signals, tunable numbers, actions and alarms. A path of one of them
+"""The names that exist only while a machine runs: signals, tunable numbers, actions and alarms. The path of such a name
 is not reported as a misspelt object."""
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ COMMANDS = {
 
 
 def object_of(machine: Compound, path: str, name: str) -> Any:
-    """Return the object at a path of a machine that does not run. If there is none, raises PathError with the meaning
-    that the path has while the station runs, or with the nearest path. `name`: the name of the station."""
+    """Return the object at a path of a machine that does not run. Raises PathError if there is none. The error has the
+    meaning that the path has while the station runs, or the nearest path. `name`: the name of the station."""
     try:
         return find(machine, path)
     except PathError as error:

@@ -1,4 +1,5 @@
-"""The application `umo`, and what its commands share: how a line is read, help, options, and how a command ends."""
+"""The application `umo`, and the functions that its commands share: reading the command line, help, options, and the
+end of a command."""
 
 from __future__ import annotations
 
@@ -31,12 +32,12 @@ USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, see
 COMMANDS = ("new", "check", "run", "show", "do", "alarm", "recording", "connect", "tune", "device")
 """The commands in the order of the help."""
 NEGATIVE = re.compile(r"-\.?\d")
-"""The beginning of a negative number, with or without a unit. No option begins so."""
+"""The beginning of a negative number, with or without a unit. No option begins like this."""
 
 
 class Subcommand(TyperCommand):
-    """Takes negative numbers as values, for which the parser would look for an option `-0`, or `-h` in "-5 1/h". The
-    value of --record may be left out: only a word FILE.mcap is its value."""
+    """A subcommand that accepts negative numbers as values. Otherwise the parser would take them for options, such as
+    `-0`, or `-h` in "-5 1/h". The value of --record may be left out; only a word FILE.mcap counts as its value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         args = [
@@ -87,7 +88,7 @@ class CommandLine(TyperGroup):
 
 
 def in_a_line(error: Any) -> str:
-    """Return a usage error in one line, such as "umo show page: no such option: --prot (did you mean '--port'?); `umo
+    """Return a usage error on one line, such as "umo show page: no such option: --prot (did you mean '--port'?); `umo
     show page --help` shows what it takes"."""
     context = error.ctx
     where = "umo" if context is None else context.command_path
@@ -100,7 +101,7 @@ def in_a_line(error: Any) -> str:
 
 
 def plain(text: str) -> str:
-    """A message of click in the words of umo."""
+    """Return a message of click in the words of umo."""
     return text.replace("is not a valid float", "is not a number").replace(
         "is not a valid integer", "is not a whole number"
     )
@@ -137,7 +138,7 @@ app = typer.Typer(
 
 
 def keep_only(words: Sequence[str], group: typer.Typer = app) -> None:
-    """Remove the commands that the words do not name: typer builds each remaining one, 50 ms each."""
+    """Remove the commands that the words do not name, because typer needs 50 ms to build each remaining command."""
     word = words[0] if words else ""
     commands = [each for each in group.registered_commands if word == name_of(each)]
     groups = [each for each in group.registered_groups if word == each.name]
@@ -149,8 +150,9 @@ def keep_only(words: Sequence[str], group: typer.Typer = app) -> None:
 
 
 class HelpPanel:
-    """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses, and whose errors
-    are reported as by `guarded`. A command returns its exit status, or None for 0."""
+    """A panel of the help. Calling it returns a decorator that creates a command in this panel. The help of the command
+    ends with examples and exit statuses, and its errors are reported as by `guarded`. A command returns its exit
+    status, or None for 0."""
 
     def __init__(self, title: str, group: typer.Typer = app) -> None:
         """`group`: the command whose subcommands they are."""
@@ -174,14 +176,15 @@ class HelpPanel:
 
 
 def paragraphs(text: str) -> str:
-    """A docstring with a line for each paragraph: the terminal breaks the lines."""
+    """Return a docstring with one line for each paragraph, because the terminal wraps the lines."""
     return "\n\n".join(" ".join(each.split()) for each in inspect.cleandoc(text).split("\n\n"))
 
 
 def group(
     name: str, panel: str, text: str, examples: str, parent: typer.Typer = app, cls: type[TyperGroup] = CommandLine
 ) -> HelpPanel:
-    """A command with subcommands, in a panel of the help of `parent`. Like a `HelpPanel`, it makes its subcommands."""
+    """Create a command with subcommands, in a panel of the help of `parent`. Like a `HelpPanel`, the result creates its
+    subcommands."""
     made = typer.Typer(cls=cls, rich_markup_mode="rich", context_settings=HELP)
     end = f"Examples: {examples}\n\nExit status: 0 done; the help of each command has the others"
     parent.add_typer(made, name=name, help=text, epilog=end, rich_help_panel=panel)
@@ -189,8 +192,9 @@ def group(
 
 
 def guarded(work: Callable[[], int | None]) -> None:
-    """Print any error in one or two lines on stderr and exit. The status is 2 for a mistake of the user, 1 or 3 if a
-    device failed, 1 (with file and line) for any other exception, and 130 for Ctrl-C before a machine was started."""
+    """Carry out a command and exit with its status. Any error is printed on one or two lines on stderr. The status is
+    then 2 for an error of the user, 1 or 3 if a device failed, 1 (with file and line) for any other exception, and 130
+    for Ctrl-C before a machine was started."""
     from umo.process.outcome import message_of, status_of
     from umo_command.console import say
 
@@ -232,14 +236,14 @@ def finite(value: float | None) -> float | None:
 
 
 def interrupt_once(number: int, frame: FrameType | None) -> None:
-    """Handle a signal: the first one raises KeyboardInterrupt as Ctrl-C does, later ones have no effect."""
+    """Handle a signal: the first one raises KeyboardInterrupt like Ctrl-C; later ones have no effect."""
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt(signal_name(number))
 
 
 def begin_again(seed: str) -> None:
-    """Restart this command with another hash seed, which is read when a process starts. Does nothing if `umo` is not a
-    process of its own."""
+    """Restart this command with another hash seed, because Python reads the seed only when a process starts. Do nothing
+    if `umo` is not a separate process."""
     if Path(sys.argv[0]).stem in ("umo", "umo_command") and sys.orig_argv[1:2] != ["-c"]:
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | {HASH_SEED: seed})

@@ -1,4 +1,5 @@
-"""The options of a station: the keyword parameters of its machine, its application and the drivers of a wiring."""
+"""The options of a station: the keyword parameters of its machine, of its application, and of the drivers of a
+wiring."""
 
 from __future__ import annotations
 
@@ -34,13 +35,13 @@ NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
 class Option:
     name: str
     kind: Any
-    """Type: int, float, str, bool, Path; a Literal or Enum; a sequence of one of these."""
+    """The type: int, float, str, bool or Path, a Literal or Enum, or a sequence of one of these."""
     default: Any
     taker: str
-    """"machine", "application", or the type of the driver."""
+    """The part that takes the option: "machine", "application", or the type of the driver."""
     required: bool = False
     about: str = ""
-    """Its line in the section "Options:" of the docstring of the function or class that takes it."""
+    """The line about the option in the section "Options:" of the docstring of the function or class that takes it."""
 
     @property
     def flag(self) -> str:
@@ -48,7 +49,7 @@ class Option:
 
     @property
     def metavar(self) -> str:
-        """Placeholder for the value of the option in the help."""
+        """The placeholder for the value of the option in the help."""
         if self.kind is bool:
             return ""
         item = item_of(self.kind)
@@ -64,8 +65,8 @@ class Option:
 
 
 def options_of(station: Station, wiring: str | None, *, application: bool = True) -> list[Option]:
-    """Return the options, first those of the machine and of the application; further options of the same name get the
-    same value. Without `application`, return only the options of the machine and the drivers."""
+    """Return the options of a station, first those of the machine and of the application. Further options of the same
+    name get the same value. Without `application`, return only the options of the machine and of the drivers."""
     found = {option.name: option for option in options_of_machine(station)}
     if application and station.main is not None:
         found = {option.name: option for option in _of_function(station.main, "application", skip=1)} | found
@@ -76,12 +77,12 @@ def options_of(station: Station, wiring: str | None, *, application: bool = True
 
 
 def options_of_machine(station: Station) -> list[Option]:
-    """Return the parameters of `machine` whose value can be given as text."""
+    """Return the parameters of `machine` whose value can be given as a string."""
     return _of_function(station.make, "machine")
 
 
 def machine_with(station: Station, given: Mapping[str, Any]) -> Compound:
-    """Return the machine, made with those options that its function takes."""
+    """Return the machine, created with those options that its function takes."""
     return station.machine(**arguments_for(station.make, "machine", given))
 
 
@@ -94,13 +95,13 @@ def parse(
     application: bool = True,
 ) -> dict[str, Any]:
     """Return the values of a station's options. Raises OptionError for unknown options. `command`: the options of the
-    command itself, which an error may suggest."""
+    command itself. An error may suggest one of them."""
     options = options_of(station, wiring, application=application)
     return values_of(station.name, options, arguments, command)
 
 
 def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
-    """Return the options of a driver whose value can be given as text."""
+    """Return the options of a driver whose value can be given as a string."""
     return [_option(each, name, cls) for each in parameters_of(cls).values() if is_plain(each.annotation)]
 
 
@@ -123,8 +124,8 @@ def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
 
 
 def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compound, list[str]]:
-    """Return the machine, made with the options among the arguments, and the other arguments. Raises OptionError if one
-    of these is an option."""
+    """Return the machine, created with the options among the arguments, and the other arguments. Raises OptionError if
+    one of the other arguments is an option."""
     options = options_of_machine(station)
     given, others = _parse(station.name, options, arguments)
     for argument in others:

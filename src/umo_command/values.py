@@ -1,4 +1,4 @@
-"""Values that a user types."""
+"""Converts values that a user types."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
 def number(name: str, text: str, unit: str) -> float:
-    """Return a number, given alone or with a unit such as "80 mm", in `unit`. An integer stays an integer, because a
-    float would change it beyond 2**53. Raises RangeError if it is not a number or not finite."""
+    """Return a number in `unit`. It is given alone, or with a unit such as "80 mm". An integer stays an integer,
+    because a float would change integers beyond 2**53. Raises RangeError if the word is not a number, or the number is
+    not finite."""
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     if match is None:
         raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
@@ -35,13 +36,13 @@ def number(name: str, text: str, unit: str) -> float:
 
 
 def difference(name: str, text: str, unit: str) -> float:
-    """Return a number as `number`, converted as a difference: 10 K are 10 °C."""
+    """Return a number like `number`, but converted as a difference: 10 K are 10 °C."""
     own = re.sub(r"^\s*[-+\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
     return number(name, text, unit) - convert(0.0, own or unit, unit)
 
 
 def state(name: str, text: str, states: Sequence[str]) -> str:
-    """Return the state with a name in capital or small letters. Raises StateError if there is none."""
+    """Return the state with a name in capital or small letters. Raises StateError if there is no such state."""
     if text in states:
         return text
     for each in states:
@@ -65,7 +66,7 @@ def argument(path: str, about: dict[str, Any], text: str) -> Any:
 
 
 def check_file(option: str, file: Path | None) -> None:
-    """Raise RangeError if the file cannot be written; checked before anything runs."""
+    """Raise RangeError if the file cannot be written. This is called before anything runs."""
     if file is None:
         return
     if file.is_dir() or not file.parent.is_dir():

@@ -4,7 +4,8 @@ import sys
 
 
 def carry_out() -> None:
-    """Carry out the command of this process. typer and its dependencies are imported here, not with umo."""
+    """Carry out the command of this process. typer and its dependencies are imported here, and not when umo is
+    imported."""
     from umo.system.streams import keep_open, log_on_lines
 
     keep_open()

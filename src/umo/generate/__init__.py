@@ -1,2 +1,3 @@
-"""C from control code: controllers (`umo new controller`), compiled laws, and parts of machines on controllers of their
-own with their link (`generate.split`). The meaning that is translated is that of the objects and the cycle."""
+"""Generates C from control code: for controllers (`umo new controller`), for compiled laws, and for parts of machines
+that run on separate controllers, with the link to these (`generate.split`). The generated C has the same meaning as the
+objects and the cycle in Python."""

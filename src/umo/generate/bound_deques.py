@@ -1,7 +1,7 @@
 """Keeps the elements of deques equal in Python and in the memory of compiled laws.
 
-A deque stays the same object, and its memory cannot be replaced. So its elements are copied: into the library before
-laws and conditions run, if the deque was changed; into the deque after each law, if the law changed them."""
+A deque must stay the same object, and its memory cannot be replaced. So its elements are copied: into the library
+before laws and conditions run, if the deque was changed; into the deque after each law, if the law changed them."""
 
 from __future__ import annotations
 

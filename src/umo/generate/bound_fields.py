@@ -1,4 +1,5 @@
-"""Binds attributes of live objects to the memory of a compiled library. Code reads and sets them as before."""
+"""Binds attributes of live objects to the memory of a compiled library. Code reads and sets the attributes as
+before."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, WRONG, StructMemory, ValueDoesNotFit, require
 
 OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
-"""Attributes that each class of ABCMeta has itself."""
+"""Attributes that every class with the metaclass ABCMeta has itself."""
 
 
 def _references() -> int:
@@ -24,13 +25,13 @@ def _references() -> int:
 
 
 REFERENCES_OF_ONE_NAME = _references()
-"""The number of references that this Python counts for a value with one name."""
+"""The number of references that this version of Python counts for a value with one name."""
 
 
 class BoundList(list[Any]):
-    """A list whose elements are in the memory of a compiled library. The list itself holds them as they were when it
-    was last read. Its length is fixed: code that changes it causes a call of `refused`, and the change is made in the
-    list of the object."""
+    """A list whose elements are in the memory of a compiled library. The list object itself holds the elements of the
+    last reading. Its length is fixed. Code that would change the length causes a call of `refused`, and the change is
+    made in the list of the object."""
 
     def __init__(self, memory: StructMemory, name: str, refused: Callable[[], list[Any]]) -> None:
         super().__init__(memory.read(name))
@@ -39,7 +40,8 @@ class BoundList(list[Any]):
         """The list of the object, once its elements are no longer in the memory."""
 
     def unbind(self) -> list[Any]:
-        """Return the list of the object. Code that has this list continues with the same elements."""
+        """Return the list that the object has from now on. Code that holds the bound list continues with the same
+        elements."""
         if self._own is None:
             self._own = self.copy()
         return self._own
@@ -50,7 +52,7 @@ class BoundList(list[Any]):
         return self
 
     def take(self, values: list[Any]) -> None:
-        """Replace the elements by these."""
+        """Replace the elements of the list."""
         try:
             if self._own is None:
                 require(self._memory.fields[self._name], values)
@@ -181,7 +183,8 @@ class BoundFields:
             setattr(self.owner, name, accepted)
 
     def release(self) -> None:
-        """Give the attributes back to the object, except those that its class has and that nobody has set."""
+        """Give the attributes back to the object, except those that are attributes of its class and that no code has
+        set."""
         if not self._bound:
             return
         values = {name: getattr(self.owner, name) for name in self._memory.fields}
@@ -226,7 +229,8 @@ class BoundFields:
         self.was_given(self)
 
     def setter(self, name: str) -> str:
-        """Return the file and line that set a name which translation takes as known; "" if the name is not known."""
+        """Return the file and line that set a name that translation takes as known; "" if the name is not such a
+        name."""
         if name not in self._set_at:
             return ""
         code, scope, line = self._set_at[name]
@@ -373,7 +377,8 @@ def _has_subclass_hook(kind: type) -> bool:
 
 
 def class_below(kind: type, names: dict[str, Any]) -> type:
-    """Return a subclass that differs from the class in these names only. Raises TypeError if none can be made."""
+    """Return a subclass that differs from the class in these names only. Raises TypeError if such a subclass cannot be
+    made."""
     inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
     bases = (_NoSubclassHook, kind) if _has_subclass_hook(kind) else (kind,)
     found: type = _metaclass(kind)(kind.__name__, bases, inside)
@@ -398,7 +403,8 @@ def _metaclass(kind: type) -> Any:
 
 
 def is_shared(names: dict[str, Any], name: str) -> bool:
-    """True if a list or an array has references other than these names, or is a view of an array that has."""
+    """True if a list or an array has references other than these names, or is a view of an array that has such
+    references."""
     value = names.pop(name, None)
     try:
         if not isinstance(value, list | np.ndarray):

@@ -11,7 +11,7 @@ from umo.generate.value_kinds import is_plain_enum
 
 @dataclass(frozen=True)
 class CType:
-    """A type of C. `name` is its text in C."""
+    """A type of C. `name` is its name in C."""
 
     name: str
 
@@ -25,7 +25,8 @@ class StateType(CType):
 
 @dataclass(frozen=True)
 class TextType(StateType):
-    """One of the texts of a machine, as its index among them. `kind` is a tuple of all texts, the latest at the end."""
+    """One of the strings of a machine, as its index among them. `kind` is a tuple of all strings, the latest at the
+    end."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,12 @@ class ArrayType(CType):
     listed: bool = False
     """True for a list."""
     loose: bool = False
-    """True if it may have one element in Python, which counts for all."""
+    """True if the array may have only one element in Python, which then stands for all elements."""
 
 
 @dataclass(frozen=True)
 class NumpyNumber(CType):
-    """A number of numpy: division by 0 gives infinity and raises nothing."""
+    """A number of numpy. Its division by 0 gives infinity and raises nothing."""
 
     of: CType
     sure: bool = True
@@ -68,11 +69,11 @@ class NumpyNumber(CType):
 @dataclass(frozen=True)
 class MixedNumber(CType):
     """A real in C that is sometimes an int and sometimes a float in Python: the two differ in the sign of zero and
-    above 2**53. Or a number that may be a bool, which an object refuses."""
+    above 2**53. It is also the type of a number that may be a bool, which an object refuses."""
 
     of: CType
     is_bool: bool = False
-    """True if it may be a bool."""
+    """True if the number may be a bool."""
 
 
 REAL, INT, BOOL = CType("umo_real"), CType("int32_t"), CType("bool")
@@ -94,13 +95,13 @@ class MaybeScalar(int):
 
 
 def array(of: CType, length: int) -> ArrayType:
-    """The type of an array with this number of elements."""
+    """Return the type of an array with this number of elements."""
     stem = f"{of.name}s" if isinstance(of, TupleType) else f"machine_{PLURALS.get(of, 'states')}"
     return ArrayType(f"{stem}_{length}", of, length, loose=isinstance(length, MaybeScalar))
 
 
 def list_of(of: CType, length: int) -> ArrayType:
-    """The type of a list with this number of elements."""
+    """Return the type of a list with this number of elements."""
     return ArrayType(f"{array(of, length).name}_list", of, length, listed=True)
 
 
@@ -110,7 +111,7 @@ def numpy_number(of: CType, sure: bool = True) -> CType:
 
 
 def plain_number(of: CType) -> CType:
-    """Return the C type of a number, without the mark that it is one of numpy or of Python."""
+    """Return the C type of a number, without the mark that it is a number of numpy or of Python."""
     return of.of if isinstance(of, UNSURE) else of
 
 
@@ -122,7 +123,7 @@ def state(kind: type[Enum]) -> StateType:
 
 
 def optional(of: CType) -> OptionalType:
-    """Return the type of a value that may be None. Raises TypeError if it has no optional type."""
+    """Return the type of a value that may be None. Raises TypeError if the type has no optional type."""
     if isinstance(of, OptionalType):
         return of
     if isinstance(of, TupleType | ArrayType):
@@ -134,7 +135,7 @@ def optional(of: CType) -> OptionalType:
 
 
 def joined(one: CType, other: CType) -> CType:
-    """Return the type of a value that has one of two types. Raises TypeError if there is none."""
+    """Return the type of a value that has one of two types. Raises TypeError if there is no such type."""
     if one == other:
         return one
     if isinstance(one, TextType) or isinstance(other, TextType):

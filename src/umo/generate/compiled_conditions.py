@@ -1,7 +1,8 @@
 """The conditions of a machine's interlocks, compiled with its laws.
 
-Like laws, they are first compared with the results of Python. If a compiled condition has a fault, Python evaluates it
-and raises its own error. If a condition changes something or reads other interlocks, all conditions stay in Python."""
+Like those of laws, the results of compiled conditions are first compared with those of Python. If a compiled condition
+has a fault, Python evaluates the condition again and raises the error. If a condition changes something or reads other
+interlocks, all conditions stay in Python."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ def only_in_python(translation: Translation, conditions: Sequence[Asked]) -> str
 
 
 class CompiledConditions:
-    """The compiled conditions of one connected machine. Their numbers in the library begin at `first`."""
+    """The compiled conditions of one connected machine. The numbers of the conditions in the library begin at
+    `first`."""
 
     def __init__(
         self, library: LawLibrary, first: int, inhibitions: Sequence[Inhibition], clock: Clock, compared: int, why: str
@@ -56,8 +58,8 @@ class CompiledConditions:
         """Why the conditions stay in Python; empty if they are compiled or there are none."""
 
     def compare(self) -> None:
-        """Compare the results with those of Python at this moment. A difference leaves the conditions to Python. The
-        fields of the library must be up to date."""
+        """Compare the present results with those of Python. If they differ, Python continues to evaluate the
+        conditions. The fields of the library must be up to date."""
         self.left -= 1
         for number, each in enumerate(self._inhibitions, self._first):
             found, error = attempt(each.interlock.condition)
@@ -73,8 +75,8 @@ class CompiledConditions:
             each.condition = self._compiled(number, each.interlock.condition)
 
     def look_first(self, look: Callable[[], bool]) -> None:
-        """Call `look` before the first condition: it returns True if the compiled conditions are still valid, otherwise
-        it has called `release`."""
+        """Call `look` before the first condition. `look` returns True if the compiled conditions are still valid.
+        Otherwise it has called `release`."""
         self._look = look
         if self._native:
             self._native[0].guard(look)

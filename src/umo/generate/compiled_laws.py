@@ -1,10 +1,10 @@
 """The laws of a connected machine, compiled (`[process] compile = true`).
 
-At first Python runs the laws, and the compiled laws are compared with it, one law per period: the values written and
-every attribute. If they differ, Python continues to run the laws. Otherwise the attributes of the laws become fields of
-the compiled library (`bound_fields.py`), and the machine calls the library. Sequences, clients and faces read and set
-the attributes as before. If the library cannot do something, or somebody sets a value that translation took as known
-(`known_watch.py`), the laws run in Python again and a notice says so."""
+At first Python runs the laws, and the results of the compiled laws are compared with those of Python, one law per
+period: the values that are written, and every attribute. If they differ, Python continues to run the laws. Otherwise
+the attributes of the laws become fields of the compiled library (`bound_fields.py`), and the machine calls the library.
+Sequences, clients and faces read and set the attributes as before. If the library cannot do something, or some code
+sets a value that translation took as known (`known_watch.py`), the laws run in Python again and a notice says so."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ NUMBERS: tuple[tuple[type[BaseException], int], ...] = (
     (RangeError, 4),
     (DriverError, 2),
 )
-"""Faults of the runtime for errors of Python (umo.h)."""
+"""The numbers of the runtime's faults (umo.h) for errors of Python."""
 OWN_TEXTS: dict[type[BaseException], str] = {
     ZeroDivisionError: "division by zero",
     IndexError: "list index out of range",
@@ -72,7 +72,7 @@ OWN_TEXTS: dict[type[BaseException], str] = {
 
 
 class NotCompiled(DeclarationError):
-    """Laws stay in Python. `reasons` has all obstacles, the message has the first."""
+    """Raised if laws stay in Python. `reasons` has all obstacles, the message has the first."""
 
     def __init__(self, reasons: Sequence[str]) -> None:
         first, *more = reasons
@@ -82,7 +82,7 @@ class NotCompiled(DeclarationError):
 
 @dataclass(frozen=True)
 class PreparedLaws:
-    """The laws of a machine that is not connected yet, compiled."""
+    """The compiled laws of a machine that is not connected yet."""
 
     wired: Wired
     source: str
@@ -98,18 +98,18 @@ class TranslatedLaws:
     conditions: int
     """The number of translated conditions of interlocks: all or 0."""
     left_out: str
-    """Why the conditions are not translated; empty if they are."""
+    """The reason why the conditions are not translated; empty if they are."""
     source: str
 
 
 def prepare(root: Compound, wired: Wired) -> PreparedLaws:
-    """Compile the laws of a machine before it is connected. DeclarationError with all obstacles."""
+    """Compile the laws of a machine before it is connected. Raises DeclarationError with all obstacles."""
     source = source_of(root, wired)
     return PreparedLaws(wired, source, library_of(source))
 
 
 def source_of(root: Compound, wired: Wired) -> str:
-    """Return the laws of a machine that is not connected, in C. NotCompiled with all obstacles."""
+    """Return the laws of a machine that is not connected, in C. Raises NotCompiled with all obstacles."""
     if wired.controllers:
         raise NotCompiled(["parts of it run on controllers"])
     with laid_out(root, wired) as model:
@@ -117,7 +117,8 @@ def source_of(root: Compound, wired: Wired) -> str:
 
 
 def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
-    """Return the laws of a machine that is connected, or laid out as if it were. NotCompiled with all obstacles."""
+    """Return the laws, in C, of a machine that is connected, or laid out as if it were. Raises NotCompiled with all
+    obstacles."""
     laws = [law.control for law in model.laws]
     if not laws:
         raise NotCompiled(["it has no laws"])
@@ -168,14 +169,14 @@ def _has_array(of: CType) -> bool:
 class CompiledLaws(Capability):
     """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python".
 
-    The laws are translated again in their current state: the wiring or a restart may have called `setup` again, which
-    may have made other laws. The library is compiled again only if the code differs."""
+    The laws are translated again in their current state, because the wiring or a restart may have called `setup` again,
+    and `setup` may have made other laws. The library is compiled again only if the code differs."""
 
     def __init__(self, prepared: PreparedLaws) -> None:
         self._prepared = prepared
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """Attach the laws to the machine. DeclarationError with all obstacles."""
+        """Attach the laws to the machine. Raises DeclarationError with all obstacles."""
         prepared = self._prepared
         self._machine, self._image = machine, machine.image
         found = translated_laws(machine.root, model_of(machine, prepared.wired))
@@ -207,7 +208,7 @@ class CompiledLaws(Capability):
         self._native: list[Any] = []
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
-        """The remaining comparisons of each law. One is made per period, law after law."""
+        """The remaining number of comparisons of each law. One law is compared per period, one after the other."""
         inhibitions = machine.claims.inhibitions[: found.conditions]
         first, why = len(self._python), found.left_out
         self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)

@@ -1,5 +1,5 @@
-"""Reports errors of the C compiler in generated C as a fault of umo, with the line of Python that the C was made
-from."""
+"""Reports errors of the C compiler in generated C as a fault of umo, with the line of Python from which the C was
+made."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import re
 from collections.abc import Callable
 
 PLACE = re.compile(r"^(?:.*/)?(?P<file>[\w.]+):(?P<line>\d+):(?:\d+:)? (?:fatal )?error: (?P<text>.*)$", re.MULTILINE)
-"""The first line of an error of gcc and clang."""
+"""Pattern of the first line of an error of gcc and clang."""
 MADE_FROM = re.compile(r"^/\* (?P<name>.*): (?P<file>\S+):(?P<line>\d+) \*/$")
-"""The comment above each translated function."""
+"""Pattern of the comment above each translated function."""
 OF_LINE = re.compile(r"/\* [^\s:]+:(?P<line>\d+) \*/$")
-"""The comment after the first statement of each line of Python."""
+"""Pattern of the comment after the first statement of each line of Python."""
 MOST_TEXT = 300
-"""Maximum number of characters of a message without a line, such as one of the linker."""
+"""Maximum number of characters of a message without a line, such as a message of the linker."""
 
 
 def compiler_message(said: str, source: Callable[[str], str]) -> str:
-    """Return one or two lines: the Python function whose C the compiler refuses, and why. `source` returns the text of
-    a C file by name, or raises FileNotFoundError."""
+    """Return one or two lines: the Python function whose C the compiler refuses, and the reason. `source` is a function
+    that returns the text of a C file by name, or raises FileNotFoundError."""
     found = PLACE.search(said)
     if found is None:
         text = " ".join(said.split())[:MOST_TEXT]

@@ -38,13 +38,13 @@ TARGET_HEADER = {
 
 
 def target_header(target: ControllerTarget, groups: int) -> str:
-    """Return the file umo_target.h. `groups`: number of parts with rates of their own."""
+    """Return the file umo_target.h. `groups`: number of parts that have their own rate."""
     own = f"#define UMO_GROUPS {groups} /* parts that have a rate of their own */\n" if groups else ""
     return TARGET_HEADER[target.real] + own
 
 
 class NotTranslated(DeclarationError):
-    """A machine cannot be generated as a controller. `reasons` has all obstacles."""
+    """Raised if a machine cannot be generated as a controller. `reasons` has all obstacles."""
 
     def __init__(self, machine: str, reasons: list[str]) -> None:
         super().__init__("\n".join([f"{machine} cannot be generated:", *reasons]))
@@ -64,13 +64,13 @@ def check(model: ControllerModel, translation: Translation, tables: Iterable[Not
 
 
 def faults_of(translation: Translation) -> list[CodeFault]:
-    """All faults by number: those of the runtime, then those of translated code."""
+    """Return all faults by number: those of the runtime, followed by those of translated code."""
     own = [CodeFault(number, kind, text, "", 0, name) for number, (name, kind, text) in enumerate(RUNTIME_FAULTS, 1)]
     return [*own, *translation.faults]
 
 
 def files_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> dict[str, str]:
-    """Return the text of each file by name. NotTranslated with all obstacles."""
+    """Return the text of each file by name. Raises NotTranslated with all obstacles."""
     check(model, translation, large_tables(model, target))
     files = {file.name: file.read_text("utf-8") for file in sorted(RUNTIME.iterdir()) if file.suffix in (".h", ".c")}
     if target.name != "host":
@@ -87,8 +87,8 @@ def files_of(model: ControllerModel, translation: Translation, target: Controlle
 
 
 def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
-    """Write the files. Existing files that a user fills in, io_board.c and the build file, are not overwritten; their
-    names are returned. A sketch is named after its folder. Raises OSError if a file cannot be written."""
+    """Write the files. Existing files that a user fills in (io_board.c and the build file) are not overwritten. Their
+    names are returned. An Arduino sketch gets the name of its folder. Raises OSError if a file cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
     files = {f"{folder.resolve().name}.ino" if name == "sketch.ino" else name: text for name, text in files.items()}
     kept = [name for name in files if _is_users(name) and (folder / name).exists()]

@@ -32,7 +32,7 @@ def target_of(name: str, real: Literal["double", "float"] | None = None) -> Cont
 def generated(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, target: ControllerTarget
 ) -> dict[str, str]:
-    """Return the text of each file by name. NotTranslated lists all obstacles. No device is opened."""
+    """Return the text of each file by name. Raises NotTranslated, which lists all obstacles. No device is opened."""
     with laid_out(root, wiring) as model:
         translation = translate(root, model.conditions, model.steps, target)
         translation.problems += settings_of(translation.known, root)

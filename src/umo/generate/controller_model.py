@@ -1,7 +1,7 @@
 """The model of a generated controller: the objects, interlocks and laws of a machine, with their numbers.
 
-It is read from a machine that is laid out as if it were connected (`laid_out`): the same slots, the same order of laws,
-the same raw integers of defaults. No device is opened."""
+The model is read from a machine that is laid out as if it were connected (`laid_out`): the same slots, the same order
+of laws, the same raw integers of defaults. No device is opened."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from umo.wiring import resolve
 from umo.wiring.wired import AT_ONCE, Wire, Wired
 
 LEAST_RAW, GREATEST_RAW = -(2**31), 2**31 - 1
-"""The raw integers of a controller have 32 bits."""
+"""The smallest and largest raw integer of a controller, which has 32 bits for them."""
 MOST = 2**15 - 1
-"""The highest number of an object: it has 16 bits on a controller."""
+"""The highest number of an object, which has 16 bits on a controller."""
 EXACT_RAW = 2**24
 """Integers up to this one are exact as 32-bit floats."""
 
@@ -51,7 +51,7 @@ class NotGenerated(NamedTuple):
 
 @dataclass(frozen=True)
 class ControllerObject:
-    """One object: its place in the image and its numbers. A time or rate is None if it is not set."""
+    """One object, with its place in the image and its properties. A time or rate is None if it is not set."""
 
     slot: int
     path: str
@@ -60,7 +60,7 @@ class ControllerObject:
     units: str
     """The units of a digital object, or the states of a binary one."""
     channel: str
-    """The wire as written in the wiring."""
+    """The channel as written in the wiring."""
     output: bool
     binary: bool
     synchronous: bool
@@ -69,11 +69,11 @@ class ControllerObject:
     bounds: tuple[float, float]
     """Minimum and maximum."""
     good: tuple[float, float] = (0.0, 0.0)
-    """Sensor: the bounds within which a value is GOOD."""
+    """Of a sensor: the bounds within which a value is GOOD."""
     raws: tuple[float, float] = (0.0, 0.0)
-    """Actuator, timer: the least and the greatest raw integer."""
+    """Of an actuator or a timer: the smallest and the largest raw integer."""
     one: int = 0
-    """Binary: the number of the state of level 1, in the order of its Enum."""
+    """Of a binary object: the number of the state for level 1, in the order of the Enum."""
     clamps: bool = False
     marks: bool = False
     incremental: bool = False
@@ -89,9 +89,9 @@ class ControllerObject:
     invalid_raws: tuple[int, ...] = ()
     linearization: Linearization | None = None
     equipment: int = -1
-    """The innermost equipment around it; -1 if none."""
+    """The innermost equipment that contains the object; -1 if none."""
     group: int = -1
-    """The group in which it is transferred; -1 for that of the whole machine."""
+    """The group with which the object is transferred; -1 for that of the whole machine."""
 
     @property
     def conditioned(self) -> bool:
@@ -101,7 +101,7 @@ class ControllerObject:
 
 @dataclass(frozen=True)
 class ControllerInterlock:
-    """One interlock. `outputs` are places among the outputs, in stop order."""
+    """One interlock. `outputs` are the indices of its actuators among the outputs, in stop order."""
 
     condition: Callable[[], bool]
     reason: str
@@ -116,27 +116,27 @@ class ControllerEquipment:
 
     path: str
     outer: int
-    """The equipment around it; -1 if none."""
+    """The equipment that contains this equipment; -1 if none."""
     entered: list[MethodType]
-    """The methods called when its fault begins, in pre-order."""
+    """The methods called when the fault of the equipment begins, outer parts before inner ones."""
 
 
 @dataclass(frozen=True)
 class ControllerGroup:
-    """A part with a rate of its own."""
+    """A part that has its own rate."""
 
     path: str
     every: int
     """The number of machine periods in one period of the part."""
     phase: int
-    """The number of the first period in which it acts; 0 means `every`."""
+    """The number of the first period in which the part acts; 0 means `every`."""
     period: float
 
 
 @dataclass(frozen=True)
 class ControllerLaw:
-    """A law, the innermost equipment around it (-1 for none), and the group in which it acts (-1 for that of the whole
-    machine)."""
+    """A law, with the innermost equipment that contains it (-1 for none), and the group in which it acts (-1 for that
+    of the whole machine)."""
 
     control: MethodType
     equipment: int
@@ -145,26 +145,26 @@ class ControllerLaw:
 
 @dataclass
 class ControllerModel:
-    """A machine as a controller needs it."""
+    """The data of a machine that a controller needs."""
 
     name: str
     period: float
     objects: list[ControllerObject]
-    """By slot: sampled inputs, updated outputs, asynchronous objects."""
+    """The objects by slot: sampled inputs, then updated outputs, then asynchronous objects."""
     inputs: int
     """The number of the sampled inputs."""
     outputs: list[int]
     """The slots of the actuators, in the order of the transfer."""
     stop_order: list[int]
-    """The places of the actuators in the order in which they go to their defaults."""
+    """The indices of the actuators among the outputs, in the order in which they go to their defaults."""
     timer: int
     interlocks: list[ControllerInterlock]
     equipment: list[ControllerEquipment]
-    """Outer equipment before inner."""
+    """The equipment, outer before inner."""
     laws: list[ControllerLaw]
-    """The `control` methods, each of the class that defines it, in the order in which those of a group act."""
+    """The `control` methods, each of the class that defines it, in the order in which the laws of a group act."""
     groups: list[ControllerGroup] = field(default_factory=list)
-    """The parts with rates of their own, the fastest first."""
+    """The parts that have their own rates, the fastest first."""
     axes: list[Axis] = field(default_factory=list)
     """The axes that brake when nobody is in charge."""
     problems: list[NotGenerated] = field(default_factory=list)
@@ -172,7 +172,7 @@ class ControllerModel:
 
     @property
     def conditions(self) -> list[Callable[[], bool]]:
-        """The functions that return a condition: those of the interlocks, then whether axes move."""
+        """The functions that return a condition: those of the interlocks, then those that tell whether axes move."""
         return [*(each.condition for each in self.interlocks), *(axis._moves for axis in self.axes)]
 
     @property
@@ -186,8 +186,8 @@ class ControllerModel:
 @contextmanager
 def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | None = None) -> Iterator[ControllerModel]:
     """Return a context that yields the model of a machine with this wiring. Inside the context, the objects have their
-    slots, calibrations and parameters as if they were connected; no device is opened, and nothing is read or written.
-    Errors as of `connect`."""
+    slots, calibrations and parameters as if they were connected. No device is opened, and nothing is read or written.
+    The errors are those of `connect`."""
     if root.cycle.connected:
         raise DeclarationError(f"{type(root).__name__} is already connected")
     wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
@@ -196,7 +196,7 @@ def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | No
 
 
 def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
-    """The model of a connected machine."""
+    """Return the model of a connected machine."""
     image, root = machine.image, machine.root
     outputs = [slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT]
     place = {slot: number for number, slot in enumerate(outputs)}
@@ -337,7 +337,7 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
 
 
 def too_many(model: ControllerModel) -> Iterator[NotGenerated]:
-    """The kinds of parts that exceed the range of their numbers."""
+    """Yield an obstacle for each kind of parts of which there are more than a controller can number."""
     counts = [
         ("", "objects", len(model.objects)),
         ("", "interlocks", len(model.interlocks)),
@@ -382,7 +382,7 @@ def has_curves(linearization: Linearization) -> bool:
 
 
 def curves_of(linearization: Linearization) -> tuple[Cubics | Segments, Cubics | Segments]:
-    """Return the curves from the electrical quantity to the value, and back."""
+    """Return the curves from the electrical quantity to the value, and from the value back."""
     return linearization._forward, linearization._inverse
 
 
@@ -395,6 +395,6 @@ def _notes(objects: list[ControllerObject]) -> Iterator[str]:
 
 
 def inexact_as_floats(objects: list[ControllerObject]) -> list[str]:
-    """The paths of objects whose raw integers cannot all be told apart as 32-bit floats."""
+    """Return the paths of objects for which some raw integers are equal when they are stored as 32-bit floats."""
     ends = ((one, one.raws if one.output else _raws_of_range(one)) for one in objects)
     return [one.path for one, raws in ends if any(isfinite(raw) and abs(raw) > EXACT_RAW for raw in raws)]

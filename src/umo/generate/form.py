@@ -1,8 +1,8 @@
 """The intermediate form of translated code: typed values, places, statements and functions.
 
-Python is lowered to it (`umo.generate.lower`), it is analysed and simplified (`umo.generate.check`), and printed as C
-(`umo.generate.emit`). A value has no effects: whatever changes something or may fail is a statement. A statement knows
-the line of Python that it comes from."""
+Python is lowered to the form (`umo.generate.lower`). The form is analysed and simplified (`umo.generate.check`), and
+printed as C (`umo.generate.emit`). A value has no effects: whatever changes something or may fail is a statement. A
+statement has the line of Python from which it comes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FormNode:
 
     @cached_property
     def children(self) -> tuple[FormNode, ...]:
-        """The nodes in this node."""
+        """The nodes directly in this node."""
         found: list[FormNode] = []
         kind: Any = type(self)
         for name in _parts(kind):
@@ -33,12 +33,12 @@ class FormNode:
 
     @cached_property
     def inner(self) -> tuple[Statement | ErrorHandler, ...]:
-        """The statements in this node, and handlers, which contain statements."""
+        """The statements directly in this node, and the handlers, which contain statements."""
         return tuple(each for each in self.children if isinstance(each, Statement | ErrorHandler))
 
     @cached_property
     def mentioned(self) -> frozenset[Local | Temporary]:
-        """The local names and temporaries in it."""
+        """The local names and temporaries in the node."""
         return frozenset[Local | Temporary]().union(*(each.mentioned for each in self.children))
 
 
@@ -60,7 +60,7 @@ class Local(Value):
 
     name: str
     of_generator: bool = False
-    """True if it belongs to a generator, outside of which nothing reads it."""
+    """True if the name belongs to a generator, outside of which no code reads it."""
 
     @property
     def mentioned(self) -> frozenset[Local | Temporary]:
@@ -69,7 +69,7 @@ class Local(Value):
 
 @dataclass(frozen=True)
 class Temporary(Value):
-    """A name for a value that is computed once: it is not assigned after its first use."""
+    """A name for a value that is computed once. The name is not assigned after its first use."""
 
     name: str
 
@@ -104,7 +104,7 @@ class Element(Value):
 
 @dataclass(frozen=True)
 class CurrentIndex(Value):
-    """The current index where an array is computed element by element."""
+    """The current index in code that computes an array element by element."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,8 @@ class Unary(Value):
 
 @dataclass(frozen=True)
 class Operator(Value):
-    """An operator of C. Its operands have the type in which it computes; `&&` and `||` compute the second operand only
-    if needed."""
+    """An operator of C. Its operands have the type of the computation. `&&` and `||` compute the second operand only if
+    needed."""
 
     sign: str
     left: Value
@@ -160,7 +160,7 @@ class TupleOf(Value):
 
 @dataclass(frozen=True)
 class NoneValue(Value):
-    """None, as an optional value."""
+    """The value None, as an optional value."""
 
     of: CType
 
@@ -175,7 +175,7 @@ class OptionalValue(Value):
 
 @dataclass(frozen=True)
 class WholeMachine(Value):
-    """The machine."""
+    """The machine as a whole."""
 
 
 @dataclass(frozen=True)
@@ -245,10 +245,10 @@ LEAST_INT = Literal(-(2**31), INT)
 @dataclass(frozen=True)
 class Statement(FormNode):
     line: int = field(default=0, kw_only=True, compare=False)
-    """The line of Python, in the file of the function."""
+    """The line number of Python in the file of the function."""
 
     def at(self, line: int) -> Self:
-        """Return the statement as if from this line."""
+        """Return the statement with this line number."""
         new = object.__new__(type(self))
         vars(new).update(vars(self), line=line)
         return new
@@ -265,7 +265,7 @@ class Assign(Statement):
 
 @dataclass(frozen=True)
 class Begin(Statement):
-    """The declaration of a variable with this value, or None if it is zero or None."""
+    """The declaration of a variable with a value. The value is None if the variable begins with zero or None."""
 
     place: Value
     of: CType
@@ -281,7 +281,7 @@ class RuntimeCall(Statement):
 
 @dataclass(frozen=True)
 class CallStatement(Statement):
-    """A call that may fail, of the runtime or of a translated function. The failure continues from here."""
+    """A call of the runtime or of a translated function that may fail. The failure continues from here."""
 
     function: str
     arguments: tuple[Value, ...]
@@ -291,7 +291,8 @@ class CallStatement(Statement):
 
 @dataclass(frozen=True)
 class TextStatement(Statement):
-    """Python makes the text with this number, from these variables. Nothing in the form reads the text. It may fail."""
+    """A statement at which Python makes the text with this number from these variables. Nothing in the form reads the
+    text. The statement may fail."""
 
     number: int
     given: tuple[Value, ...]
@@ -310,7 +311,7 @@ class CheckedArithmetic(Statement):
 
 @dataclass(frozen=True)
 class Choose(Statement):
-    """Assigns one of several values of a type to a place, by its number in a table."""
+    """Assigns one of several values of a type to a place. The value is chosen by its number in a table."""
 
     place: Value
     table: str
@@ -337,7 +338,7 @@ class EndlessLoop(Statement):
 
 @dataclass(frozen=True)
 class CountedLoop(Statement):
-    """A loop that counts `turn` from `first` to below `end`, or to above it if the step is negative."""
+    """A loop that counts `turn` from `first` while it is below `end`, or above `end` if the step is negative."""
 
     label: str
     turn: Value
@@ -351,7 +352,7 @@ class CountedLoop(Statement):
 
 @dataclass(frozen=True)
 class Labelled(Statement):
-    """Statements that `Leave` with this label leaves."""
+    """Statements with a label. `Leave` with this label leaves them."""
 
     label: str
     body: Statements
@@ -371,14 +372,14 @@ class NextTurn(Statement):
 
 @dataclass(frozen=True)
 class Fail(Statement):
-    """Raises the fault with this number, or one that was caught."""
+    """Raises the fault with this number, or again a fault that was caught."""
 
     fault: int | Value
 
 
 @dataclass(frozen=True)
 class ErrorHandler(FormNode):
-    """The statements carried out at a fault of one of these classes."""
+    """The statements that are carried out at a fault of one of these classes."""
 
     kinds: tuple[type[BaseException], ...]
     body: Statements
@@ -386,8 +387,8 @@ class ErrorHandler(FormNode):
 
 @dataclass(frozen=True)
 class Try(Statement):
-    """A failure in `body` goes to the first handler of its class, or continues if there is none. `orelse` follows if
-    there was no failure."""
+    """A failure in `body` goes to the first handler that matches its class, or continues if no handler matches.
+    `orelse` follows if there was no failure."""
 
     caught: Temporary
     body: Statements
@@ -413,7 +414,7 @@ class Return(Statement):
 
 @dataclass(frozen=True)
 class FunctionForm(FormNode):
-    """A function. It returns its fault; its result is stored in `out`."""
+    """A function. In C it returns its fault, and stores its result in `out`."""
 
     name: str
     title: str
@@ -445,7 +446,7 @@ def _is_of_nodes(hint: Any) -> bool:
 
 
 def walk(*nodes: FormNode) -> Iterator[FormNode]:
-    """All nodes in these, including themselves."""
+    """Return all nodes in these nodes, including the nodes themselves."""
     waiting = [*reversed(nodes)]
     while waiting:
         node = waiting.pop()
@@ -454,7 +455,7 @@ def walk(*nodes: FormNode) -> Iterator[FormNode]:
 
 
 def statements(*nodes: Statement | FunctionForm) -> Iterator[FormNode]:
-    """All statements and handlers in these, including themselves, without the values in them."""
+    """Return all statements and handlers in these, including these themselves, without the values in them."""
     waiting: list[FormNode] = [*reversed(nodes)]
     while waiting:
         node = waiting.pop()
@@ -500,7 +501,7 @@ def with_bodies(statement: Statement, change: Callable[[Statements], Statements]
 
 
 def bodies(statement: Statement) -> Iterator[Statements]:
-    """The bodies in a statement."""
+    """Return the bodies in a statement."""
     yield from (getattr(statement, name) for name in BODIES if getattr(statement, name, ()))
     if isinstance(statement, Try):
         yield from (each.body for each in statement.handlers)
@@ -525,7 +526,7 @@ def is_place(value: Value) -> bool:
 
 
 def is_named(value: Value) -> bool:
-    """True if this is a variable, a field, or a member of one, so that nothing is computed to find it."""
+    """True if this is a variable, a field, or a member of one. Nothing is then computed to find it."""
     while isinstance(value, Member):
         value = value.whole
     return isinstance(value, Local | Temporary | Field)
@@ -539,12 +540,12 @@ def is_settled(value: Value) -> bool:
 
 
 def whole(place: Value) -> Value:
-    """Return the optional place if this is its value, otherwise the place itself."""
+    """Return the optional place if this place is the value in it, otherwise the place itself."""
     return place.whole if isinstance(place, Member) and place.name == "value" else place
 
 
 def joined(sign: str, values: Sequence[Value]) -> Value:
-    """Return one condition that holds if all (`&&`) or one (`||`) of these hold."""
+    """Return a condition that holds if all (`&&`) or at least one (`||`) of these conditions hold."""
     first, *rest = values
     for each in rest:
         first = Operator(sign, first, each)
@@ -552,7 +553,7 @@ def joined(sign: str, values: Sequence[Value]) -> Value:
 
 
 def as_value(truth: Value | bool) -> Value:
-    """Return a condition as a value, including one that is already known."""
+    """Return a condition as a value, even if its result is already known."""
     return Literal(truth, BOOL) if isinstance(truth, bool) else truth
 
 
@@ -594,16 +595,16 @@ class MachineForm:
     """The types of arrays and tuples, each after the types of its parts."""
     structs: Sequence[Struct] = ()
     tables: Mapping[str, Sequence[int]] = field(default_factory=dict)
-    """Slots of the objects of Vectors, by the name of their table."""
+    """Slots of the objects of Vectors, by the names of their tables."""
     functions: Sequence[FunctionForm] = ()
     begin: Statements = ()
     """The statements that set the initial values of the fields."""
     faults: Mapping[int, str] = field(default_factory=dict)
     """The names of the faults of the functions, by number."""
     handled: Mapping[tuple[type[BaseException], ...], Sequence[str]] = field(default_factory=dict)
-    """The names of the faults that a handler of these classes catches."""
+    """The names of the faults that a handler catches, by its classes."""
     limits: Sequence[str] = ()
-    """The names of the faults that Python does not have: `finally` does nothing for them."""
+    """The names of the faults that do not exist in Python. `finally` does nothing for them."""
 
     @cached_property
     def files(self) -> list[str]:
@@ -612,5 +613,5 @@ class MachineForm:
 
     @cached_property
     def own(self) -> frozenset[str]:
-        """The names of the translated functions; other names belong to the runtime."""
+        """The names of the translated functions. Other names belong to the runtime."""
         return frozenset(one.name for one in self.functions)

@@ -35,7 +35,7 @@ class SourcedFunction(NamedTuple):
         return str(self.function.__qualname__).replace(".<locals>", "").replace("<lambda>", "condition")
 
     def meaning(self, name: str) -> Any:
-        """Return the value of a name that is not local; ABSENT if it has none."""
+        """Return the value of a name that is not local, or ABSENT if the name has none."""
         code = self.function.__code__
         if name in code.co_freevars and self.function.__closure__ is not None:
             try:
@@ -45,13 +45,13 @@ class SourcedFunction(NamedTuple):
         return self.function.__globals__.get(name, getattr(builtins, name, ABSENT))
 
     def is_local(self, name: str) -> bool:
-        """True if the function itself assigns this name, which nested functions may also read."""
+        """True if the function itself assigns this name. Nested functions may also read such a name."""
         return name in self.function.__code__.co_varnames or name in self.function.__code__.co_cellvars
 
     @property
     def enclosed(self) -> tuple[Any, ...]:
-        """The values of its names from enclosing functions, ABSENT if unset. Two functions with the same source may
-        differ in them."""
+        """The values of the function's names from enclosing functions; ABSENT if unset. Two functions with the same
+        source may differ in these values."""
         return tuple(self.meaning(name) for name in self.function.__code__.co_freevars)
 
     def segment(self, node: ast.AST) -> str:
@@ -74,11 +74,11 @@ class BoundFunction(NamedTuple):
 
 
 class NoSource(Exception):
-    """A function has no Python source that could be translated. The message says why."""
+    """Raised if a function has no Python source that could be translated. The message says why."""
 
 
 def bound(function: Callable[..., Any]) -> BoundFunction:
-    """Return a function, method or partial with its bound arguments. NoSource if it is not written in Python."""
+    """Return a function, method or partial with its bound arguments. Raises NoSource if it is not written in Python."""
     if isinstance(function, partial):
         inner = bound(function.func)
         return inner._replace(
@@ -122,7 +122,7 @@ def _source(text: tuple[str, ...]) -> SourceText:
 
 
 def nodes_of(tree: ast.AST) -> list[ast.AST]:
-    """The nodes of a tree without the contexts of names, as from `ast.walk` but faster."""
+    """Return the nodes of a tree without the contexts of names. The function is faster than `ast.walk`."""
     found = [tree]
     for node in found:
         for name in node._fields:

@@ -1,7 +1,7 @@
 """Finds code of an application that may change a list, dict or set that translation takes as known.
 
-Any code that has a container may change it. So each use of its name is checked: it may read elements, or fill the
-container before a machine is translated, but not give it another name."""
+Any code that has a reference to a container may change it, so each use of the container's name is checked. The use may
+read elements, or fill the container before a machine is translated, but may not give the container another name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from umo.generate.known_values import Content, is_installed, vars_of
 
 ANY = ""
-"""The name of a container that is not known before run time."""
+"""Stands for the name of a container if that name is not known before run time."""
 FRESH = (ast.List, ast.ListComp, ast.Dict, ast.DictComp, ast.Set, ast.SetComp, ast.BinOp, ast.Tuple, ast.Constant)
 """Expressions that give a new container without another reference, or an immutable one."""
 MAKERS = "list", "dict", "set", "sorted", "tuple"
@@ -21,18 +21,18 @@ READERS = ("print", "len", "dict", "list", "tuple", "set", "frozenset", "sorted"
            "all", "sum", "min", "max", "enumerate", "zip", "reversed")  # fmt: skip
 """Functions that do not change a container argument, and keep only its elements."""
 READING = "items", "keys", "values", "get", "copy", "index", "count"
-"""Methods that do not change it."""
+"""Methods of a container that do not change it."""
 TESTED = ast.If, ast.While, ast.IfExp, ast.Assert
 LOOPS = ast.For, ast.AsyncFor, ast.comprehension
 READ_IN = ast.Compare, ast.UnaryOp, ast.BinOp, ast.Starred, ast.FormattedValue, ast.Expr
 PLACES_OF_NAMES = {"getattr": 1, "setattr": -2, "__setattr__": -2}
-"""The place of the name among the arguments of these functions."""
+"""The index of the name among the arguments of each of these functions."""
 BY_NAME = *PLACES_OF_NAMES, "attrgetter", "__getattribute__", "vars", "globals", "locals", "__dict__"
-"""Functions that read or set attributes named by texts."""
+"""Functions that read or set attributes whose names are given as strings."""
 
 
 class ChangedPlace(NamedTuple):
-    """A place at which a container may be changed or gets another name."""
+    """A place at which a container may be changed, or may get another name."""
 
     name: str
     """The name of an attribute after a dot, or ANY."""
@@ -55,7 +55,7 @@ def is_changed(content: Content, changed: frozenset[str]) -> bool:
 
 
 def changed_in(tree: ast.AST, befores: tuple[str, ...]) -> Iterator[ChangedPlace]:
-    """The places in one file that may change containers."""
+    """Return the places in one file that may change containers."""
     yield from _Places(tree, befores).of(tree, "", "", False)
 
 
@@ -70,8 +70,8 @@ class _Places:
         self._own = self._imported | {*_defined(tree)}
 
     def of(self, node: ast.AST, before: str, me: str, in_function: bool) -> Iterator[ChangedPlace]:
-        """The places in a node. `before`: the function around it that runs before translation; `me`: its name for
-        `self`."""
+        """Yield the places in a node. `before`: the function that contains the node and runs before translation; `me`:
+        that function's name for `self`."""
         for each in ast.iter_child_nodes(node):
             if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
                 first = each.args.posonlyargs + each.args.args

@@ -1,7 +1,8 @@
-"""Finds code of an application that sets what translation takes as known, before a controller is generated.
+"""Finds code of an application that sets values which translation takes as known. This is done before a controller is
+generated.
 
-A controller keeps the values that were known when its code was generated. So nothing in the application may set them:
-the modules of the station, and those of the classes of its machine, are searched for assignments to these names."""
+A controller keeps the values that were known when its code was generated. So no code of the application may set them.
+The modules of the station, and those of the classes of its machine, are searched for assignments to these names."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ PARTS = "__dict__", "__class__", "__bases__", "__code__", "__defaults__", "__kwd
 """Attributes that change several names at once, or the behaviour of a function."""
 RUNNERS = "exec", "eval"
 UNFOLLOWED = *RUNNERS, "__set__", "__delete__", "__func__"
-"""Functions that may set any name, or call a method with another object."""
+"""Functions that may set any name, or may call a method with another object."""
 FOLLOWED_CALLED = (*SETTERS, *NAMESPACES)
 """Functions that are followed where they are called, and only there."""
 ONLY_COMPARED = "isinstance", "issubclass", "super", "cast"
@@ -41,7 +42,7 @@ READ_IN = (ast.Subscript, ast.Compare, ast.For, ast.AsyncFor, ast.comprehension,
            ast.While, ast.UnaryOp, ast.BinOp, ast.Starred, ast.YieldFrom)  # fmt: skip
 """The nodes in which a dict is only read, or only one name in it is set."""
 ANY = ""
-"""The name of a setting that may set any name."""
+"""Stands for the name in a setting that may set any name."""
 
 
 class Setting(NamedTuple):
@@ -60,22 +61,24 @@ class Setting(NamedTuple):
     is_before: bool = False
     """True if the method runs before a machine is translated. It counts only if it is called again."""
     setup: str = ""
-    """The class in whose `setup` this is. That runs before if the class is one of a part of the machine."""
+    """The class in whose `setup` this setting is. `setup` runs before the translation if a part of the machine has this
+    class."""
     base: str = ""
-    """The last name of the object in an assignment."""
+    """The last name in the expression for the object that an assignment changes."""
 
 
 class Read(NamedTuple):
-    """The results from one file."""
+    """The settings and uses found in one file."""
 
     settings: tuple[Setting, ...]
     classes: frozenset[str] = frozenset()
     imported: frozenset[tuple[str, str]] = frozenset()
     """The names of imports, and their original names."""
     methods: frozenset[tuple[str, str]] = frozenset()
-    """The last name of an object and the method called on it, except `Base.method(self)`."""
+    """The method calls: the last name of the object, and the method that is called on it, except
+    `Base.method(self)`."""
     values: frozenset[str] = frozenset()
-    """Names used as values: the further use of a class among them is not followed."""
+    """Names that are used as values. If one of them is a class, its further use is not followed."""
     again: frozenset[str] = frozenset()
     """Functions of BEFORE that other code uses."""
     changed: frozenset[ChangedPlace] = frozenset()
@@ -83,7 +86,8 @@ class Read(NamedTuple):
 
 
 def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatable]:
-    """The known names that may change: they are set somewhere, or are containers that are changed in place."""
+    """Return the known names that may change, because they are set somewhere, or are containers that are changed in
+    place."""
     files = [(path, module, _read(path)) for path, module in _files(machine, known)]
     again = {name for *_, each in files for name in each.again}
     changed = frozenset(one.name for *_, each in files for one in each.changed if not one.before or one.before in again)

@@ -28,7 +28,7 @@ ABSENT = object()
 MUTABLE = list, dict, set, deque, MappingProxyType, bytearray, np.ndarray
 """Containers whose elements are compared individually."""
 PLAIN = str, bytes, bool, int, float, complex, type(None)
-"""Types whose values are equal if their texts are equal."""
+"""Types whose values are equal if their `repr` is equal."""
 MOST_ELEMENTS = 4096
 HEAP_TYPE = 1 << 9
 """The flag of a class made by a `class` statement. Other classes do not change."""
@@ -38,7 +38,7 @@ FUNCTIONS = FunctionType, staticmethod, classmethod, property, cached_property
 
 
 class Unwatchable(Exception):
-    """A value depends on something whose changes cannot be detected. The message says why."""
+    """Raised if a value depends on something whose changes cannot be detected. The message says why."""
 
 
 class KnownName(NamedTuple):
@@ -53,7 +53,7 @@ class KnownName(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Return its name in messages, such as `Tank.mode_name` or `zones.3.mode_name`."""
+        """The name in messages, such as `Tank.mode_name` or `zones.3.mode_name`."""
         if isinstance(self.owner, dict | ModuleType):
             module = vars_of(self.owner)
             return f"{self.name} of {shown_file(module.get('__file__') or '', module.get('__name__') or '')}"
@@ -69,8 +69,8 @@ class KnownName(NamedTuple):
 
     @property
     def is_worth_noting(self) -> bool:
-        """True if a user wants to know this name: it is not a function, class or module, a part of the machine at its
-        place, or a constant of umo or Python."""
+        """True if this name is of interest to a user: it is not a function, class or module, not a part of the machine
+        at its place, and not a constant of umo or Python."""
         if isinstance(self.value, type | ModuleType | property) or callable(self.value):
             return False
         if isinstance(self.owner, dict | ModuleType):
@@ -128,8 +128,8 @@ class KnownValues:
     # What translated code reads ------------------------------------------------------------------------
 
     def attribute(self, owner: Any, name: str, at: tuple[str, int]) -> None:
-        """Record an attribute of a live object, class or module, or that there is none. Raise Unwatchable if its
-        changes cannot be detected."""
+        """Record an attribute of a live object, class or module, or record that it does not exist. Raises Unwatchable
+        if its changes cannot be detected."""
         if (id(owner), name) in self._read:
             return
         if isinstance(owner, type) and issubclass(owner, Enum) and _is_member(owner, name):
@@ -185,11 +185,11 @@ class KnownValues:
         self._class(type(owner), name, known)
 
     def codes(self) -> Iterator[CodeType]:
-        """The code of the translated functions."""
+        """Return the code of the translated functions."""
         return (value for owner, name, value, _ in self.attributes.values() if name == "__code__")
 
     def names_of(self, owner: Any) -> frozenset[str]:
-        """The attributes of one object that are taken as known."""
+        """Return the attributes of one object that are taken as known."""
         return frozenset(name for each, name in self.names if each == id(owner))
 
     # Where it is ---------------------------------------------------------------------------------------
@@ -266,8 +266,8 @@ class KnownValues:
     # Whether it still is -------------------------------------------------------------------------------
 
     def changes(self) -> Iterator[KnownName]:
-        """The names whose values have changed. An equal value in another object is accepted, and so is a change that
-        nothing reads."""
+        """Return the names whose values have changed. A new object with an equal value does not count as a change, nor
+        does a change that no code reads."""
         for space in (*self.objects.values(), *self.classes.values()):
             if space.kind is not None and type(space.owner) is not space.kind:
                 yield KnownName(space.owner, "__class__", space.kind, "", 0)
@@ -299,7 +299,7 @@ class KnownValues:
                 self.objects[id(owner)].kind = type(owner)
 
     def settle(self) -> None:
-        """Stop watching attributes of classes that an object now hides by its own."""
+        """Stop watching attributes of classes that are now hidden by an attribute of the object."""
         own = [key for key, each in self.fields.items() if each.name in vars(each.owner)]
         for key in own:
             del self.fields[key]
@@ -328,7 +328,8 @@ def is_installed(module: str) -> bool:
 
 
 def elements_of(container: Any) -> tuple[Any, ...]:
-    """The elements in their order: keys and values in turn for a dict, bytes for an array."""
+    """Return the elements in their order. For a dict they are alternately its keys and values; for an array, its
+    bytes."""
     if isinstance(container, np.ndarray | bytearray):
         return (container.tobytes() if isinstance(container, np.ndarray) else bytes(container),)
     if isinstance(container, dict | MappingProxyType):
@@ -351,7 +352,7 @@ def _text_of(value: Any) -> str:
 
 
 def same(before: Any, now: Any) -> bool:
-    """True if both are the same object, or plain values with the same text."""
+    """True if both are the same object, or plain values with the same `repr`."""
     return before is now or (type(before) is type(now) and isinstance(now, PLAIN) and repr(before) == repr(now))
 
 

@@ -1,4 +1,4 @@
-"""Checks once a period, before the laws act, that the values which translation took as known are unchanged."""
+"""Checks once per period, before the laws act, that the values which translation took as known have not changed."""
 
 from __future__ import annotations
 

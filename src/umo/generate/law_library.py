@@ -47,9 +47,9 @@ READ = CFUNCTYPE(c_int16, c_int32, POINTER(c_double))
 HOST_CALL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_double), c_uint16)
 TEXT_CALLBACK = CFUNCTYPE(c_int16, c_uint16, POINTER(c_void_p))
 BESIDE_PYTHON = replace(TARGETS["host"], makes_texts=True)
-"""The target of laws that Python calls and for which it makes texts."""
+"""The target of laws that are called by Python. Python also makes texts for them."""
 TARGET = target_header(BESIDE_PYTHON, 1)
-"""The file umo_target.h: the clocks of parts are those of Python."""
+"""The file umo_target.h, with which the clocks of parts are those of Python."""
 SOURCE = """\
 #include "umo_columns.h"
 
@@ -102,7 +102,7 @@ int16_t law_call(umo_machine *m, int32_t law, double now, double dt, int32_t tic
 }}
 """
 TRUE = -1
-"""Result of a condition that is true, instead of a fault."""
+"""The number that a true condition returns in place of a fault."""
 LAW = """\
     case {number}:
         return {call};
@@ -140,7 +140,7 @@ class ColumnPointers(Structure):
 
 
 def source_of_laws(model: ControllerModel, translation: Translation, conditions: Sequence[CFunction]) -> str:
-    """Return the source of the library, in C: the laws, then these conditions."""
+    """Return the source of the library, in C: the laws, then the conditions."""
     laws = [translation.entry[law.control] for law in model.laws]
     cases = [LAW.format(number=number, call=each.call()) for number, each in enumerate(laws)]
     cases += [CONDITION.format(number=n, call=each.call("&holds")) for n, each in enumerate(conditions, len(laws))]
@@ -160,8 +160,8 @@ def source_of_laws(model: ControllerModel, translation: Translation, conditions:
 
 
 def library_of(source: str) -> Path:
-    """Return the compiled library of a source, from the cache if it was compiled before. DeclarationError with the
-    compiler's message, or if there is no compiler."""
+    """Return the compiled library of a source, from the cache if it was compiled before. Raises DeclarationError with
+    the compiler's message, or if there is no compiler."""
     cc = compiler()
     if cc is None:
         raise DeclarationError("there is no C compiler: none of cc, gcc, clang was found")
@@ -247,7 +247,7 @@ class LawLibrary:
         self._variables = StructMemory(LiveStruct(None, "", "variables"), _address(self._memory))
 
     def structs(self, structs: Sequence[LiveStruct]) -> list[StructMemory]:
-        """The fields of the live objects."""
+        """Return the fields of the live objects."""
         found = (int(self._library.machine_struct(self._memory, c_int16(n))) for n in range(len(structs)))
         keep = self._memory
         return [StructMemory(struct, address, keep=keep) for struct, address in zip(structs, found, strict=True)]
@@ -269,12 +269,13 @@ class LawLibrary:
 
     @property
     def fault_object(self) -> int:
-        """Return the slot of the object of the last fault; -1 if there is none."""
+        """The slot of the object of the last fault, or -1 if there is none."""
         return int(self._library.law_fault_object(self._memory))
 
     @property
     def fault_place(self) -> tuple[int, int]:
-        """The number of the file and the line of the runtime's last fault in this call; line 0 if there was none."""
+        """The number of the file, and the line, of the runtime's last fault in this call. The line is 0 if there was
+        none."""
         return int(self._columns.file), int(self._columns.line)
 
 

@@ -1,4 +1,4 @@
-"""Names in C for paths in Python."""
+"""Makes names in C for paths in Python."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ WORDS_OF_C = frozenset(
     _Pragma _Static_assert _Thread_local stdin stdout stderr signbit isnan isinf isfinite
     """.split()  # noqa: SIM905
 )
-"""Words with a meaning in C, C++ or its headers."""
+"""Words with a meaning in C, in C++ or in their headers."""
 OF_OTHERS = "umo_", "machine_", "__"
 """Beginnings of names that umo or a compiler defines."""
 
 
 def identifier(path: str) -> str:
-    """Return the end of a C name for a path: `zones_3_heater`."""
+    """Return the last part of a C name for a path, such as `zones_3_heater`."""
     return re.sub(r"\W", "_", path, flags=re.ASCII)
 
 
@@ -39,11 +39,11 @@ def identifiers(paths: Iterable[str]) -> list[str]:
 
 
 def member_name(name: str) -> str:
-    """Return the name in C of an attribute. It is not a keyword, macro or type of C, not a name of umo's, and no other
-    attribute has it.
+    """Return the name in C of an attribute. The name is not a keyword, macro or type of C, and not a name that umo
+    uses. No other attribute has the same name.
 
-    Names in upper case are those of macros; names that end with `_t` are those of types. A suffix that is added to such
-    a name is added again to a name that already ends so."""
+    Names in upper case are those of macros; names that end with `_t` are those of types. The suffix that is added to
+    such a name is also added to a name that already ends with it."""
     if not name.isascii():
         return "".join(each if re.match("[A-Za-z0-9]", each) else f"_{ord(each):x}_" for each in name) + "_u"
     is_taken = name in WORDS_OF_C or name.isupper() or name.startswith(OF_OTHERS) or name.endswith("_t")

@@ -1,9 +1,10 @@
-"""Carries out the period of a machine with compiled laws in C (`umo/cycle/period.c`) where it does not need Python.
+"""Carries out the period of a machine with compiled laws in C (`umo/cycle/period.c`), as far as the period does not
+need Python.
 
 A phase runs in C if all its parts exist in C: the driver's transfers (`MovesInC`), plain conversions, compiled
-conditions and laws. `looks` are the further conditions for each phase; if one is not met, Python carries out the phase
-in this period, with the functions that it uses without compilation. Python also does everything called in COMMANDS and
-SHOW."""
+conditions and laws. `looks` are the further conditions for each phase. If one is not met, Python carries out the phase
+in this period, with the functions that are also used without compilation. Python also carries out everything that is
+called in COMMANDS and SHOW."""
 
 from __future__ import annotations
 
@@ -28,22 +29,23 @@ IS, IS_NOT, EMPTY, NOTHING_IN = range(4)
 """Kinds of checks, as in period.c."""
 PhaseLook = tuple[object, str, int, object]
 MOST = 1_000
-"""Number of periods in C after which Python checks, even if nothing has arrived."""
+"""Number of periods in C after which Python makes its checks, even if nothing has arrived."""
 NOT_COMPILED = "the laws are not compiled"
 AWAY = "a driver is away"
 NO_TICK = (*(0,) * 8, None, None, None)
-"""The data for period.c of a timer that Python reads."""
+"""The data for period.c if Python reads the timer."""
 PHASES = "TICK", "SAMPLE", "GUARD", "COMMANDS", "SEQUENCES", "LAWS", "SETTLE", "SEND", "SHOW"
 """The phases that period.c knows, in their order (`umo.cycle.period.PHASES`)."""
 
 
 def nothing_in(container: object) -> PhaseLook:
-    """Return the check that a list or a set, which is never replaced by another one, is empty."""
+    """Return the check that a list or a set is empty. The list or set must never be replaced by another one."""
     return container, "", NOTHING_IN, None
 
 
 class Moved(NamedTuple):
-    """A block that is converted in C and transferred there or by a call of the driver, as period.c needs it."""
+    """The data that period.c needs about a block. The block is converted in C, and transferred in C or by a call of the
+    driver."""
 
     native: Any
     function: int
@@ -61,7 +63,7 @@ def _is_there(block: Block, write: bool) -> bool:
 
 
 class PeriodInC(Capability):
-    """Carries out the periods of one machine: the loop calls `several` instead of its own steps."""
+    """Carries out the periods of one machine. The loop calls `several` in place of its own steps."""
 
     def __init__(self) -> None:
         self.reasons: dict[str, str] = {}
@@ -102,12 +104,13 @@ class PeriodInC(Capability):
     # A period ------------------------------------------------------------------------------------------
 
     def several(self) -> int:
-        """Carry out the next periods, one or more, and return their number. 0: a stop has ended the wait for a tick."""
+        """Carry out the next one or more periods, and return their number. 0 means that a stop has ended the wait for a
+        tick."""
         return self.run(MOST, None)
 
     def run(self, most: int, rows: Any) -> int:
-        """Carry out at most `most` periods and return their number. `rows`: memory for three int64 per period: missed
-        ticks, begin and end in ns of the monotonic clock."""
+        """Carry out at most `most` periods, and return their number. `rows` is memory for three int64 per period:
+        missed ticks, and the begin and the end in ns of the monotonic clock."""
         native = self._native
         if native is None or native.stale or self._laws is not self._group.laws or self._is_back():
             native = self._bind()

@@ -1,5 +1,6 @@
-"""Finds where this Python stores the references of an object and the version of a dict, by trial, as its stable
-interface does not tell. With these addresses C compares known values without a call (`known_watch.py`)."""
+"""Finds by trial where this Python stores the references of an object and the version of a dict, because Python's
+stable interface does not report that. With these addresses C compares known values without calling Python
+(`known_watch.py`)."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ from umo.generate.bound_fields import class_below
 WORD = 8
 """Size of a reference, and of a version, in bytes."""
 WATCHES_DICTS = (3, 12)
-"""From this version on Python reports each change of a dict. In earlier versions each dict has a version number (PEP
-509)."""
+"""The version from which on Python reports each change of a dict. In earlier versions each dict has a version number
+(PEP 509)."""
 Change: TypeAlias = Callable[[], object]
 
 
@@ -27,7 +28,8 @@ class _Mark:
 
 
 def place_of(owner: Any, name: str, value: Any) -> int:
-    """Return the address at which an object stores its reference to the value of this attribute; 0 if not known."""
+    """Return the address at which an object stores its reference to the value of this attribute, or 0 if it is not
+    known."""
     if sys.implementation.name != "cpython" or sys.maxsize < 2**32:
         return 0
     at = _place_of(owner, name)
@@ -115,7 +117,7 @@ def _of_slot(descriptor: MemberDescriptorType) -> int:
 
 
 def place_of_version(names: dict[str, Any]) -> int:
-    """Return the address of a number that differs after each change of a dict; 0 if there is none."""
+    """Return the address of a number that differs after each change of a dict, or 0 if there is no such number."""
     return _place_of_version(names) if _is_each_change_told() else 0
 
 

@@ -31,23 +31,23 @@ from umo.generate.lower.live_fields import LiveStruct, mask_of
 from umo.generate.value_kinds import parts_of
 
 PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
-"""Formats of a number in memory, as of the module struct; a real is a double."""
+"""Formats of numbers in memory, as in the module struct. A real is a double."""
 
 CHANGEABLE = set, np.ndarray
-"""Types whose values are changed in place, besides lists."""
+"""Types, other than lists, whose values are changed in place."""
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
-"""Errors of a value that a field cannot hold."""
+"""Errors for a value that a field cannot hold."""
 EXACT = 2**53
 """Integers up to this one are exact as reals."""
 
 
 class ValueDoesNotFit(ValueError):
-    """A live object has a value with which C would not compute as Python does."""
+    """Raised if a live object has a value with which C would compute a different result than Python."""
 
 
 def require(of: CType, value: Any) -> None:
-    """Raise TypeError or ValueError for a value with which C would not compute as Python does: a number of another
-    class, one that no real represents, or an array of another length."""
+    """Raise TypeError or ValueError for a value with which C would compute a different result than Python: a number of
+    another class, a number that a real cannot represent, or an array of another length."""
     kind = type(value)
     if isinstance(of, MixedNumber):
         wrong = kind not in (int, float, *((bool,) if of.is_bool else ())) or (kind is int and abs(value) > EXACT)
@@ -113,7 +113,7 @@ def _own(value: Any) -> Any:
 
 
 class StructMemory:
-    """One struct. Its fields are read as Python values: a state is a member of its Enum, None is None."""
+    """One struct. Its fields are read as Python values: a state as a member of its Enum, None as None."""
 
     def __init__(self, struct: LiveStruct, address: int, real: str = "double", keep: Any = None) -> None:
         """`keep`: the object that must live as long as a numpy array in this memory."""
@@ -145,12 +145,12 @@ class StructMemory:
 
     @property
     def label(self) -> str:
-        """Return the name of the object in messages."""
+        """The name of the object in messages."""
         return self._struct.path or type(self._struct.owner).__name__
 
     @property
     def mixed(self) -> list[str]:
-        """The fields that have different classes in Python at different times."""
+        """The fields whose values have different classes in Python at different times."""
         return [name for name, of in self._struct.kinds.items() if isinstance(plain(of), MixedNumber)]
 
     def check(self, name: str, value: Any) -> None:
@@ -178,8 +178,8 @@ class StructMemory:
         return np.frombuffer(self._bytes(name), {REAL: np.float64, INT: np.int32, BOOL: np.bool_}[of.of])
 
     def attribute(self, name: str, put: Any) -> Any:
-        """Return a descriptor in C that reads and sets this field of the live object; `put(owner, value)` sets values
-        that are not plain. None if the type or the extension has none."""
+        """Return a descriptor in C that reads and sets this field of the live object. `put(owner, value)` sets values
+        that are not plain. Return None if the type or the extension has no such descriptor."""
         at = addressof(self._memory) + self._slices[name].start
         return self._attribute(self._struct.fields[name], at, put)
 
@@ -212,13 +212,13 @@ class StructMemory:
         self._set(of, self._memory, _member(name), value)
 
     def at(self, address: int, of: CType) -> Any:
-        """Return a value of this type at another address of the library's memory, as a Python value."""
+        """Return a value of this type, at another address of the library's memory, as a Python value."""
         place = type("Place", (Structure,), {"_fields_": [("value", self._type(plain_number(of)))]})
         return _of_numpy(of, self._value(plain_number(of), place.from_address(address).value))  # type: ignore[attr-defined]
 
     def push(self) -> None:
-        """Copy the values of the live object to the fields. Unchanged values are not written again. ValueDoesNotFit if
-        one does not fit."""
+        """Copy the values of the live object to the fields. Unchanged values are not written again. Raises
+        ValueDoesNotFit if a value does not fit."""
         there = bytes(self._memory)
         for name in self._struct.fields:
             value = getattr(self._struct.owner, name)
@@ -244,7 +244,7 @@ class StructMemory:
         return value is before and not isinstance(value, CHANGEABLE)
 
     def differences(self) -> Iterator[str]:
-        """The fields that differ from the live object."""
+        """Return the fields that differ from the live object."""
         after = bytes(self._memory)
         for name, of in self._struct.fields.items():
             there = getattr(self._struct.owner, name)

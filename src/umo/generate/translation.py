@@ -1,7 +1,8 @@
 """The result of the translation of control code to C, as data for the generator.
 
-A target has its own number types; each object of translated code has its fields, each fault its number and text. Code
-that cannot be translated is an `Untranslatable`, with its place and the nearest alternative."""
+The classes describe the number types of a target, the fields of each object of translated code, and the number and text
+of each fault. Code that cannot be translated is reported as an `Untranslatable`, with its place and the nearest
+alternative."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from umo.generate.c_types import CType
 from umo.generate.known_values import KnownValues
 
 FIRST_FAULT = 32
-"""The first number of a fault of translated code; those below are the runtime's (umo.h)."""
+"""The first number of a fault of translated code. Lower numbers are those of the runtime (umo.h)."""
 RUNTIME_FAULTS = (
     ("UMO_UNREAD", "DriverError", "could not be read"),
     ("UMO_UNWRITTEN", "DriverError", "could not be written"),
@@ -28,12 +29,12 @@ RUNTIME_FAULTS = (
 )
 """The faults of the runtime from number 1 on, as in umo.h, with their names, classes and texts."""
 NO_HOST = 1 + [name for name, _, _ in RUNTIME_FAULTS].index("UMO_NO_HOST")
-"""The fault for a missing host, which does not exist in Python."""
+"""The fault for a missing host. This fault does not exist in Python."""
 
 
 class ControllerLimit(OverflowError):
     """An operation that Python can carry out and a controller cannot: an integer leaves 32 bits, a power is complex, or
-    the sign of a NaN is used. No `except` catches it, as Python raises nothing there."""
+    the sign of a NaN is used. No `except` in translated code catches it, because Python raises nothing there."""
 
 
 @dataclass(frozen=True)
@@ -43,21 +44,21 @@ class ControllerTarget:
     name: str
     real: Literal["double", "float"] = "double"
     exact_libm: bool = False
-    """True if its functions of <math.h> give the same bits as those of this Python."""
+    """True if the target's functions of <math.h> give bit for bit the same results as those of this Python."""
     int_bits: int = 32
     """The width of integers."""
     table_bytes: int | None = None
     """The maximum size of the table of a linearization."""
     makes_texts: bool = False
-    """True if Python runs beside and makes texts."""
+    """True if Python calls the code and can make texts."""
 
 
 class CodeFault(NamedTuple):
-    """A fault of translated code: the error that Python raises there."""
+    """A fault of translated code. It stands for the error that Python raises at that place."""
 
     number: int
     kind: str
-    """The class, such as RangeError."""
+    """The class of the error, such as RangeError."""
     text: str
     """The message as written in the code."""
     file: str
@@ -70,13 +71,13 @@ class TextMaker(NamedTuple):
     """A text that Python makes for compiled laws."""
 
     make: Callable[..., Any]
-    """Returns the error or the text for these variables."""
+    """Function that returns the error or the text for these variables."""
     given: Sequence[CType]
     """The types of the variables."""
     fault: int = 0
-    """The fault that has this error; 0 if none."""
+    """The number of the fault that has this error; 0 if none."""
     field: tuple[Any, str] | None = None
-    """The object and attribute that the text is assigned to."""
+    """The object and the attribute to which the text is assigned."""
 
 
 class StructField(NamedTuple):
@@ -89,7 +90,7 @@ class StructField(NamedTuple):
     kind: str
     """The type in C."""
     owner: Literal["INPUT", "STATE"]
-    """INPUT: translated code never assigns it, the host may; STATE: translated code assigns it."""
+    """INPUT if only the host may assign the field, STATE if translated code assigns it."""
 
 
 class Untranslatable(NamedTuple):
@@ -108,8 +109,8 @@ class Untranslatable(NamedTuple):
 
 
 class CFunction(NamedTuple):
-    """The signature of a translated function. It returns its fault, and stores its result at the address in its last
-    argument."""
+    """The signature of a translated function. The function returns its fault, and stores its result at the address in
+    its last argument."""
 
     name: str
     arguments: tuple[str, ...] = ("m",)
@@ -129,10 +130,10 @@ class Translation:
     source: str = ""
     """The functions."""
     fault_names: str = ""
-    """The names of the faults, an enum."""
+    """The names of the faults, as an enum of C."""
     effects: Mapping[str, Set[str | int]] = field(default_factory=dict)
-    """The effects of each function and those it calls: functions of the runtime, members of objects that are read
-    (`zero_offset`), ASSIGNS, the numbers of `text_makers`."""
+    """The effects of each function and of those that it calls: the called functions of the runtime, the members of
+    objects that are read (`zero_offset`), ASSIGNS, and numbers of `text_makers`."""
     init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
     """The function that fills the structs with the live values."""
     access: str = ""
@@ -141,10 +142,10 @@ class Translation:
     """The signature of each function."""
     faults: list[CodeFault] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
-    """The files of the functions. A fault of the runtime is reported with one of them (`umo_at`)."""
+    """The Python files of the functions. A fault of the runtime is reported with one of these files (`umo_at`)."""
     layout: list[StructField] = field(default_factory=list)
     structs: list[Any] = field(default_factory=list)
-    """The structs of live objects (`umo.generate.lower.live_fields.LiveStruct`), by the numbers of machine_struct."""
+    """The structs of live objects (`umo.generate.lower.live_fields.LiveStruct`), by their numbers in machine_struct."""
     host_calls: list[str] = field(default_factory=list)
     """The requests to the host, by number."""
     text_makers: list[TextMaker] = field(default_factory=list)
@@ -156,7 +157,7 @@ class Translation:
     known: KnownValues = field(default_factory=KnownValues)
     """The values that are taken as known and must not be set afterwards."""
     notes: list[str] = field(default_factory=list)
-    """Notes on the C for the user, such as a function that differs in its last bit."""
+    """Notes on the C for the user, such as a function whose results differ in the last bit."""
     problems: list[Untranslatable] = field(default_factory=list)
     refused_conditions: bool = False
     """True if the first obstacle is in a condition."""

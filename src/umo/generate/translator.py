@@ -14,8 +14,8 @@ from umo.generate.translation import ControllerTarget, Translation, Untranslatab
 from umo.objects import Compound
 
 TRIED = (3, 11), (3, 12), (3, 13)
-"""Versions of Python with which this was tested: syntax trees, `sum`, `math.hypot` and the watched attributes depend on
-the version."""
+"""The versions of Python with which translation was tested. Syntax trees, `sum`, `math.hypot` and the watched
+attributes depend on the version."""
 
 
 def translate(
@@ -24,8 +24,8 @@ def translate(
     steps: Sequence[Callable[[], Any]],
     target: ControllerTarget,
 ) -> Translation:
-    """Return the conditions of a machine, which return a bool, and its steps, whose results are ignored, in C.
-    `problems` has the code that cannot be translated."""
+    """Return the conditions and the steps of a machine in C. Conditions return a bool; the results of steps are
+    ignored. `problems` receives the code that cannot be translated."""
     if sys.version_info[:2] not in TRIED:
         tried, found = (", ".join(f"{one}.{two}" for one, two in each) for each in (TRIED, [sys.version_info[:2]]))
         told = f"it was tested on Python {tried}, and this is {found}"

@@ -1,7 +1,7 @@
-"""The kinds of values and objects that translated code may use: those whose behaviour their class does not change.
+"""The kinds of values and objects that translated code may use. Their class must not change their behaviour.
 
-Everything here is a whitelist. An operation that a class may define itself (`__eq__`, `__bool__`, `__setattr__`,
-`__getattribute__`, a descriptor) is known to be Python's own, or the object is refused."""
+Everything here is a whitelist. For each operation that a class may define itself (`__eq__`, `__bool__`, `__setattr__`,
+`__getattribute__`, a descriptor) the object is accepted only if it has Python's definition."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from umo.objects.attributes import DeclaredAttributes
 from umo.states import TwoState
 
 MOST_STATES = 256
-"""Maximum number of members of an Enum, whose number is a byte."""
+"""Maximum number of members of an Enum. The number of a member is stored in a byte."""
 COMPARED = ("__eq__", "__ne__", "__hash__")
 TRUTH = ("__bool__", "__len__")
 OF_TUPLES = (*COMPARED, *TRUTH, "__getitem__", "__iter__", "__contains__", "__getattribute__", "__add__", "__mul__",
@@ -39,7 +39,7 @@ MADE = "__init__", "__eq__", "__hash__", "__setattr__", "__delattr__"
 """Methods that `dataclass` generates."""
 SCALARS = (bool, int, float, str, bytes, type(None))
 CONTAINERS = (tuple, list, dict, str, range, set, frozenset, MappingProxyType, np.ndarray)
-"""Classes whose elements Python itself finds."""
+"""Classes of containers whose elements Python itself finds."""
 WITHOUT_FIELDS = (
     *SCALARS,
     *CONTAINERS,
@@ -51,10 +51,9 @@ WITHOUT_FIELDS = (
     Enum,
     np.generic,
 )
-"""Classes whose objects have no attributes that are assigned."""
+"""Classes whose objects have no attributes that can be assigned."""
 REFUSING = (TwoState, Node)
-"""Classes whose objects are equal to themselves only, and refuse to be compared with numbers, texts and other
-states."""
+"""Classes whose objects are equal only to themselves, and refuse comparison with numbers, strings and other states."""
 OWN_MODULES = ("builtins", "enum", "typing", "collections")
 PLAIN_READING: tuple[Any, ...] = (object.__getattribute__, tuple.__getattribute__)
 NUMPY_NUMBERS = (np.float64, np.int64, np.bool_)
@@ -67,7 +66,7 @@ def static_attribute(kind: type, name: str) -> Any:
 
 
 def own_methods(kind: type, names: Iterable[str]) -> list[str]:
-    """The methods among these that a class defines itself."""
+    """Return those of these methods that a class defines itself."""
     found = []
     for name in names:
         for each in kind.__mro__:
@@ -79,13 +78,13 @@ def own_methods(kind: type, names: Iterable[str]) -> list[str]:
 
 
 def own_equality(kind: type, names: Iterable[str] = COMPARED) -> bool:
-    """True if a class defines which of its objects are equal."""
+    """True if a class itself defines which of its objects are equal."""
     of_umo = [vars(each).get(name) for each in REFUSING for name in names]
     return any(getattr(kind, name) not in of_umo for name in own_methods(kind, names))
 
 
 def refuse_comparison(one: type, other: type) -> bool:
-    """True if objects of these classes refuse comparison by `==`."""
+    """Return True if objects of these classes refuse comparison by `==`."""
     return one is not other and any(
         issubclass(refusing, REFUSING) and issubclass(plain, (Enum, *SCALARS[:-1], np.generic))
         for refusing, plain in ((one, other), (other, one))
@@ -99,7 +98,7 @@ def made_by_code(kind: type) -> bool:
 
 
 def is_plain_enum(kind: type) -> bool:
-    """True if members of this Enum are equal only to themselves, or to their number or text."""
+    """True if members of this Enum are equal only to themselves, or to their number or string."""
     return (
         not issubclass(kind, Flag)
         and len(kind) <= MOST_STATES  # type: ignore[arg-type]
@@ -109,12 +108,12 @@ def is_plain_enum(kind: type) -> bool:
 
 
 def is_bare_enum(kind: type) -> bool:
-    """True if members are equal only to themselves: they are not numbers or texts."""
+    """True if members of this Enum are equal only to themselves, because they are neither numbers nor strings."""
     return all(each in (object, Enum) or issubclass(each, Enum) for each in kind.__mro__)
 
 
 def is_plain_record(kind: type) -> bool:
-    """True if this is a NamedTuple that only names its fields."""
+    """True if this is a NamedTuple that defines nothing but the names of its fields."""
     if kind is tuple:
         return True
     names: tuple[str, ...] = getattr(kind, "_fields", ())
@@ -127,7 +126,7 @@ def is_plain_record(kind: type) -> bool:
 
 
 def is_plain_dataclass(kind: Any) -> bool:
-    """True if this is a frozen dataclass that compares its fields and has only generated methods."""
+    """True if this is a frozen dataclass that is compared by its fields and has only generated methods."""
     parameters = vars(kind).get("__dataclass_params__") if isinstance(kind, type) else None
     if parameters is None or not (parameters.frozen and parameters.eq) or own_methods(kind, OF_RECORDS):
         return False
@@ -137,12 +136,12 @@ def is_plain_dataclass(kind: Any) -> bool:
 
 
 def parts_of(value: Any) -> tuple[Any, ...]:
-    """The values of a tuple, or of the fields of a dataclass."""
+    """Return the values of a tuple, or of the fields of a dataclass."""
     return tuple(getattr(value, each.name) for each in fields(value)) if is_dataclass(value) else tuple(value)
 
 
 def is_container(value: Any) -> bool:
-    """True if Python itself finds the elements."""
+    """True if Python itself finds the elements of this value."""
     return (
         type(value) in (*CONTAINERS, zip, enumerate, reversed)
         or isinstance(value, Vector)
@@ -170,17 +169,18 @@ def is_immutable(value: Any) -> bool:
 
 
 def compares_by_identity(value: Any) -> bool:
-    """True if it is equal only to itself."""
+    """True if the value is equal only to itself."""
     return not own_equality(type(value), ("__eq__", "__ne__")) and type(value) not in CONTAINERS
 
 
 def refused_truth(value: Any) -> bool:
-    """True if code of its class decides if it is true."""
+    """True if code of the value's class decides whether the value is true."""
     return type(value) not in (*SCALARS, *CONTAINERS) and bool(own_methods(type(value), TRUTH))
 
 
 def attribute_kind(owner: Any, name: str) -> str:
-    """Return what an attribute is when read: "property", "function", "value", or why it cannot be translated."""
+    """Return what an attribute is when it is read: "property", "function" or "value". Otherwise return the reason why
+    it cannot be translated."""
     kind = type(owner)
     static = static_attribute(kind, name)
     if kind.__getattribute__ not in PLAIN_READING:
@@ -203,7 +203,7 @@ def attribute_kind(owner: Any, name: str) -> str:
 
 
 def refused_store(owner: Any, name: str) -> str:
-    """Return why an attribute cannot be assigned in translated code; empty if it can."""
+    """Return the reason why an attribute cannot be assigned in translated code; empty if it can."""
     kind = type(owner)
     if isinstance(owner, WITHOUT_FIELDS):
         what = f"the class {owner.__name__}" if isinstance(owner, type) else f"a {kind.__name__}"

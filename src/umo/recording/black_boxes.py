@@ -1,7 +1,7 @@
-"""Black boxes of a recording: why periods were missed, and what a failed run did last.
+"""Finds the black boxes of a recording. They show why periods were missed, and what a failed run did last.
 
-The guardian of a run keeps them as files. Their frames are also in the recording, so a black box here only has the
-numbers of its frames, and what they show.
+The guardian of a run keeps them as files. Their frames are also in the recording, so a black box in a recording has
+only the numbers of its frames and the causes that they show.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class _Window(NamedTuple):
 
 
 class BlackBoxes:
-    """Finds the black boxes of the blocks of one run, which are given in order."""
+    """Finds the black boxes of the blocks of one run. The blocks must be given in order."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -53,7 +53,8 @@ class BlackBoxes:
         self._missed = 0
 
     def added(self, blocks: Sequence[Block], end: str = "") -> list[Block]:
-        """Return the blocks with their black boxes. `end`: why the run has failed, if these are its last blocks."""
+        """Return the blocks with their black boxes. `end`: the reason why the run has failed, if these are its last
+        blocks."""
         found = [self._added(block) for block in blocks]
         if end and found and self._kept is not None:
             last = found[-1]

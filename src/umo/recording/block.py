@@ -1,8 +1,9 @@
-"""Blocks of consecutive frames, with all that belongs to them, as two messages of a recording.
+"""Blocks of consecutive frames, with all data that belong to them, as two messages of a recording.
 
-`umo/exact` has what replay needs, `umo/columns` the rest; together they give exactly the same frames back, without
-checksums. Each begins with the length of a description in JSON, 4 bytes, and this description; then come the columns
-(`umo.recording.column_coding`). Entries of the journal and commands follow the columns of `umo/exact`.
+`umo/exact` has the data that replay needs, `umo/columns` all other data. From both messages exactly the same frames are
+restored, except their checksums. Each message begins with the length of a description in 4 bytes, and this description
+in JSON. The columns follow (`umo.recording.column_coding`). Entries of the journal and commands follow the columns of
+`umo/exact`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.column_coding import decode, encoded
 
 MADE_ANEW = ("sequence", "checksum", "entries_checksum")
-"""Fields that are not kept: the sequence follows from the number of the frame, checksums are 0."""
+"""Fields that are not stored. The sequence follows from the number of the frame; checksums become 0."""
 EXACT = (
     "number", "time", "missed", "utc", "utc_error", "taken", "journal", "entries", "entries_lost", "sampled", "updated",
     "raws",
@@ -33,7 +34,7 @@ EXACT = (
 """The fields of a frame that a replay needs."""
 FIELDS = tuple(ENTRY.names or ())
 MAX_FRAMES = 64 << 20
-"""Largest number of bytes of the frames of a block, and of its entries."""
+"""Largest number of bytes of a block's frames, and also of its entries."""
 MAX_TEXT, MAX_VALUES = 16 << 20, 500_000
 """Largest numbers of bytes and of values of a description."""
 
@@ -45,37 +46,37 @@ class TakenCommand:
     number: int
     """Number of the command, from 1."""
     period: int
-    """Number of the frame of the period in which it was taken, from 0; -1 if that frame is lost."""
+    """Number, from 0, of the frame of the period in which the command was taken; -1 if that frame is lost."""
     data: bytes
-    """The received command (JSON); empty if it was not a command, or was overwritten before it was copied."""
+    """The received command (JSON); empty if the data were not a command, or were overwritten before it was copied."""
 
 
 class BlackBox(NamedTuple):
-    """The last frames before a missed period or a failed end, and the causes that they show."""
+    """The last frames before a missed period or a failed end, and the causes that these frames show."""
 
     first: int
-    """Number of its first frame, from 0."""
+    """Number of the black box's first frame, from 0."""
     periods: int
-    """Number of its frames."""
+    """Number of the frames in the black box."""
     start: float
     time: float
-    """Times of its first and of its last frame, s on the machine's clock."""
+    """Times of the first and of the last frame, in s on the machine's clock."""
     reason: str
     """The reason: `a period was missed`, or why the run failed."""
     missed: int
-    """Number of missed periods so far in the whole run, as far as it is recorded."""
+    """Number of missed periods so far in the whole run, as far as the run is recorded."""
     text: str
-    """Causes of the last missed periods in it, a line each, or empty if none was missed."""
+    """Causes of the last missed periods in the black box, one per line; empty if none was missed."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive frames, with the events, commands and other data of their time."""
+    """Consecutive frames, with the events, commands and other data of the same time."""
 
     frames: Frames
     """Structured array of `Layout.dtype`."""
     entries: Entries
-    """The entries of the journal of these frames, except the first `entries_lost`, which are missing."""
+    """The entries of these frames in the journal. The first `entries_lost` entries are missing."""
     commands: list[TakenCommand] = field(default_factory=list)
     lost: int = 0
     """Number of frames that are missing before the block."""
@@ -86,27 +87,28 @@ class Block:
     events: list[NumberedEvent] = field(default_factory=list)
     """The events up to these frames."""
     live: Mapping[str, Any] = field(default_factory=dict)
-    """Data of the ring other than frames: `mode`, `holder` of the lease, `tunables` if they have changed."""
+    """Data of the ring other than frames: `mode`, `holder` of the lease, and `tunables`, each if it has changed."""
     boxes: Sequence[BlackBox] = ()
     """The black boxes whose last frame is one of these."""
     events_lost: int = 0
     """Number of events up to these frames that were overwritten before they were copied."""
     is_full: bool = True
-    """True if it has the columns that replay does not need; otherwise their numbers are 0 and NaN."""
+    """True if the block has the columns that replay does not need. Otherwise the numbers in these columns are 0 and
+    NaN."""
 
     @property
     def first(self) -> int:
-        """Number of the first frame, from 0."""
+        """Number of the block's first frame, from 0."""
         return int(self.frames["sequence"][0]) // 2 - 1
 
     @property
     def stop(self) -> int:
-        """Number of the frame that follows."""
+        """Number of the frame that follows the block."""
         return self.first + len(self.frames)
 
     def split(self, row: int) -> tuple[Block, Block]:
-        """Split into two blocks: the frames before a row, by its place in this block, and the others, each with their
-        data. Data that belong to no frame are in the second one; missing data count in the first one."""
+        """Split into two blocks: the frames before a row, given by its index in this block, and the other frames, each
+        with their data. Data that belong to no frame are in the second block; missing data count in the first block."""
         before, rest = self.frames[:row], self.frames[row:]
         moment, stop = float(before["time"][-1]), self.first + row
         entries = int(before["journal"][-1] + before["entries"][-1]) - self._first_entry
@@ -132,14 +134,15 @@ class Block:
         return int(end["journal"] + end["entries"]) - len(self.entries)
 
     def journal(self, row: int) -> Entries | None:
-        """The entries of the period of a frame, by its place in this block, or None if some were lost."""
+        """Return the journal's entries of the period of a frame, given by its index in this block. Return None if some
+        entries were lost."""
         frame = self.frames[row]
         start, count = int(frame["journal"]) - self._first_entry, int(frame["entries"])
         return None if start < 0 < count else self.entries[max(start, 0) : max(start, 0) + count]
 
 
 def rest_of(layout: Layout) -> list[str]:
-    """The fields of the message `umo/columns`."""
+    """Return the fields of the message `umo/columns`."""
     return [name for name, *_ in layout.columns if name not in EXACT + MADE_ANEW]
 
 
@@ -162,8 +165,8 @@ def exact_message(block: Block) -> bytes:
 
 
 def columns_message(block: Block, layout: Layout) -> bytes:
-    """Return the message `umo/columns`. Values that follow exactly from raws, by resolution and zero offset, are left
-    out."""
+    """Return the message `umo/columns`. Values that follow exactly from raw integers, by resolution and zero offset,
+    are left out."""
     frames = block.frames
     columns = {name: frames[name] for name in rest_of(layout)}
     left_out = _following(layout, frames)
@@ -192,8 +195,8 @@ def _values(layout: Layout, frames: Frames) -> Any:
 
 
 def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
-    """Return the block from these two messages; without the second one it is not full. Raises FramesError if they are
-    damaged."""
+    """Return the block from these two messages. Without the second message the block is not full. Raises FramesError if
+    a message is damaged."""
     try:
         return _block_of(layout, exact, columns)
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError, struct.error) as error:
@@ -228,12 +231,12 @@ def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memory
 
 
 def events_lost_of(about: Mapping[str, Any]) -> int:
-    """Return how many events are missing, from the description in a message `umo/exact`."""
+    """Return the number of missing events, as given by the description in a message `umo/exact`."""
     return int(about.get("events_lost", 0))
 
 
 def events_of(about: Mapping[str, Any]) -> list[NumberedEvent]:
-    """The events in the description of a message `umo/exact`."""
+    """Return the events in the description of a message `umo/exact`."""
     return [
         NumberedEvent(number, Event(time, path, text, who, command, CommandState(state), asked))
         for number, time, path, text, who, command, state, asked in about["events"]
@@ -241,7 +244,7 @@ def events_of(about: Mapping[str, Any]) -> list[NumberedEvent]:
 
 
 def boxes_of(about: Mapping[str, Any]) -> list[BlackBox]:
-    """The black boxes in the description of a message `umo/exact`."""
+    """Return the black boxes in the description of a message `umo/exact`."""
     return [BlackBox(*each) for each in about.get("boxes", ())]
 
 
@@ -259,7 +262,8 @@ def _headed(about: Mapping[str, Any]) -> bytes:
 
 
 def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
-    """Return the description at the beginning of a message, and the rest. Raises ValueError if there is none."""
+    """Return the description at the beginning of a message, and the remaining bytes. Raises ValueError if there is no
+    description."""
     view = memoryview(data)
     if len(view) < 4:
         raise ValueError("it has no description")
@@ -273,8 +277,8 @@ def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
 
 
 def checked_text(text: bytes) -> bytes:
-    """Return a text in JSON after a check that its values need only limited memory. Raises ValueError if there are too
-    many."""
+    """Return a text in JSON, after a check that its values need only limited memory. Raises ValueError if it has too
+    many values."""
     if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise ValueError(f"its description has more than {MAX_VALUES} values")
     return text

@@ -1,4 +1,4 @@
-"""The order in which the chunks of a file are read and copied: that of their periods."""
+"""Determines the order in which the chunks of a file are read and copied. It is the order of their periods."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from umo.recording.block import headed
 from umo.recording.mcap_reader import McapReader
 
 EXACT, COLUMNS = 1, 2
-"""The numbers of these channels, the same in every file, because a file's data about channels have no checksum until it
-is closed."""
+"""The numbers of these channels. They are the same in every file, because a file's data about channels have no checksum
+until the file is closed."""
 MAX_FIRST = 1 << 62
-"""Limit below which all numbers of frames are."""
+"""The limit below which the numbers of all frames are."""
 REPEATED = "its periods were there before"
 
 
 def in_order(file: McapReader) -> array[int]:
-    """Return the offsets of the chunks in the order of their periods. A file that was not closed may have them in any
-    order, or twice; skipped ones count as damaged."""
+    """Return the offsets of the chunks in the order of their periods. A file that was not closed may have chunks in any
+    order, or twice. Skipped chunks count as damaged."""
     if file.is_whole:
         return file.chunks
     firsts, offsets = array("q"), array("q")

@@ -1,7 +1,9 @@
-"""Columns of frames as bytes that compress well: differences over time, byte by byte. Decoding restores them exactly.
+"""Encodes columns of frames as bytes that compress well: differences over time, byte by byte. Decoding restores the
+columns exactly.
 
-A column of n rows and k numbers: the first row; one bit for each of the k, whether it changes; then, for each that
-does, the differences from row to row, folded to small positive numbers, their lowest bytes first.
+A column of n rows and k numbers: the first row; one bit for each of the k numbers, which is 1 if the number changes;
+then, for each number that changes, the differences from row to row, folded to small positive numbers, their lowest
+bytes first.
 """
 
 from __future__ import annotations
@@ -14,16 +16,16 @@ import numpy.typing as npt
 
 Bytes = npt.NDArray[np.uint8]
 STEADY = frozenset({"number", "time", "began", "counted"})
-"""Columns that grow evenly, for which the differences of the differences are stored."""
+"""Columns that grow evenly. For them the differences of the differences are stored."""
 
 
 def encoded(frames: npt.NDArray[Any] | Mapping[str, Any], names: Iterable[str]) -> bytes:
-    """Return these columns encoded, one after the other."""
+    """Return these columns in encoded form, one after the other."""
     return b"".join(_encoded(_words(frames[name]), 2 if name in STEADY else 1) for name in names)
 
 
 def decode(data: memoryview, frames: npt.NDArray[Any], names: Iterable[str]) -> memoryview:
-    """Fill these columns of a structured array, and return the rest of the data. Raises ValueError if they do not
+    """Fill these columns of a structured array, and return the remaining data. Raises ValueError if the data do not
     fit."""
     for name in names:
         column = frames[name]

@@ -1,5 +1,5 @@
-"""New files from recordings: several parts joined into one, a part reduced to the data that replay needs, and a
-repaired copy of a file that was truncated or never closed."""
+"""Makes new files from recordings: it joins several parts into one, reduces a part to the data that replay needs, and
+makes a repaired copy of a file that was truncated or never closed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from umo.recording.recording import METADATA, SPARSE_TOPICS, as_first
 from umo.recording.recording_scan import BlockHead
 
 BATCH, BATCH_BYTES = 64, 8 << 20
-"""Numbers of chunks, or of their bytes, that are written at once."""
+"""Number of chunks, and number of their bytes, that are written in one batch."""
 
 
 Metadata = list[tuple[str, dict[str, str]]]
@@ -120,7 +120,7 @@ class _Joined:
 
 
 def join(parts: Sequence[Path], path: Path) -> None:
-    """Write all parts to one file, each as far as it is undamaged. Raises OSError or FramesError."""
+    """Write all parts to one file, each part as far as it is undamaged. Raises OSError or FramesError."""
     files = [McapReader(parts[0])]
     for part in parts[1:]:
         with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing
@@ -147,8 +147,8 @@ def _copy(chunks: Iterator[PackedChunk], writer: McapWriter) -> None:
 
 
 def thin(path: Path) -> None:
-    """Reduce a part to the data that replay needs, and to rare data: exact columns, events, alarms, commands. Raises
-    OSError or FramesError."""
+    """Reduce a part to the data that replay needs and to data that are rare: exact columns, events, alarms, commands.
+    Raises OSError or FramesError."""
     file = McapReader(path)
     kept = {EXACT, *(each.number for each in file.channels.values() if each.topic in SPARSE_TOPICS)}
     told = [(name, texts) for name, texts in file.metadata.items() if name in (EXTENT, DAMAGE)]
@@ -168,7 +168,7 @@ def _thinned(file: McapReader, kept: set[int], writer: McapWriter) -> Iterator[P
 
 def repair(path: Path) -> bool:
     """Repair a file that was not closed, or is damaged, so that every reader can read its valid chunks. Return False if
-    it was complete; then it is not changed. The repaired file is the same part of its recording, and records the
+    the file was complete. It is then not changed. The repaired file is the same part of its recording, and records the
     damage."""
     file = McapReader(path)
     try:

@@ -1,4 +1,4 @@
-"""The damaged places of a file: a limited number, so that they take little memory, and whether there are more."""
+"""The damaged places of a file. Only a limited number is listed, to save memory; further ones are only noted."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 MAX_PLACES = 1000
-"""Number of the first places found that are listed."""
+"""Largest number of places that are listed, beginning with the first one found."""
 
 
 class Damaged(NamedTuple):
-    """A place of a file that cannot be read."""
+    """A place in a file that cannot be read."""
 
     at: int
     """Offset of the damaged place in bytes."""
@@ -18,7 +18,7 @@ class Damaged(NamedTuple):
 
 
 class DamagedPlaces:
-    """The damaged places, each once, in the order in which they were found."""
+    """The damaged places of a file, each listed once, in the order in which they were found."""
 
     def __init__(self) -> None:
         self._why: dict[int, str] = {}
@@ -37,7 +37,7 @@ class DamagedPlaces:
         return (Damaged(at, why) for at, why in self._why.items())
 
     def sentences(self, name: str, stop: int) -> Iterator[str]:
-        """Return sentences on the damage in the file of this name before the offset `stop`."""
+        """Return sentences about the damage before the offset `stop` in the file with this name."""
         yield from (f"{name}, at byte {at:,}: {why}" for at, why in self._why.items() if at < stop)
         if self._has_more:
             yield f"{name}: more places are damaged than these {MAX_PLACES:,}"

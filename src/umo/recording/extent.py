@@ -1,4 +1,5 @@
-"""The extent of a file: its periods, written into it when it is closed, so that readers know what is missing."""
+"""The extent of a file: which periods it has. It is written into the file when the file is closed, so that readers can
+find missing data."""
 
 from __future__ import annotations
 
@@ -11,23 +12,23 @@ EXTENT = "umo/periods"
 """Name of the metadata record with the extent."""
 
 FOLLOWED = "followed"
-"""Content of this record if another file follows."""
+"""Content of the record `EXTENT` if another file follows."""
 
 DAMAGE = "umo/damage"
-"""Name of the metadata record with sentences on the damage in the files from which this one was made."""
+"""Name of the metadata record with sentences about the damage in the files from which this file was made."""
 MAX_TOLD = 100
-"""Largest number of sentences in this record."""
+"""Largest number of sentences in the record `DAMAGE`."""
 
 
 def not_closed(name: str, time: float | None) -> str:
-    """Return the text about a file that was not closed. `time`: time in s at which its last block begins, or None if it
-    has none."""
+    """Return the text about a file that was not closed. `time`: time in s at which the last block of the file begins,
+    or None if it has no block."""
     last = "it has no periods" if time is None else f"what followed its block of {time:g} s is not in it"
     return f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}"
 
 
 def damage_texts(told: Sequence[str]) -> dict[str, str]:
-    """Return the texts of a record of damage, in the order of their names."""
+    """Return the sentences in a record of damage, in the order of their names."""
     few = list(told[:MAX_TOLD])
     if rest := len(told) - len(few):
         few.append(f"{rest:,} other places were damaged")
@@ -35,14 +36,14 @@ def damage_texts(told: Sequence[str]) -> dict[str, str]:
 
 
 class Extent(NamedTuple):
-    """The frames of a file."""
+    """The extent of one file: its frames."""
 
     first: int
     """Number of the first frame, from 0."""
     stop: int
     """Number of the frame that follows the last one."""
     periods: int
-    """Number of periods; fewer than from `first` to `stop` if some were lost while it was recorded."""
+    """Number of periods. It is smaller than `stop` - `first` if some were lost while the file was recorded."""
     time: float
     """Time of the last period, in s on the machine's clock."""
 
@@ -52,7 +53,7 @@ class Extent(NamedTuple):
 
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> Extent | None:
-        """Return the extent in these texts, or None if it is malformed."""
+        """Return the extent in the content of a record, or None if it is malformed."""
         try:
             return cls(int(texts["first"]), int(texts["stop"]), int(texts["periods"]), float(texts["time"]))
         except (KeyError, ValueError):
@@ -63,7 +64,7 @@ class Extent(NamedTuple):
         return {name: repr(value) for name, value in self._asdict().items()}
 
     def after(self, before: Extent | None) -> Extent:
-        """Return the extent of both; `before` may be None."""
+        """Return the extent of both files together. `before`, the extent of the earlier file, may be None."""
         if before is None:
             return self
         return Extent(before.first, self.stop, before.periods + self.periods, self.time)

@@ -1,5 +1,5 @@
-"""Folders of flight recorders: the files of each while it runs, and the process that writes them. `save` joins its
-files into one at any time. The last few folders of killed recorders are kept.
+"""Folders of flight recorders. Each has the files of one recorder while it runs, and names the process that writes
+them. At any time `save` joins the files into one. The last few folders of killed recorders are kept.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class FlightFolder:
     pid: int
     """The pid of the recorded control process."""
     recorder: tuple[int, str]
-    """Pid of the recorder, and a mark that distinguishes it from later processes with the same pid."""
+    """The pid of the recorder, and a mark that distinguishes it from later processes with the same pid."""
 
     @property
     def file(self) -> Path:
-        """The first of its files."""
+        """The first of the recorder's files."""
         return self.path / FILE
 
     @property
@@ -47,7 +47,7 @@ class FlightFolder:
 
     @property
     def is_written(self) -> bool:
-        """True if its recorder still lives."""
+        """True if the recorder still lives."""
         pid, process = self.recorder
         return identity(pid) == process
 
@@ -62,7 +62,7 @@ class FlightFolder:
 
 
 def place() -> Path:
-    """Return the folder that contains them. Raises FramesError if it cannot be made."""
+    """Return the folder that contains the folders of flight recorders. Raises FramesError if it cannot be created."""
     try:
         return folders.checked(folders.checked(folders.own(folders.lasting(), 0o755) / "flights"))
     except OSError as error:
@@ -70,8 +70,8 @@ def place() -> Path:
 
 
 def new(station: str, pid: int, recorder: int) -> FlightFolder:
-    """Make a new folder. Folders that killed recorders have left are removed, except the last few. Raises OSError or
-    FramesError."""
+    """Make a new folder for a flight recorder. Remove the folders of killed recorders, except the last few. Raises
+    OSError or FramesError."""
     for left in [each for each in all_folders() if not each.is_written][:-MAX_LEFT]:
         left.remove()
     name = "".join(letter if letter.isalnum() else "_" for letter in station)[:40]
@@ -87,7 +87,7 @@ def new(station: str, pid: int, recorder: int) -> FlightFolder:
 
 
 def all_folders() -> list[FlightFolder]:
-    """Return all folders, the oldest first."""
+    """Return the folders of all flight recorders, the oldest first."""
     found = []
     for file in place().glob(f"*/{ABOUT}"):
         try:

@@ -1,7 +1,7 @@
-"""The chunks and metadata of an MCAP file of a recording, even if it is not closed, because it is being written, was
-truncated, or its recorder was killed. A closed file is read through its summary, which has a checksum; a chunk of the
-summary that is not in the file counts as damage. In a file that is not closed, chunks are searched from its beginning
-on, also after damage. Memory is bounded regardless of the sizes in a file.
+"""Reads the chunks and metadata of an MCAP file of a recording. The file may be incomplete, because it is being
+written, was truncated, or its recorder was killed. A closed file is read through its summary, which has a checksum. A
+chunk that is in the summary but not in the file counts as damage. In a file that is not closed, chunks are searched
+from its beginning on, even after damaged places. Memory is bounded regardless of the sizes in a file.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ MAX_CONTENT = 64 << 20
 MAX_HELD = 32 << 20
 """Largest number of bytes of metadata, schemas and channels together."""
 OVERHEAD = 1 << 10
-"""Number of bytes that each of these counts in addition to its own size."""
+"""Number of bytes that each of these is counted as having in addition to its own size."""
 MAX_CHUNKS = 1_000_000
 MAX_MESSAGES = 100_000
 """Largest number of messages of the wanted channels in a chunk."""
 MAX_WINDOW = 8 << 20
-"""Largest number of bytes that a decompressor may hold in addition to its result."""
+"""Largest number of bytes that a decompressor may keep in memory in addition to its result."""
 PIECE = 1 << 20
-"""Number of bytes that are read at once in a long read."""
+"""Number of bytes of each read by which a long part is read."""
 SECTOR = 4096
-"""Number of bytes of a sector, which cannot be read if one of them cannot."""
+"""Number of bytes of a sector of the disk. If one of its bytes cannot be read, the whole sector cannot."""
 COMPRESSION = b"\x04\0\0\0zstd"
-"""The name of the compression in a chunk, which follows 28 bytes of its body."""
+"""The name of the compression in a chunk. It stands after the first 28 bytes of the chunk's body."""
 HELD = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
 
 
@@ -58,7 +58,7 @@ class McapMessage(NamedTuple):
 
 
 class Unreadable(ValueError):
-    """A sector of the disk cannot be read."""
+    """Raised if a sector of the disk cannot be read."""
 
     def __init__(self, at: int, error: OSError) -> None:
         super().__init__(f"it cannot be read: {error.strerror}")
@@ -309,8 +309,8 @@ class McapReader:
 
     @property
     def is_sound(self) -> bool:
-        """True if a closed file is unchanged since it was written, according to the checksum of its data, for which all
-        of it is read. Files of umo 0.2 have no such checksum, and count as valid."""
+        """True if a closed file has not changed since it was written. The whole file is read to compute the checksum of
+        its data. Files of umo 0.2 have no such checksum, and count as unchanged."""
         with suppress(ValueError):
             end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
             if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
@@ -320,7 +320,7 @@ class McapReader:
         return False
 
     def head(self, at: int) -> ChunkHead:
-        """Return the head of the chunk at an offset. Raises ValueError if it is damaged."""
+        """Return the head of the chunk at an offset. Raises ValueError if the head is damaged."""
         found = next(self._records(at, self.size), None)
         if found is None or found[1] != Opcode.CHUNK:
             raise ValueError("there is no complete chunk")
@@ -339,7 +339,7 @@ class McapReader:
         return self._at(at, mcap_records.HEAD.size + head.begin + head.length)
 
     def chunk(self, at: int) -> bytes:
-        """Return the content of the chunk at an offset. Raises ValueError if it is damaged."""
+        """Return the content of the chunk at an offset. Raises ValueError if the chunk is damaged."""
         head = self.head(at)
         data = self._at(at + mcap_records.HEAD.size + head.begin, head.length)
         content = content_of(head, data)
@@ -356,7 +356,7 @@ class McapReader:
         return True
 
     def messages(self, at: int, channels: Container[int]) -> list[McapMessage]:
-        """The messages of some channels of a chunk. Raises ValueError if it is damaged."""
+        """Return the messages of some channels in a chunk. Raises ValueError if the chunk is damaged."""
         found = (each for each in messages_in(self.chunk(at)) if each.channel in channels)
         messages = list(islice(found, MAX_MESSAGES + 1))
         if len(messages) > MAX_MESSAGES:

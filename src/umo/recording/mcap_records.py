@@ -1,4 +1,5 @@
-"""Records of MCAP, the container of recordings (mcap.dev/spec): each an opcode, a length and a body, little-endian."""
+"""Records of MCAP, the container of recordings (mcap.dev/spec). Each record consists of an opcode, a length and a body,
+little-endian."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 """Head of a record: opcode and length of the body."""
 MESSAGE = struct.Struct("<HIQQ")
-"""Head of a message: channel, sequence, log time and publish time in ns since 1970; the data follow."""
+"""Head of a message: channel, sequence, log time and publish time in ns since 1970. The data follow."""
 FOOTER = struct.Struct("<QQI")
 """Footer: offsets of the summary and of its offsets, CRC-32 of the summary."""
 FOOTER_BYTES, DATA_END_BYTES = HEAD.size + FOOTER.size + len(MAGIC), HEAD.size + 4
 MESSAGE_INDEX = struct.Struct("<HI")
 """Head of a message index: channel, and number of bytes of the rows that follow."""
 MAX_TEXTS = 200_000
-"""Largest number of texts of a mapping that are read."""
+"""Largest number of strings that are read from a mapping."""
 INDEXED = struct.Struct("<QQ")
 """A row of a message index: log time in ns, offset in the content of the chunk."""
 _CHUNK = struct.Struct("<QQQI")
@@ -137,7 +138,7 @@ def chunk_index(each: ChunkIndex) -> bytes:
 
 
 def message_index(channel: int, rows: bytes) -> bytes:
-    """Return a message index. `rows`: log time and offset in the chunk of each message, 16 bytes each."""
+    """Return a message index. `rows`: for each message its log time and its offset in the chunk, in 16 bytes."""
     return record(Opcode.MESSAGE_INDEX, MESSAGE_INDEX.pack(channel, len(rows)) + rows)
 
 
@@ -150,8 +151,8 @@ def statistics(
 
 
 def closing(at: int, checksum: int, groups: Sequence[tuple[Opcode, bytes]]) -> bytes:
-    """Return the bytes after the data of a file: the end of the data at this offset, the summary, footer and magic.
-    `checksum`: CRC-32 of everything before."""
+    """Return the bytes after the data of a file: the record for the end of the data, the summary, the footer and the
+    magic. The data end at this offset. `checksum`: CRC-32 of everything before."""
     end = record(Opcode.DATA_END, struct.pack("<I", checksum))
     start = at + len(end)
     offsets, place = [], start
@@ -168,7 +169,7 @@ def closing(at: int, checksum: int, groups: Sequence[tuple[Opcode, bytes]]) -> b
 
 
 def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
-    """Yield the records from an offset on, as far as they are complete."""
+    """Yield the records from an offset on, up to the first incomplete one."""
     while at + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, at)
         body = at + HEAD.size
@@ -179,7 +180,7 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
 
 
 def read_part(body: memoryview, at: int) -> tuple[memoryview, int]:
-    """Return the part after its length at an offset, and the offset of its end. Raises ValueError if it is not
+    """Return the part whose length stands at an offset, and the offset of its end. Raises ValueError if the part is not
     complete."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
     if end > len(body):
@@ -238,12 +239,12 @@ class ChunkHead(NamedTuple):
 
 
 CHUNK_HEAD_BYTES = _CHUNK.size + 4 + 16 + 8
-"""Largest number of bytes of the head in a body, where the name of the compression has at most 16."""
+"""Largest number of bytes of the head in a body. The name of the compression has at most 16 of them."""
 
 
 def read_chunk(body: memoryview, length: int) -> ChunkHead:
-    """Return the head of a chunk from the beginning of its body, which has this length. Raises ValueError if they do
-    not fit."""
+    """Return the head of a chunk, read from the beginning of its body. `length` is the length of the body. Raises
+    ValueError if the two do not fit."""
     first, last, size, checksum = _CHUNK.unpack_from(body)
     compression, at = read_string(body, _CHUNK.size)
     (content,) = struct.unpack_from("<Q", body, at)
@@ -260,7 +261,7 @@ class ChunkPlace(NamedTuple):
     at: int
     length: int
     size: int
-    """Number of bytes of its content."""
+    """Number of bytes of the chunk's content."""
 
 
 def read_chunk_index(body: memoryview) -> ChunkPlace:
@@ -276,6 +277,6 @@ def read_counts(body: memoryview) -> dict[int, int]:
 
 
 def read_metadata_index(body: memoryview) -> tuple[int, int, str]:
-    """Return offset, length and name of a metadata record."""
+    """Return the offset, length and name of a metadata record."""
     at, length = struct.unpack_from("<QQ", body)
     return at, length, read_string(body, 16)[0]

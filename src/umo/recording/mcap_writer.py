@@ -1,5 +1,6 @@
-"""An MCAP file to which chunks are added, each of which is synced to the disk at once; summary and footer follow when
-the file is closed. If the process is killed before that, the file lacks them, but umo still reads all its chunks."""
+"""Writes an MCAP file by adding chunks. Each chunk is synced to the disk immediately; summary and footer follow when
+the file is closed. If the process is killed before that, the file lacks these two, but umo still reads all its
+chunks."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ LIBRARY = "umo"
 LEVEL = 3
 """Level of compression of zstd."""
 MODE = 0o600
-"""Access mode of the file, which contains the text of the wiring and the commands of clients with their keys."""
+"""Access mode of the file. The file contains the text of the wiring, and the commands of clients with their keys."""
 LARGE = 4 << 20
 """Size in bytes of a chunk above which it is compressed with level 1, to save time."""
 
@@ -33,13 +34,13 @@ class Messages:
 
     channel: int
     data: bytes | bytearray | memoryview
-    """The records, one after the other."""
+    """The records of the messages, one after the other."""
     rows: Sequence[tuple[int, int]] | bytes
-    """Log time in ns and offset in `data` of each record; as bytes, 16 for each."""
+    """Log time in ns and offset in `data` of each record, as 16 bytes for each record."""
     count: int
     first: int
     last: int
-    """The least and the greatest log time."""
+    """The smallest and the largest log time."""
 
 
 class PackedChunk(NamedTuple):
@@ -56,8 +57,8 @@ class PackedChunk(NamedTuple):
 
 
 class McapWriter:
-    """Makes a file, which must not exist yet. Raises OSError if that fails. If a method raises OSError, the earlier
-    chunks remain."""
+    """Creates a file, which must not exist yet. Raises OSError if the file cannot be created. If a method raises
+    OSError, the earlier chunks remain."""
 
     def __init__(
         self,
@@ -98,7 +99,7 @@ class McapWriter:
 
     @property
     def span(self) -> tuple[int, int]:
-        """The least and the greatest log time in ns."""
+        """The smallest and the largest log time in ns."""
         return self._span or (0, 0)
 
     def pack(self, parts: Sequence[Messages]) -> PackedChunk:
@@ -144,8 +145,8 @@ class McapWriter:
         self.end += len(data)
 
     def close(self, metadata: Sequence[tuple[str, dict[str, str]]] = ()) -> None:
-        """Write these metadata, summary and footer. If there is no room for them (OSError), the file keeps its chunks
-        and remains incomplete. A second call does nothing."""
+        """Write the metadata, the summary and the footer. Raises OSError if there is no room for them. The file then
+        keeps its chunks and remains incomplete. A second call does nothing."""
         if self._file < 0:
             return
         try:
@@ -190,7 +191,8 @@ class McapWriter:
 
 
 def repacked(record: bytes, content: bytes) -> PackedChunk:
-    """Return a chunk of another file with the same channels, with this content; its index is made again."""
+    """Return a chunk with this content, taken from another file with the same channels. The index of the chunk is made
+    anew."""
     head = mcap_records.read_chunk(memoryview(record)[mcap_records.HEAD.size :], len(record) - mcap_records.HEAD.size)
     rows: dict[int, bytearray] = {}
     times, at, before = [], 0, mcap_records.MESSAGE.size + mcap_records.HEAD.size

@@ -1,5 +1,5 @@
 """The type of the message `machine`: nested like the tree of the machine, states as enums. Similar parts have one type.
-All messages have the same bytes except their numbers: numpy fills the messages of a second together."""
+All messages have the same bytes except their numbers, so numpy can fill all messages of a second in one operation."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from umo.process.frames.layout import Layout
 
 PACKAGE, ROOT = "umo", "Machine"
 MAX_ENUM = 126
-"""Greatest number of a state that takes one byte; a value with larger ones is a plain number."""
+"""Largest number of a state that fits in one byte. A value whose states have larger numbers is a plain number."""
 UNKNOWN = 127
-"""The state of an object that was never read."""
+"""The name of the state of an object that was never read."""
 FIXED64, VARINT, BYTES = 1, 0, 2
 """Wire types of protobuf."""
 
 
 @dataclass
 class Leaf:
-    """A number of the machine: a column of a frame, and its place there."""
+    """A number of the machine: a column of a frame, and its index in the column."""
 
     column: str
     place: int
     states: Mapping[int, str] = field(default_factory=dict)
-    """Names by number; empty means a plain number."""
+    """Names of the states by number; empty for a plain number."""
     about: str = ""
-    """Unit and range."""
+    """Unit and range, as text."""
     at: int = 0
-    """Offset in a message."""
+    """Offset of the number in a message."""
 
 
 @dataclass
@@ -63,7 +63,8 @@ def _leaf(column: str, place: int, value: Described) -> Leaf:
 
 @dataclass(frozen=True, eq=False)
 class EvenRun:
-    """Numbers of one kind at even distances in a frame, and in a message: numpy copies them at once."""
+    """Numbers of one kind at even distances in a frame, and in a message, so that numpy copies them in one
+    operation."""
 
     column: str
     places: slice

@@ -11,12 +11,12 @@ _PART = re.compile(r"(.+)\.(\d+)")
 
 
 def part_name(path: Path, number: int) -> Path:
-    """Return the name of a part, from 1 on, of the recording with this name."""
+    """Return the name of a part of the recording with this name. Parts are numbered from 1 on."""
     return path if number == 1 else path.with_name(f"{path.name.removesuffix(SUFFIX)}.{number}{SUFFIX}")
 
 
 def later_parts(path: Path, number: int = 1) -> Iterator[Path]:
-    """Return the files that follow this one, which is the part with this number. A first part may also be named
+    """Return the files that follow this file, which is the part with this number. A first part may also be named
     `run.2.mcap`."""
     base = path
     if number > 1:

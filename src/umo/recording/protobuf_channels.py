@@ -41,18 +41,18 @@ SELDOM = {
 }  # fmt: skip
 """The fields of the messages of rare channels."""
 BEGIN = HEAD.size + MESSAGE.size
-"""Offset of a message in its record."""
+"""Offset of the message within its record."""
 HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<u8", "<u8"], "offsets": [11, 15, 23]})
 """The fields that differ in the heads of records."""
 UNITS = "units"
 """Name of the metadata record with unit and range of each number, by path."""
 MAX_UNITS = 2000
-"""Largest number of numbers whose units are also in the channel's metadata, which a file contains twice, at its
-beginning and at its end."""
+"""Largest number of numbers whose units are also in the channel's metadata. It is limited because a file contains these
+metadata twice, at its beginning and at its end."""
 
 
 class ProtobufChannels:
-    """Makes the messages of these channels. There is one object for each run, because it remembers the last
+    """Makes the messages of these channels. Each run needs a separate object, because the object remembers the last
     messages."""
 
     def __init__(self, layout: Layout, rate: float = inf) -> None:
@@ -82,7 +82,7 @@ class ProtobufChannels:
         ]
 
     def messages(self, block: Block, times: npt.NDArray[np.int64]) -> list[Messages]:
-        """Return the messages of a block. `times`: UTC of its frames, ns since 1970."""
+        """Return the messages of a block. `times`: the UTC of the block's frames in ns since 1970."""
         begun, clock = int(times[0]), float(block.frames["time"][0])
         told = [
             (begun + round((event.time - clock) * 1e9), self._event(number, event)) for number, event in block.events

@@ -1,4 +1,4 @@
-"""The history of a recording: read from its file for the shown span, or from an overview for long spans."""
+"""The history of a recording. A short span is read from the file; a long span is drawn from an overview."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from umo.recording.scope.history import KeptSamples, ValueHistory, samples
 from umo.recording.scope.reduction import Points, reduced
 
 MAX_BYTES = 128 << 20
-"""Largest number of bytes of chunks that are kept."""
+"""Largest number of bytes of chunks that are kept in memory."""
 OVERVIEW_BYTES, MAX_PARTS = 64 << 20, 16
-"""Largest number of bytes of the overview, and largest number of its points for a chunk."""
+"""Largest number of bytes of the overview, and largest number of points of the overview for each chunk."""
 SHORT = 60_000
-"""Largest number of periods of a span that is read; a longer span is drawn from the overview."""
+"""Largest number of periods of a span that is read from the file. A longer span is drawn from the overview."""
 
 
 class Chunk(NamedTuple):
@@ -34,7 +34,7 @@ class Chunk(NamedTuple):
 
 
 class RecordedHistory(ValueHistory):
-    """The history of a whole recording, which the constructor reads once. Any thread may read."""
+    """The history of a whole recording. The constructor reads the recording once. Any thread may read."""
 
     def __init__(
         self,
@@ -114,15 +114,15 @@ class RecordedHistory(ValueHistory):
     # Frames --------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> tuple[int, Chunk, int]:
-        """Return the frame at a time: the number of its chunk, the chunk, and its place in it. Before the first frame,
-        the first one."""
+        """Return the frame at a time: the number of its chunk, the chunk, and the index of the frame in it. For an
+        earlier time return the first frame."""
         time += TIME_TOLERANCE
         place = max(bisect_right(self._starts, time) - 1, 0)
         chunk = self.chunk(place)
         return place, chunk, max(int(np.searchsorted(chunk.samples.times, time, "right")) - 1, 0)
 
     def chunk(self, place: int) -> Chunk:
-        """Return a chunk, by its place among those with frames. Any thread may call it."""
+        """Return a chunk, by its index among the chunks that have frames. Any thread may call it."""
         with self._lock:
             if place in self._read:
                 self._read.move_to_end(place)

@@ -1,4 +1,4 @@
-"""The recorder of one run: follows its frames, and writes them once a second."""
+"""The recorder of one run. It follows the frames of the run, and writes them once per second."""
 
 from __future__ import annotations
 
@@ -19,30 +19,31 @@ from umo.recording.recording_file import CHUNK_TIME
 from umo.recording.ring_collector import Collector, joined
 
 WRITE_PAUSE = 1.0
-"""Time in s between two writes in virtual time, and for a run in real time without a complete second."""
+"""Time in s between two writes for a run in virtual time, and for a run in real time that has no complete second of
+frames yet."""
 MAX_PENDING = 16 << 20
-"""Size in bytes of frames from which on they are always written."""
+"""Size in bytes of unwritten frames from which on they are always written."""
 MAX_WAITING = 256 << 20
-"""Largest number of bytes of frames that are held while a disk is slow; then frames are lost."""
+"""Largest number of bytes of frames that are held while the disk is slow. Further frames are lost."""
 LONGEST_PAUSE, SHORTEST_PAUSE = 0.05, 0.002
-"""Longest and shortest time in s between two looks at the queue of commands."""
+"""Longest and shortest time in s between two readings of the queue of commands."""
 LONGEST_COLLECTION = 0.25
-"""Longest time in s between two looks at the frames."""
+"""Longest time in s between two readings of the frames."""
 UNKNOWN_END = "it ended without a report"
 """The reason for a failed run without a last event."""
 SHARE_OF_RING = 0.2
-"""Largest share of a ring that is filled between two looks."""
+"""Largest share of a ring that may be filled between two readings."""
 
 
 class Target(Protocol):
     """Accepts blocks. Raises OSError if it cannot store them."""
 
     def add(self, blocks: Sequence[Block]) -> None:
-        """Write the blocks at once."""
+        """Write the blocks immediately."""
 
 
 class Recorder:
-    """Copies everything that a ring shows to a target."""
+    """Copies all data in a ring to a target."""
 
     def __init__(
         self,
@@ -75,7 +76,7 @@ class Recorder:
 
     @property
     def has_ended(self) -> bool:
-        """True if no frame follows. To be read before a look."""
+        """True if no further frame follows. Read this before calling `look`."""
         return self._reader.is_finished or not self._reader.alive
 
     @property
@@ -84,7 +85,7 @@ class Recorder:
         return self.has_ended and (self.end is None or self.end.event.state is CommandState.FAILED)
 
     def look(self) -> None:
-        """Read new frames, and write them if it is time. Raises OSError if they cannot be written."""
+        """Read new frames, and write them if that is due. Raises OSError if they cannot be written."""
         now = self._clock()
         if self._thread is not None and now < self._next_collection:
             self._collector.copy()
@@ -144,7 +145,7 @@ class Recorder:
             self._pending.append(block)
 
     def finish(self) -> None:
-        """Read and write the rest. Raises OSError if it cannot be written."""
+        """Read and write the remaining data. Raises OSError if they cannot be written."""
         self._collect()
         self._settle()
         if self._pending:

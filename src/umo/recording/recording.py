@@ -29,24 +29,24 @@ from umo.recording.recording_scan import BlockHead, FileScan, RecordingScan
 from umo.text import in_brackets
 
 FORMAT = "2"
-"""Version of the messages of umo in a file. Files of version 1 (umo 0.2) are read; their description has no checksum,
-and they do not record the periods that they contain."""
+"""Version of the messages of umo in a file. Files of version 1 (umo 0.2) can be read. Their description has no
+checksum, and they do not state the periods that they contain."""
 OLD_FORMAT = "1"
 METADATA = "umo"
-"""Name of the metadata that describe a file."""
+"""Name of the metadata record that describes a file."""
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
 EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
 SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
-"""Topics that are kept from period 0 on, even if other data of old files are not."""
+"""Topics whose data are kept from period 0 on, even if other data in old files are not kept."""
 MALFORMED = "its description is malformed"
 """The text for a file whose description of the run is malformed."""
 MAX_GAPS = 10_000
-"""Number of the first gaps that are listed."""
+"""Largest number of gaps that are listed, beginning with the first."""
 
 
 @dataclass(frozen=True)
 class LostFrames:
-    """Frames that are missing."""
+    """A gap: frames that are missing."""
 
     first: int
     """Number of the first missing frame, from 0."""
@@ -83,8 +83,9 @@ class _Places(Sequence[_Place]):
 
 
 class Recording:
-    """A file that `umo run --record` has written, with its later parts if it was rotated. It can be read while it is
-    written; it then contains the data that existed when it was opened. Raises FramesError if it is not a recording.
+    """A file that `umo run --record` has written, with its later parts if it was rotated. A file can be read while it
+    is being written. The recording then has the data that existed when the file was opened. Raises FramesError if the
+    file is not a recording.
 
         with Recording("run.mcap") as recording:
             for block in recording.blocks():
@@ -127,13 +128,13 @@ class Recording:
 
     @property
     def about(self) -> dict[str, Any]:
-        """The facts about the run: station, wiring, pid, its start, and the period in s."""
+        """The facts about the run: station, wiring, pid, start, and the period in s."""
         return self.layout.about
 
     @property
     def job(self) -> dict[str, Any]:
-        """Return the job: station, wiring with its text, options, versions (`umo.process.job_facts`). If it is
-        malformed or could not be made, it has only `error`."""
+        """The job: station, wiring with its text, options, versions (`umo.process.job_facts`). A job that is malformed
+        or could not be recorded has only `error`."""
         job: Any = self.about.get("job", {})
         if _is_table(job) and all(_is_table(job.get(name, {})) for name in ("options", "wiring", "versions")):
             given = job.get("options", {}).get("given", {})
@@ -142,19 +143,20 @@ class Recording:
 
     @property
     def is_whole(self) -> bool:
-        """True if every file was closed; `umo recording repair` repairs one that was truncated, or whose recorder was
-        killed."""
+        """True if every file was closed. `umo recording repair` repairs a file that was truncated, or whose recorder
+        was killed."""
         return all(file.is_whole for file in self._files)
 
     @cached_property
     def complete(self) -> bool:
-        """True if it has all frames, entries, commands and events from its first frame on, up to the end of the run."""
+        """True if the recording has all frames, entries, commands and events from its first frame to the end of the
+        run."""
         return not self.damage and self._scan.is_exact and not self.lost and self.ended
 
     @cached_property
     def damage(self) -> list[str]:
-        """Return the damage, and what is missing because of it, in sentences; empty if there is none. The whole
-        recording is read once."""
+        """Sentences that describe the damage and the data that are missing because of it; empty if there is no damage.
+        The whole recording is read once for this."""
         _ = self._scan
         told = [*self._unread, *(text for file in self._files for text in self._damage_of(file))]
         last = self._files[-1]
@@ -189,7 +191,7 @@ class Recording:
 
     @cached_property
     def replayable_from(self) -> str | None:
-        """Return why it cannot be replayed from period 0 on, or None if it can."""
+        """The reason why the recording cannot be replayed from period 0 on, or None if it can."""
         head = next(self._heads(), None)
         if head is None:
             return "it has no periods"
@@ -205,9 +207,9 @@ class Recording:
     # What is in it -------------------------------------------------------------------------------------
 
     def blocks(self, start: float | None = None, stop: float | None = None, *, full: bool = True) -> Iterator[Block]:
-        """Yield the blocks in order, each of at most one second of the run: those with frames from `start` to before
-        `stop`, in s on the cycle's clock. `full`: with the columns that replay does not need. A damaged chunk is
-        skipped; its frames count as lost in the following block (`damage`, `lost_at_end`)."""
+        """Yield in order the blocks with frames from `start` to before `stop`, in s on the cycle's clock. Each has at
+        most one second of the run. With `full` the blocks have also the columns that replay does not need. A damaged
+        chunk is skipped. Its frames count as lost in the following block (`damage`, `lost_at_end`)."""
         expected: int | None = None
         for place in self._chunks.starting(self._before(start)):
             for exact, columns in self._pairs(place):
@@ -248,13 +250,14 @@ class Recording:
 
     @cached_property
     def black_boxes(self) -> list[BlackBox]:
-        """Return where periods were missed and why, at most one box in 10 s, and how a failed run ended; in order. If
-        there are more than about 10,000 boxes, only the last ones; `black_box_count` counts all."""
+        """The black boxes in order. They show where and why periods were missed, with at most one box in 10 s, and how
+        a failed run ended. If there are more than about 10,000 boxes, only the last ones are listed; `black_box_count`
+        counts all."""
         return list(self._scan.kept_boxes)
 
     @property
     def black_box_count(self) -> int:
-        """Number of its black boxes."""
+        """Number of all black boxes."""
         return self._scan.boxes
 
     @cached_property
@@ -274,7 +277,7 @@ class Recording:
 
     @property
     def block_starts(self) -> tuple[Any, Any]:
-        """Return two arrays: the time of each block in s on the machine's clock, and the number of its frames."""
+        """Two arrays: the time of each block in s on the machine's clock, and the number of its frames."""
         return np.array(self._scan.times), np.array(self._scan.counts)
 
     @property
@@ -284,7 +287,7 @@ class Recording:
 
     @cached_property
     def span(self) -> tuple[float, float]:
-        """The times of the first and of the last period, s on the machine's clock; twice 0 without a period."""
+        """The times of the first and of the last period, in s on the machine's clock; both are 0 without a period."""
         for place in reversed(self._chunks):
             for exact, _ in reversed(list(self._pairs(place))):
                 last = block_of(self.layout, exact, None).frames["time"][-1]
@@ -293,8 +296,8 @@ class Recording:
 
     @cached_property
     def gaps(self) -> list[LostFrames]:
-        """The missing frames: those between the first and the last one, and those that the files record as lost before
-        and after. Only the first 10,000 gaps; `gap_count` counts all."""
+        """The gaps: missing frames between the first and the last frame, and frames before and after these that the
+        files record as lost. Only the first 10,000 gaps are listed; `gap_count` counts all."""
         return list(islice(self._gaps(), MAX_GAPS))
 
     def _gaps(self) -> Iterator[LostFrames]:
@@ -304,7 +307,7 @@ class Recording:
 
     @cached_property
     def gap_count(self) -> int:
-        """Number of gaps."""
+        """Number of all gaps."""
         return sum(1 for _ in self._gaps())
 
     @cached_property
@@ -335,24 +338,25 @@ class Recording:
 
     @cached_property
     def lost_at_end(self) -> int:
-        """Number of frames that the last file had when it was closed and that are missing at its end."""
+        """Number of frames that are missing at the end of the last file, although the file had them when it was
+        closed."""
         extent, stop = _extent_of(self._files[-1]), self._scan.stop
         return 0 if extent is None else max(extent.stop - (extent.first if stop is None else stop), 0)
 
     @cached_property
     def damaged_end(self) -> str:
-        """Return the reason why the end of the recording may be missing, as text; empty if nothing indicates that."""
+        """The reason why the end of the recording may be missing, as text; empty if nothing indicates that."""
         if self.lost_at_end:
             return f"{self.lost_at_end} frames at its end are damaged"
         return self.damage[-1] if not self.ended and self.damage else ""
 
     @property
     def chunks(self) -> int:
-        """Number of its chunks, for `chunk`."""
+        """Number of the recording's chunks. `chunk` returns each of them."""
         return len(self._chunks)
 
     def chunk(self, number: int) -> list[Block]:
-        """Return the blocks of a chunk, by its number from 0; empty if it is damaged."""
+        """Return the blocks of the chunk with this number, from 0; empty if the chunk is damaged."""
         return [block_of(self.layout, exact, columns) for exact, columns in self._pairs(self._chunks[number])]
 
     # Inside --------------------------------------------------------------------------------------------
@@ -475,7 +479,7 @@ def as_first(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def describe(layout: Layout, part: int = 1) -> dict[str, str]:
-    """The metadata of a file."""
+    """Return the metadata that describe a file."""
     about = layout.about
     run = json.dumps([about.get("station"), about.get("pid"), about.get("started_monotonic")])
     texts = {"version": FORMAT, "run": run, "part": str(part), "description": layout.describe().decode()}

@@ -1,4 +1,4 @@
-"""Writing one file of a recording: a chunk contains at most one second of the run's own time, and 1 MB."""
+"""Writes one file of a recording. A chunk contains at most one second on the machine's clock, and at most 1 MB."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from umo.recording.recording import COLUMNS_TOPIC, EXACT_TOPIC, METADATA, descri
 
 Times = npt.NDArray[np.int64]
 CHUNK_TIME, CHUNK_BYTES = 1.0, 1 << 20
-"""Largest span in s of the run's own time, and largest number of bytes, that are lost by one damaged place."""
+"""Largest span in s on the machine's clock, and largest number of bytes, that one damaged place can destroy."""
 ENCODING = "umo"
 """Encoding of the messages (`umo.recording.block`)."""
 
@@ -42,11 +42,12 @@ class OtherChannels(Protocol):
         """Metadata records, each with its name."""
 
     def messages(self, block: Block, times: Times) -> list[Messages]:
-        """The messages of a block; `times`: UTC of its frames, ns since 1970."""
+        """Return the messages of a block. `times`: the UTC of the block's frames in ns since 1970."""
 
 
 def utc_of(layout: Layout, frames: Frames) -> Times:
-    """UTC of frames, ns since 1970; for a run in virtual time, the UTC of its start plus its own time since then."""
+    """Return the UTC of frames in ns since 1970. For a run in virtual time it is the UTC of the start plus the virtual
+    time since then."""
     if layout.about.get("realtime", True):
         return np.asarray(frames["began"] + frames["utc"], np.int64)
     started = int(layout.about.get("started", 0.0) * 1e9)
@@ -54,8 +55,8 @@ def utc_of(layout: Layout, frames: Frames) -> Times:
 
 
 class RecordingFile:
-    """A new file. Raises OSError if it cannot be made or written. Added blocks are visible to umo's readers at once,
-    and to other readers when it is closed."""
+    """A new file. Raises OSError if the file cannot be created or written. Added blocks are visible to umo's readers
+    immediately, and to other readers when the file is closed."""
 
     def __init__(self, path: Path, layout: Layout, others: OtherChannels | None = None, *, part: int = 1) -> None:
         self._layout, self._others = layout, others
@@ -80,7 +81,7 @@ class RecordingFile:
 
     @property
     def span(self) -> float:
-        """The time in s from its first message to its last one."""
+        """The time in s from the first message of the file to its last one."""
         first, last = self._writer.span
         return (last - first) * 1e-9
 
@@ -132,7 +133,7 @@ class RecordingFile:
 
     def close(self, *, followed: bool = False) -> None:
         """Write the summary for other readers, the number of periods, and whether another file follows. Raises OSError
-        if there is no room for that."""
+        if there is no room for these."""
         told = {FOLLOWED: "yes"} if followed else {}
         self._writer.close([] if self._extent is None else [(EXTENT, self._extent.texts | told)])
 

@@ -1,4 +1,4 @@
-"""The files of one recording: a new file begins by size and time; the data for replay are kept in all files."""
+"""The files of one recording. A new file begins after a size or time. All files keep the data for replay."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class _Part:
 
 
 class RecordingParts:
-    """Writes blocks to the files of `path`. Raises OSError if the first cannot be made; later errors come from
-    `add`."""
+    """Writes blocks to the files of `path`. Raises OSError if the first file cannot be created. `add` raises later
+    errors."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class RecordingParts:
 
     @property
     def size(self) -> int:
-        """Bytes of all files."""
+        """Number of bytes of all files."""
         return self._file.size + sum(part.size for part in self._parts)
 
     @property
@@ -98,8 +98,8 @@ class RecordingParts:
             self.failed = f"{part.path} keeps everything: {text_of(error)}"
 
     def close(self) -> None:
-        """Close the files. No more blocks may follow. The work of threads is completed first. Raises OSError if the end
-        of the last file cannot be stored: the file has all its periods, but other readers need `umo recording
+        """Close the files, after completing the work of threads. No more blocks may follow. Raises OSError if the end
+        of the last file cannot be stored. The file then has all its periods, but other readers need `umo recording
         repair`."""
         self._worker.shutdown()
         self._file.close()

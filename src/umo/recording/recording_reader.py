@@ -1,4 +1,4 @@
-"""A recording as a run whose time is chosen."""
+"""A recording that is read like a run, at a time that the caller chooses."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class _Before(NamedTuple):
 
 
 class RecordingReader(ShownRun):
-    """`add` is called with each block of the recording, in order; then frames can be shown. The recording stays
-    open."""
+    """Reads a recording. `add` is first called with each block of the recording, in order; after that frames can be
+    shown. The recording stays open."""
 
     def __init__(self, recording: Recording) -> None:
         super().__init__(recording.layout, recording.path)
@@ -70,7 +70,7 @@ class RecordingReader(ShownRun):
         return told if len(told) == len(self.layout.tunables) else []
 
     def show_last(self, frames: Frames) -> None:
-        """Show the last of some consecutive frames of one chunk, which begin with its first one."""
+        """Show the last of some consecutive frames of one chunk. They must begin with the first frame of the chunk."""
         number = number_of(frames[-1:])
         block = self._blocks[max(bisect_right(self._blocks, number, key=lambda each: each.first) - 1, 0)]
         own = block.own(frames)
@@ -83,7 +83,7 @@ class RecordingReader(ShownRun):
 
 
 def number_of(frames: Frames) -> int:
-    """Return the number of the first of some frames."""
+    """Return the number of the first one of some frames."""
     return int(frames["sequence"][0]) // 2 - 1
 
 

@@ -1,4 +1,4 @@
-"""The heads of all blocks of a recording, read once and stored compactly."""
+"""Reads the heads of all blocks of a recording once, and stores them compactly."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_KEPT = 32 << 20
 """Approximate bytes of events, and of black boxes, that are kept in memory. Beyond them events are read again, and only
 the last black boxes are kept."""
 OVERHEAD = 1 << 10
-"""Number of bytes that each of these counts in addition to its texts."""
+"""Number of bytes that each event or black box is counted as having in addition to its strings."""
 
 
 class BlockHead(NamedTuple):
@@ -32,7 +32,7 @@ class BlockHead(NamedTuple):
     time: float
     about: Mapping[str, Any]
     size: int
-    """Number of bytes of the description."""
+    """Number of bytes of the block's description."""
 
     @classmethod
     def of(cls, about: Mapping[str, Any], size: int) -> BlockHead:
@@ -57,31 +57,31 @@ class FileScan:
     blocks: int = 0
     periods: int = 0
     time: float = 0.0
-    """Time of the first frame of its last block, s."""
+    """Time in s of the first frame of the file's last block."""
 
 
 @dataclass
 class RecordingScan:
-    """All blocks in order."""
+    """The heads of all blocks in order."""
 
     firsts: array[int] = field(default_factory=lambda: array("q"))
     """Number of the first frame of each block."""
     counts: array[int] = field(default_factory=lambda: array("q"))
     """Number of frames of each block."""
     times: array[float] = field(default_factory=lambda: array("d"))
-    """Time of the first frame of each block, s."""
+    """Time in s of the first frame of each block."""
     files: dict[Path, FileScan] = field(default_factory=dict)
     is_exact: bool = True
-    """True if no entry of a journal, no command and no event was lost while it was recorded."""
+    """True if no entry of a journal, no command and no event was lost during the recording."""
     commands: int = 0
     events: int = 0
     """Number of events."""
     events_lost: int = 0
     """Number of events that were overwritten before they were recorded."""
     end: NumberedEvent | None = None
-    """The event of the end of the run, the last one."""
+    """The last event: that of the end of the run."""
     kept_events: list[NumberedEvent] | None = field(default_factory=list)
-    """None if they are too many to be stored."""
+    """The events, or None if there are too many to be kept in memory."""
     boxes: int = 0
     """Number of black boxes."""
     kept_boxes: deque[BlackBox] = field(default_factory=deque)

@@ -1,4 +1,4 @@
-"""Collecting the contents of a ring into blocks: frames, the entries of their journal, commands of clients, events."""
+"""Collects the contents of a ring into blocks: frames, the entries of their journal, commands of clients, events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from umo.process.frames.run_reader import Frames, NumberedEvent
 from umo.recording.block import Block, TakenCommand
 
 MAX_ENTRIES = 1 << 16
-"""Largest number of entries of a frame's journal that are read, so that a damaged frame does not request more."""
+"""Largest number of entries of a frame's journal that are read. The limit protects against a damaged frame that
+announces more."""
 
 
 class Collector:
@@ -46,7 +47,7 @@ class Collector:
         self._tunables = 0
 
     def look(self) -> list[Block]:
-        """Return the new frames as blocks of a few frames each."""
+        """Return the new frames as blocks, each of a few frames."""
         self.copy()
         frames = self._reader.read()
         if not len(frames):
@@ -57,7 +58,7 @@ class Collector:
         return [self._block(part) for part in parts]
 
     def rest(self) -> list[NumberedEvent]:
-        """The events after the last block."""
+        """Return the events after the last block."""
         self._copy_events()
         events, self._events = self._events, []
         return events
@@ -78,8 +79,8 @@ class Collector:
         self._event = stop
 
     def lost_events(self, is_begun_late: bool = False) -> int:
-        """Return how many events are missing since the last block, without those before a recording that started
-        late."""
+        """Return the number of events that are missing since the last block. Events before the start of a recording
+        that began late do not count."""
         lost, self.events_lost = self.events_lost, 0
         return 0 if is_begun_late else lost
 
@@ -151,7 +152,7 @@ class Collector:
 
 
 def joined(blocks: list[Block]) -> list[Block]:
-    """Join consecutive blocks without a loss, so that there are as few as possible."""
+    """Join consecutive blocks that have no loss between them, so that there are as few blocks as possible."""
     groups: list[list[Block]] = []
     for block in blocks:
         follows = bool(groups) and block.first == groups[-1][-1].stop

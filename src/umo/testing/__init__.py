@@ -1,4 +1,4 @@
-"""What the tests of users need: a scripted circuit, virtual time, the loop in one call, and the conformance kit for
+"""Helpers for the tests of users: a scripted circuit, virtual time, the loop in one call, and the conformance kit for
 drivers. The kit for faces is in `umo.clients.faces.conformance`.
 
     def test_the_valve_closes_when_the_pressure_is_high():
@@ -16,8 +16,8 @@ drivers. The kit for faces is in `umo.clients.faces.conformance`.
             periods(m, 2)
             assert m.valve.read() is OpenClosed.CLOSED
 
-In a wiring given as a dict, a driver object may replace its table, or be the `type` in a table with a `timeout` or
-`watchdog`. Tests do not sleep: the timer is a wired device.
+In a wiring given as a dict, a driver object may stand in place of its table, or be the `type` in a table that has a
+`timeout` or `watchdog`. Tests do not sleep, because the timer is a wired device.
 """
 
 from umo.testing.own_station import station

@@ -1,4 +1,4 @@
-"""A host that sends to a controller any frame that a rule needs, valid or not."""
+"""A host that sends a controller any frame that a rule needs, valid or invalid."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from umo.generate.split.part_plan import PartPlan
 from umo.testing.conformance.rules import RuleBroken
 
 TRIES = 5
-"""Number of times that a frame is sent before a rule gives up, because a line may lose some."""
+"""Number of times that a frame is sent before a rule gives up. A line may lose some frames."""
 
 
 class LinkPeer:
-    """Sends frames to a controller over an open stream. Every output of the part is inhibited: nothing is driven."""
+    """Sends frames to a controller over an open stream. Every output of the part is inhibited, so that nothing is
+    driven."""
 
     def __init__(self, stream: Stream, plan: PartPlan, patience: float) -> None:
         """`patience`: time in s for which an answer is waited for."""
@@ -55,7 +56,7 @@ class LinkPeer:
         return request(kind, self.session if session is None else session, number, inhibited, items)
 
     def fields(self) -> list[bytes]:
-        """Return the items of a start frame: the host's values of the fields of the part."""
+        """Return the items of a START frame: the host's values of the part's fields."""
         return [item(FrameItem.FIELD, number, each.live()) for number, each in enumerate(self._plan.fields)]
 
     def send(self, data: bytes) -> None:
@@ -65,7 +66,7 @@ class LinkPeer:
     # What is answered ------------------------------------------------------------------------------------
 
     def greeted(self, nonce: int | None = None) -> Welcome:
-        """Send a greeting and return its answer. Raises RuleBroken if there is none."""
+        """Send a greeting and return its answer. Raises RuleBroken if there is no answer."""
         nonce = self.new_nonce() if nonce is None else nonce
         for _ in range(TRIES):
             self.send(framed(hello(nonce)))
@@ -75,7 +76,7 @@ class LinkPeer:
         raise RuleBroken("a greeting is not answered", "greeting")
 
     def asked(self, kind: FrameKind, items: Sequence[bytes] = (), *, session: int | None = None) -> ControllerState:
-        """Send a frame that must be carried out, and return its answer. Raises RuleBroken if there is none."""
+        """Send a frame that must be carried out, and return its answer. Raises RuleBroken if there is no answer."""
         for _ in range(TRIES):
             self.send(framed(self.body(kind, session=session, items=items)))
             for state in self._told():
@@ -90,7 +91,7 @@ class LinkPeer:
             raise RuleBroken(f"{what} is carried out: it is answered, with number {state.heard}")
 
     def started(self) -> ControllerState:
-        """Start a session and return it. Raises RuleBroken if the part does not run."""
+        """Start a session and return the controller's answer. Raises RuleBroken if the part does not run."""
         self.session = self.greeted().session
         state = self.asked(FrameKind.START, self.fields())
         if state.session != self.session:

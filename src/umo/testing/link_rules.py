@@ -1,7 +1,7 @@
-"""The rules of the link (docs/split-protocol.md), tried on a controller: what `umo device conform` does in place of the
-rules of a driver, because only its own laws write the outputs of a part.
+"""The rules of the link (docs/split-protocol.md), which `umo device conform` tests on a controller in place of the
+rules of a driver. Only the laws of a part write its outputs, so the rules of a driver do not apply.
 
-Nothing is driven: the host inhibits every output, so that each stays at its default while the laws run.
+Nothing is driven. The host inhibits every output, so that it stays at its default while the laws run.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class LinkTrial:
 
     @contextmanager
     def peer(self) -> Iterator[LinkPeer]:
-        """Return a context with a host that only the rule uses. At its end the controller stops."""
+        """Return a context with a host that only this rule uses. At the end of the context the controller stops."""
         stream = self.driver.place.dial()(monotonic() + max(self.driver.timeout, 1.0))
         try:
             peer = LinkPeer(stream, self.plan, self.patience)
@@ -47,8 +47,8 @@ class LinkTrial:
 
 
 def greeting(trial: LinkTrial) -> None:
-    """A greeting is answered with its nonce, the version, the hash of the part and its numbers; each nonce is offered
-    one session, however often it comes."""
+    """The answer to a greeting has the nonce of the greeting, the version, the hash of the part and its numbers. Each
+    nonce is offered one session, however often it arrives."""
     with trial.peer() as peer:
         nonce = peer.new_nonce()
         first, again, other = peer.greeted(nonce), peer.greeted(nonce), peer.greeted()
@@ -62,7 +62,7 @@ def greeting(trial: LinkTrial) -> None:
 
 
 def another_part(trial: LinkTrial) -> None:
-    """A host that has another version of the part does not start it."""
+    """A host that has another version of the part cannot start it."""
     others = replace(trial.plan, host_timeout=trial.plan.host_timeout + 2 * trial.plan.model.period)
     host = LinkHost(trial.driver.place.dial(), others, "at the other end")
     try:
@@ -75,7 +75,7 @@ def another_part(trial: LinkTrial) -> None:
 
 
 def not_started(trial: LinkTrial) -> None:
-    """Nothing runs before START, and START takes no session but the one that was offered."""
+    """Nothing runs before START, and START is accepted only for the session that was offered."""
     with trial.peer() as peer:
         peer.session = peer.greeted().session
         peer.refused(framed(peer.body(EXCHANGE)), "EXCHANGE before START")
@@ -85,7 +85,7 @@ def not_started(trial: LinkTrial) -> None:
 
 
 def values(trial: LinkTrial) -> str:
-    """Each answer contains the number of its request and the inputs of a later period; inhibited outputs stay at their
+    """Each answer contains the number of its request and the inputs of a later period. Inhibited outputs stay at their
     defaults."""
     model, missing = trial.plan.model, set[str]()
     with trial.peer() as peer:
@@ -101,7 +101,7 @@ def values(trial: LinkTrial) -> str:
 
 
 def repeated(trial: LinkTrial) -> None:
-    """A frame that comes twice, or after a later one, is ignored."""
+    """A frame that arrives a second time, or after a later frame, is ignored."""
     with trial.peer() as peer:
         peer.started()
         peer.asked(EXCHANGE)
@@ -113,7 +113,7 @@ def repeated(trial: LinkTrial) -> None:
 
 
 def damaged(trial: LinkTrial) -> None:
-    """A frame with a changed bit, or cut short, is ignored, and the next one is carried out."""
+    """A frame that has a changed bit, or is cut short, is ignored. The next frame is carried out."""
     random = Random(1)
     with trial.peer() as peer:
         peer.started()
@@ -142,8 +142,8 @@ def items(trial: LinkTrial) -> None:
 
 
 def second_host(trial: LinkTrial) -> None:
-    """A second host's greeting changes nothing for the first; once it starts the part, the controller ignores the first
-    host."""
+    """The greeting of a second host changes nothing for the first host. Once the second host starts the part, the
+    controller ignores the first host."""
     with trial.peer() as peer:
         peer.started()
         first, second = peer.session, peer.greeted().session
@@ -155,7 +155,7 @@ def second_host(trial: LinkTrial) -> None:
 
 
 def silence(trial: LinkTrial) -> str:
-    """After the last frame the part runs for host_timeout at most, in periods that the controller counts; then the
+    """After the last frame the part runs for host_timeout at most, in periods that the controller counts. Then the
     session ends."""
     with trial.peer() as peer:
         peer.started()
@@ -172,7 +172,7 @@ def silence(trial: LinkTrial) -> str:
 
 
 def stop(trial: LinkTrial) -> None:
-    """STOP brings the outputs to their defaults, and the part rests until another START."""
+    """STOP brings the outputs to their defaults. The part does not run until another START."""
     with trial.peer() as peer:
         peer.started()
         state = peer.asked(STOP)
@@ -198,7 +198,7 @@ RULES: dict[str, Callable[[LinkTrial], str | None]] = {
 
 
 def findings(trial: LinkTrial, names: Iterable[str] = RULES) -> Iterator[Finding]:
-    """Return the verdict on each of these rules. If the controller turns out to be another one, no further rule is
+    """Return the verdict on each of these rules. If the controller is not the one of the wiring, no further rule is
     tried."""
     mute = ""
     for name in names:

@@ -19,7 +19,7 @@ class _Settable(Protocol):
 
 
 def put(sensor: Sensor, value: float | TwoState) -> None:
-    """Set the value (in units) or state that a sensor on a simulated or scripted channel measures from now on.
+    """Set what a sensor on a simulated or scripted channel measures from now on: a value in its unit, or a state.
 
     The wired scaling applies. A value outside the range is allowed (`OUT_OF_RANGE`). A synchronous sensor takes it
     with the next `sample`, an asynchronous one with the next `read`.

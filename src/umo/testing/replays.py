@@ -19,16 +19,18 @@ def assert_replays(
     *,
     damaged: bool = False,
 ) -> None:
-    """Replay a recording with the present control code; raise AssertionError with the first difference.
+    """Replay a recording with the present control code. Raise AssertionError, with the first difference, if the replay
+    differs.
 
         def test_the_run_of_monday_is_repeated() -> None:
             assert_replays("recordings/monday.mcap", "press")
 
     `station`: the code, as the folder or name of a station, or `FILE.py:MACHINE:APPLICATION`; None means the station
-    that ships with umo or is installed under the recorded name. Nothing else is imported because the recording names
-    it. `wiring`: a wiring of the station by name, or a file; None means the recorded one, as data. NotReplayable
-    (`umo.recording.replay`) if the recording cannot be replayed. `damaged`: also replay an incomplete recording, up to
-    its first gap; by default a gap is an AssertionError, because the missing periods were not compared.
+    that ships with umo or is installed under the recorded name. No other code is imported because the recording names
+    it. `wiring`: a wiring of the station by name, or a file; None means the recorded wiring, as data. Raises
+    NotReplayable (`umo.recording.replay`) if the recording cannot be replayed. `damaged`: also replay an incomplete
+    recording, up to its first gap. By default a gap leads to an AssertionError, because the missing periods were not
+    compared.
 
     A recording with another hash seed (PYTHONHASHSEED) than this process is replayed in a separate process.
     """
@@ -44,8 +46,8 @@ def assert_no_error(
     *,
     damaged: bool = False,
 ) -> None:
-    """Replay a recording from which `umo recording shrink` has removed periods: raise AssertionError as long as the
-    present control code ends with an error on these inputs. Otherwise like `assert_replays`."""
+    """Replay a recording from which `umo recording shrink` has removed periods. Raise AssertionError as long as the
+    present control code ends with an error on these inputs. The arguments are those of `assert_replays`."""
     result = _replayed(file, station, wiring, "assert_no_error", damaged)
     if result is not None and result.error is not None:
         raise AssertionError(str(result.error))

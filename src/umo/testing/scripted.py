@@ -1,4 +1,4 @@
-"""A scripted circuit: given readings, given failures, and a record of every call."""
+"""A scripted circuit: it returns given readings, raises given failures, and records every call."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from umo.drivers.optional import HasWatchdog
 from umo.errors import ChannelError, ChannelsFailed
 
 Reading = Any
-"""Reading of a channel: an integer, a sequence of readings (the last one stays), a callable, an exception."""
+"""The reading of a channel: an integer, a sequence of readings (the last one stays), a callable, or an exception."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Call:
     """initialize, read, read_many, write, write_many, reset, finalize, open, close or watchdog."""
     channels: tuple[str, ...] = ()
     raws: tuple[Any, ...] = ()
-    """Written levels; the default of initialize and reset (None for a sensor); the time of the watchdog in s."""
+    """The written levels, the default of initialize and reset (None for a sensor), or the time of the watchdog in s."""
 
 
 class Scripted(Driver, HasWatchdog):
@@ -54,8 +54,9 @@ class Scripted(Driver, HasWatchdog):
     # What a test says and asks -----------------------------------------------------------------------
 
     def at(self, number: int, action: Any) -> None:
-        """Set what call `number` does (from 0; the next is `len(box.calls)`): raise an exception, call a callable with
-        the Call, or read any other value. A callable's result is the value read, unless it is None."""
+        """Set what the call with this number does. Calls are numbered from 0; the next one is `len(box.calls)`. An
+        exception is raised, a callable is called with the Call, and any other value is read. The result of a callable
+        is the value that is read, unless it is None."""
         self._actions[number] = action
 
     def set(self, channel: str, reading: Reading) -> None:

@@ -9,13 +9,13 @@ from umo.drivers.contract import Channel, Direction, Driver
 
 
 class VirtualTimer(Driver):
-    """One channel, the tick, in virtual time: `read` returns at once.
+    """A timer with one channel, the tick, in virtual time. `read` returns immediately.
 
         VirtualTimer()                        every period on time
         VirtualTimer(missed=[0, 0, 3])        the third read finds 3 ticks passed, then on time again
         VirtualTimer(end_after=1000)          in period 1000 the machine is asked to stop, like by SIGTERM
 
-    `on_period(number)` is called at the start of each period, from 1. It can also be used in a TOML file, as
+    `on_period(number)` is called at the start of each period, from 1. The timer can also be used in a TOML file, as
     `type = "umo.testing:VirtualTimer"` with the options `missed` and `end_after`.
     """
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 class AlarmCommands(CommandLine):
-    """A group in which the verbs of alarms are commands. These are made only when they are needed, because the table of
-    verbs takes a second to import."""
+    """A group whose commands are the verbs of alarms. The commands are created only when they are needed, because
+    importing the table of verbs takes a second."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         self.commands.update(commands_of_verbs())

@@ -14,7 +14,7 @@ from umo_command.console import out, plain_table
 from umo_command.show.stations import attach
 
 MAX_SHOWN = 200
-"""Number of changes of the history that are shown, the latest ones."""
+"""Number of changes of the history that are shown. They are the latest ones."""
 
 
 def list_alarms(name: str | None, as_json: bool, raised: bool, every: bool) -> None:
@@ -56,7 +56,7 @@ def _raised(row: AlarmRow) -> str:
 
 
 def show_history(name: str | None) -> None:
-    """Print the stored changes of a station's alarms, also of one that does not run. With a pid, only the changes of
+    """Print the stored changes of a station's alarms. The station need not run. With a pid, print only the changes of
     that run."""
     if name is None or name.isdigit():
         with attach(name) as reader:

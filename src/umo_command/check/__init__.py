@@ -1,1 +1,1 @@
-"""`umo check`: the mistakes of a station, found without hardware."""
+"""`umo check`: finds the errors of a station without hardware."""

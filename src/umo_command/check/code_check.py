@@ -1,6 +1,6 @@
-"""Finds mistakes in the code of a station that appear late in a run, or never: a sequence that nobody awaits, a
-function that nobody calls, a condition that is worked out once, a comparison that is never true, an attribute that
-nothing has. The code is not executed, and only certain mistakes are reported."""
+"""Finds errors in the code of a station that would appear late in a run, or never: a sequence that is never awaited, a
+function that is never called, a condition that is evaluated only once, a comparison that is never true, an attribute
+that does not exist. The code is not executed. Only errors that are certain are reported."""
 
 from __future__ import annotations
 
@@ -49,22 +49,22 @@ UNUSED_RESULTS: Mapping[Any, str] = {timeout: "async with {}:", Lock: "async wit
 BLOCKING = (time.sleep, builtins.input)
 """Functions that wait without letting periods pass."""
 SEQUENCES = (together, first, link.Cycle.start)
-"""Functions that take sequences only."""
+"""Functions that take only sequences."""
 SHOWING = (print, str, repr, float, int, round, abs, sum)
 """Functions of Python that use values, such as `print`."""
 ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-"""Signs of comparisons that functions do not support."""
+"""The signs of those comparisons that functions do not support."""
 VALUES = (ast.Compare, ast.UnaryOp, ast.Constant, ast.JoinedStr)
 """Kinds of expressions that are never functions."""
 
 
 def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
-    """Return the mistakes in all imported modules of the station, in the order of files and lines."""
+    """Return the errors in all imported modules of the station, in the order of files and lines."""
     return mistakes_of(_modules(station), machine, station.main)
 
 
 def mistakes_of(modules: list[ModuleType], machine: Compound, main: Any) -> list[Mistake]:
-    """Return the mistakes in some modules. `main`: the application, which gets the machine."""
+    """Return the errors in some modules. `main`: the application, which receives the machine."""
     sources = {module: _source(str(module.__file__)) for module in modules}
     trees = {module: ast.parse(source) for module, source in sources.items()}
     names = _Attributes(trees.values())

@@ -1,6 +1,6 @@
-"""Finds mistakes in the code of a station outside the use of sequences: calculations with objects in place of their
-values, wrong values, code that waits outside the cycle, blocks that swallow a stop or a fault, data shared by all
-objects of a class. Only certain mistakes are reported."""
+"""Finds errors in the code of a station that do not concern the use of sequences: calculations with objects in place of
+their values, wrong values, code that waits outside the cycle, blocks that swallow a stop or a fault, data that all
+objects of a class share. Only errors that are certain are reported."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def _acts(code: ModuleCode, inside: list[ast.AST], scope: NameScope) -> bool:
 
 
 def in_class(code: ModuleCode, node: ast.ClassDef, read: set[str]) -> Remarks:
-    """`read`: the attributes that are read anywhere in the station."""
+    """Yield the errors in a class. `read`: the attributes that are read anywhere in the station."""
     kind = code.class_at(node)
     if kind is None or not issubclass(kind, Compound):
         return

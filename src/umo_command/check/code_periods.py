@@ -1,5 +1,5 @@
-"""Finds mistakes about periods in the code of a station: loops and writes in which no period passes, values and
-conditions that are evaluated at the wrong time, numbers that differ from run to run. Only certain mistakes are
+"""Finds errors in the code of a station that concern periods: loops and writes in which no period passes, values and
+conditions that are evaluated at the wrong time, numbers that differ from run to run. Only errors that are certain are
 reported."""
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ def _fixed_step(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def blocks_in(scope: ast.AST) -> Iterator[list[ast.stmt]]:
-    """Return the lists of statements of a function or module, without those of inner functions."""
+    """Return the lists of statements of a function or module, without the lists of inner functions."""
     for node in (scope, *within(scope)):
         if node is scope or not isinstance(node, FunctionNode | ast.Lambda | ast.ClassDef):
             for name in BLOCKS:

@@ -1,6 +1,5 @@
-"""Finds states, objects and attributes in a station's code that are certainly mistaken: a comparison that is never
-true, an attribute that does not exist. Their types are known from the objects of the machine that the station
-declares."""
+"""Finds states, objects and attributes in a station's code that are certainly wrong: a comparison that is never true,
+an attribute that does not exist. Their types are known from the objects of the machine that the station declares."""
 
 from __future__ import annotations
 
@@ -36,7 +35,7 @@ class CodeObjects:
         self._code, self._known = code, known
 
     def mistaken(self, node: ast.Compare | ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
-        """The mistakes in a comparison or a `match`, each with its expression."""
+        """Return the errors in a comparison or a `match`, each with its expression."""
         if isinstance(node, ast.Match):
             yield from self._mistaken_match(node, scope)
             return
@@ -85,7 +84,7 @@ class CodeObjects:
             yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
 
     def wrongly_written(self, node: ast.Call, scope: NameScope) -> str | None:
-        """Return the mistake in a written value: an object in place of its value, or a value of another type."""
+        """Return the error in a written value: an object in place of its value, or a value of another type."""
         if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
             return None
         items, given = self.objects(node.func.value, scope), node.args[0]
@@ -104,7 +103,7 @@ class CodeObjects:
         return f"`{{}}`: it takes {values or 'a number in its unit'}, not {shown(written)}"
 
     def no_truth(self, node: ast.expr, scope: NameScope) -> str | None:
-        """Return the mistake in using the truth of a state or an object. An optional object is accepted."""
+        """Return the error in code that uses the truth of a state or an object. An optional object is accepted."""
         if (states := self.states_of(node, scope)) is not None:
             ways = comparisons(states, "", "{} ")
             return f"`{{}}` is a state, which is neither true nor false: write {ways}"
@@ -133,7 +132,7 @@ class CodeObjects:
         return MISSING
 
     def states_of(self, node: ast.expr, scope: NameScope) -> type[TwoState] | None:
-        """Return the type of the state that an expression has."""
+        """Return the two-state type of the states that an expression may have."""
         source = self._source_of(node, scope)
         items = [] if source is None else self.objects(*source)
         kinds = set(map(_states, items))
@@ -163,7 +162,7 @@ class CodeObjects:
     # Objects -------------------------------------------------------------------------------------------
 
     def objects(self, node: ast.expr, scope: NameScope) -> list[Any]:
-        """Return the objects of the machine that an expression may mean; none if that is not certain."""
+        """Return the objects of the machine that an expression may mean, or none if they are not certain."""
         if isinstance(node, ast.Name):
             return self._named(node, scope)
         if isinstance(node, ast.Attribute):
@@ -190,7 +189,7 @@ class CodeObjects:
     # Attributes ----------------------------------------------------------------------------------------
 
     def misspelt(self, node: ast.Attribute, scope: NameScope) -> str | None:
-        """Return the mistake in an attribute that none of the possible objects has."""
+        """Return the error in the use of an attribute that none of the possible objects has."""
         if node.attr.startswith("_"):
             return None
         states = self._code.value(node.value, scope)

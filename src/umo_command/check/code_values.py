@@ -22,13 +22,13 @@ from umo.signature import evaluated, hints_of
 FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 ScopeNode = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 MISSING = object()
-"""Stands for an attribute that does not exist or is not certain."""
+"""The value that stands for an attribute that does not exist or is not certain."""
 ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
-"""Statements by which a loop may wait or end, besides a comprehension with `async for`."""
+"""Statements by which a loop may wait or end. A comprehension with `async for` may also do so."""
 
 
 class ExactObject(NamedTuple):
-    """An object that is known exactly: a module, a class, a function, something in a module."""
+    """An object that is known exactly: a module, a class, a function, or another value in a module."""
 
     value: Any
 
@@ -41,7 +41,7 @@ class Instance(NamedTuple):
 
 
 class Holding(NamedTuple):
-    """A container of things of one kind. `keyed`: True for a mapping, with the things as its values."""
+    """A container whose elements have the same kind. `keyed`: True for a mapping, whose values are the elements."""
 
     each: Thing | None
     keyed: bool = False
@@ -212,12 +212,13 @@ def _of_module(module: ModuleType, name: str) -> ExactObject | None:
 
 
 def waits_or_ends(node: ast.AST) -> bool:
-    """True if a loop with this node in it may wait, or end."""
+    """True if a loop that contains this node may wait or end."""
     return isinstance(node, ENDS) or (isinstance(node, ast.comprehension) and bool(node.is_async))
 
 
 def within(scope: ast.AST) -> Iterator[ast.AST]:
-    """Return all nodes that belong to a function or module itself, including nested functions but not their bodies."""
+    """Return all nodes that belong to a function or module itself. These include nested functions, but not their
+    bodies."""
     body = scope.body if isinstance(scope.body, list) else [scope.body]  # type: ignore[attr-defined]
     waiting: list[ast.AST] = body[::-1]
     while waiting:
@@ -228,7 +229,7 @@ def within(scope: ast.AST) -> Iterator[ast.AST]:
 
 
 def inside_of(statements: list[ast.stmt]) -> Iterator[ast.AST]:
-    """Return all nodes of statements, without those of functions inside them."""
+    """Return all nodes of statements, without the nodes of functions inside them."""
     yield from within(ast.Module(statements, []))
 
 
@@ -245,7 +246,7 @@ class ModuleCode:
 
     def of_module(self, name: str) -> Thing | None:
         """Return the meaning of a name of the module, or of Python. A name that is imported only for type checkers is
-        sought in the other modules."""
+        searched for in the other modules."""
         if name in self._changing:
             return None
         for names in (vars(self._module), vars(builtins)):
@@ -267,13 +268,13 @@ class ModuleCode:
         return None
 
     def class_at(self, node: ast.ClassDef) -> type | None:
-        """Return the class that a statement of this module makes."""
+        """Return the class that a statement of this module defines."""
         found = vars(self._module).get(node.name)
         own = isinstance(found, type) and found.__module__ == self._module.__name__ and found.__name__ == node.name
         return found if own else None
 
     def first_argument(self, node: Any) -> Thing | None:
-        """Return the first argument of a function: for the application, the machine."""
+        """Return the meaning of a function's first argument. For the application it is the machine."""
         is_main = getattr(getattr(self._main, "__code__", None), "co_firstlineno", 0) == node.lineno
         here = getattr(self._main, "__module__", "") == self._module.__name__
         return Instance(type(self._known.machine)) if is_main and here else None
@@ -358,7 +359,7 @@ _EXPRESSIONS: Mapping[type[ast.AST], Callable[..., Thing | None]] = {
 
 class Objects:
     """The objects of the station's machine, and the classes of its modules by name. `changing`: the attributes that
-    code outside `setup` assigns: their values may differ when the machine runs."""
+    code outside `setup` assigns, so that their values may differ when the machine runs."""
 
     def __init__(self, machine: Compound, modules: list[ModuleType], changing: Collection[str]) -> None:
         self.machine, self._changing = machine, changing
@@ -377,12 +378,12 @@ class Objects:
         return [each for each in self._all if isinstance(each, kind)]
 
     def own(self, item: Any, name: str) -> Any:
-        """Return an attribute that an object itself always has; MISSING if that is not certain."""
+        """Return the value of an attribute that an object itself always has; MISSING if that is not certain."""
         is_fixed = name not in self._changing or name in getattr(item, "_fixed", ())
         return getattr(item, "__dict__", {}).get(name, MISSING) if is_fixed else MISSING
 
     def attribute(self, kind: type, name: str) -> Thing | None:
-        """Return an attribute of an object of this class."""
+        """Return the meaning of an attribute of an object of this class."""
         if (kind, name) not in self._attributes:
             self._attributes[kind, name] = self._find(kind, name)
         return self._attributes[kind, name]

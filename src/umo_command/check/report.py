@@ -1,4 +1,4 @@
-"""`umo check`."""
+"""`umo check`: checks a station and prints the result."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ def check_station(
     arguments: Sequence[str] = (),
     target: str | None = None,
 ) -> int:
-    """Print every mistake in the code and in one or all wirings; without mistakes, print the wires and the names of the
-    wirings that were not checked. With a target also the code that cannot be translated. Return 2 for mistakes."""
+    """Print every error in the code and in one or all wirings. If there is none, print the wires, and the names of the
+    wirings that were not checked. With a target, also print the code that cannot be translated. Return 2 if there are
+    errors."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
     _check_name_of(target)
@@ -76,7 +77,7 @@ def running_in(folder: Path) -> Iterator[Reader]:
 
 
 def check_recipes(machine: Compound) -> None:
-    """Print how many recipes the machine has. Wrong recipes were refused when the machine was declared."""
+    """Print how many recipes the machine has. Wrong recipes were already refused when the machine was declared."""
     if "umo.operation.recipe_book" not in sys.modules:
         return
     from umo.operation.recipe_book import books_of
@@ -170,12 +171,12 @@ def _rates(wired: Wired) -> Iterator[str]:
 
 
 def reported(mistakes: list[Mistake]) -> int:
-    """Print every mistake. Return their number."""
+    """Print every error. Return the number of errors."""
     for mistake in mistakes:
         err.print(cut_words(str(mistake)), soft_wrap=True)
     return len(mistakes)
 
 
 def label(*words: tuple[str, str]) -> Text:
-    """Return words, each with its style, separated by two blanks."""
+    """Return a text of words, each with its style, separated by two blanks."""
     return Text("  ").join(Text(word, style) for word, style in words)

@@ -1,5 +1,5 @@
-"""`umo connect face`: serve a running station in other protocols. As a program it serves the faces of a wiring for `umo
-run`: their table arrives on its standard input."""
+"""`umo connect face`: serves a running station in other protocols. Run as a program, this module serves the faces of a
+wiring for `umo run`. The table of the faces arrives on its standard input."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from umo_command.shared import import_from_here
 
 @dataclass(frozen=True)
 class FaceOptions:
-    """The options of the command line; None means the value of the settings."""
+    """The options of the command line. None means the value in the settings."""
 
     names: Sequence[str]
     station: str | None = None
@@ -42,7 +42,7 @@ class FaceOptions:
 
 
 def serve(chosen: FaceOptions) -> int:
-    """Serve until Ctrl-C or SIGTERM, also while the station does not run."""
+    """Serve until Ctrl-C or SIGTERM, even while the station does not run."""
     settings = faces_settings(*_table(chosen.station), {"rate": chosen.rate, "commands": chosen.commands})
     if any(":" in name for name in chosen.names):
         import_from_here()
@@ -55,7 +55,7 @@ def serve(chosen: FaceOptions) -> int:
 
 def serve_beside(parent: int, station: int, wiring: str, table: Mapping[str, Any]) -> int:
     """Serve the faces in the table of a wiring for one run (the pid of its control process), until SIGTERM or the end
-    of `parent`. Notices are printed on stdout, a line each. Return 2 for an error, which is printed there."""
+    of `parent`. Notices are printed on stdout, one per line. Return 2 for an error, which is also printed on stdout."""
     calls.die_with_parent(parent, signal.SIGKILL)
     name_process("umo face")
     drop_realtime(niceness=0)

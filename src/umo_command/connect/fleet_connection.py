@@ -1,4 +1,4 @@
-"""The connection of a gateway or a recorder to its fleet: it waits for its router, and reports when the router is
+"""The connection of a gateway or a recorder to its fleet. It waits for the router, and reports when the router is
 away."""
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from umo.clients.fleet.jetstream_server import JetStreamServer
 
 RETRY_DELAY = 2.0
-"""Time in s to the next try to connect."""
+"""Time in s until the next attempt to connect."""
 LOOK = 0.5
-"""Time in s between two looks at the connections."""
+"""Time in s between two checks of the connections."""
 
 
 def opened_patiently(open: Callable[[], zenoh.Session], stopped: Callable[[], bool]) -> zenoh.Session | None:
-    """Return a session as soon as a server answers, or None if it was stopped before. Raises UmoError for a failure
-    that waiting does not change, such as a wrong certificate."""
+    """Return a session as soon as a server answers, or None if the program was stopped before. Raises UmoError for a
+    failure that waiting does not change, such as a wrong certificate."""
     told = False
     while not stopped():
         try:
@@ -62,7 +62,7 @@ def _tell(session: zenoh.Session) -> None:
 
 
 def jetstream_server(url: str, settings: FleetSettings) -> JetStreamServer:
-    """Return the JetStream of a command line. Raises UmoError if the requirements of JetStream are missing."""
+    """Return the JetStream of a command line. Raises UmoError if packages that JetStream requires are missing."""
     if find_spec("nats") is None:
         raise UmoError(f"a JetStream needs nats: {how_to_install('fleet-jetstream')}")
     from umo.clients.fleet.jetstream_server import load

@@ -1,1 +1,1 @@
-"""`umo device`: devices and drivers, tried by hand."""
+"""`umo device`: tries devices and drivers by hand."""

@@ -1,4 +1,4 @@
-"""`umo device`: its commands, their arguments and where they go."""
+"""`umo device`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""`umo device conform`: the conformance kit on a driver of a wiring, with the hardware that it is wired to."""
+"""`umo device conform`: runs the conformance kit on a driver of a wiring, with the hardware to which the driver is
+connected."""
 
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ from umo_command.values import check_file
 
 ROUNDING_SHARE = 1e-9
 IN_PART = 3
-"""Exit status: no rule is broken, but the line was not tried, or the time was too short."""
+"""The exit status if no rule is broken, but the line was not disturbed, or the time was too short."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,8 @@ class Choice:
 
 
 def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: Sequence[str] = ()) -> int:
-    """Try the rules. Return 0 if none is broken, 1 if one is, 3 if the line was not disturbed or the time was too
-    short."""
+    """Try the rules. Return 0 if no rule is broken, 1 if a rule is broken, and 3 if the line was not disturbed or the
+    time was too short."""
     limit_waits()
     check_file("--out", choice.json)
     certificate_file = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
@@ -245,7 +246,7 @@ def _agree(wires: dict[str, Wire], tolerance: float, output: str, raw: int, back
 
 
 class NotDriven(StationError):
-    """The user did not agree that the outputs are driven."""
+    """Raised if the user did not agree that the outputs are driven."""
 
 
 def _consent(subject: Subject, wires: Sequence[Wire], devices: Sequence[str], yes: bool) -> None:

@@ -1,4 +1,4 @@
-"""`umo device conform` on a controller: the rules of its link, in place of those of a driver."""
+"""`umo device conform` on a controller: tests the rules of the link in place of those of a driver."""
 
 from __future__ import annotations
 

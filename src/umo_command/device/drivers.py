@@ -1,4 +1,4 @@
-"""`umo device drivers`: a list of the drivers, or a description of one."""
+"""`umo device drivers`: lists the drivers, or describes one of them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COMMON_OPTIONS = {
         "watchdog of the circuit: its outputs go to safe levels after this time without a request",
     ),
 }
-"""Options in the wiring of every driver; the last one only for drivers with a watchdog."""
+"""Options that every driver has in the wiring. Only drivers with a watchdog have the last one."""
 
 
 def show_drivers() -> None:
@@ -61,7 +61,7 @@ def show_drivers() -> None:
 
 def show_driver(name: str, arguments: Sequence[str]) -> None:
     """Print the driver with this name, or `module:Class`: its docstring, its options with their types, its channels and
-    functions. The arguments are options for drivers that need them to know their channels."""
+    functions. `arguments` are options. Some drivers need them to know their channels."""
     cls = _find(name)
     given = values_of(name, options_of_driver(cls, name), arguments)
     doc = _doc(cls)

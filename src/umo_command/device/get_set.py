@@ -1,5 +1,5 @@
-"""`umo device get` and `umo device set`: read and write single objects by hand. If the station runs, through its frames
-and its queue; otherwise its devices are opened, and the loop runs without control code."""
+"""`umo device get` and `umo device set`: read and write single objects by hand. If the station runs, its frames and its
+queue of commands are used. Otherwise its devices are opened, and the loop runs without control code."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from umo_command.station_options import machine_and_words, machine_of
 from umo_command.values import number, state
 
 UNTIMED_PAUSE = 0.01
-"""Time in s between two looks at a machine that has no timer."""
+"""Time in s between two readings of a machine that has no timer."""
 
 
 def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False) -> None:
-    """Print values, units, qualities: from a run's frames, or by connecting the machine. Paths may include options of
-    the machine."""
+    """Print values, units and qualities, from the frames of a run or by connecting the machine. Paths may include
+    options of the machine."""
     if (running := _running(name, wiring, paths)) is not None:
         get_running(running, paths, unit)
         return
@@ -87,8 +87,9 @@ def set_value(
     over: bool = False,
     arguments: Sequence[str] = (),
 ) -> int:
-    """Write one actuator, keep the loop running for `hold` s or until a signal, show readings, reset. If the station
-    runs, the actuator is taken under a lease. Mistakes are reported before a device is opened."""
+    """Write one actuator, keep the loop running for `hold` s or until a signal, show readings, and reset. If the
+    station runs, the actuator is taken under a lease. Errors in the command line are reported before a device is
+    opened."""
     if (running := _running(name, wiring, arguments)) is not None:
         return set_running(running, path, text, hold, over)
     station = _station(name)

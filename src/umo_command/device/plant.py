@@ -1,4 +1,4 @@
-"""`umo device plant`: a station's plant served over Modbus TCP, its registers derived from two wirings of the
+"""`umo device plant`: serves a station's plant over Modbus TCP. The registers are derived from two wirings of the
 station."""
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from umo_command.run.run_folder import rows
 from umo_command.station_options import parse
 
 MODBUS = "modbus"
-"""Name of the served wiring and of its driver."""
+"""The name of the served wiring and of its driver."""
 
 
 def serve_plant(
@@ -32,8 +32,8 @@ def serve_plant(
     report: Path | None,
     injected: Mapping[str, Any],
 ) -> None:
-    """Serve until SIGINT or SIGTERM, then print the report in one line. `changes` are those of host, port and watchdog
-    that are not None; `arguments` the options of the machine and of the plant's drivers."""
+    """Serve until SIGINT or SIGTERM, then print the report on one line. `changes` are the new values of host, port and
+    watchdog that are not None. `arguments` are the options of the machine and of the plant's drivers."""
     limit_waits()
     served = modbus_wiring(station, wiring)
     options = parse(station, plant_wiring, arguments, application=False)
@@ -60,8 +60,8 @@ def serve_plant(
 
 
 def modbus_wiring(station: Station, name: str | None) -> Path | None:
-    """Return the Modbus wiring with this name; without a name the one called modbus, or else the only one with a modbus
-    driver."""
+    """Return the Modbus wiring with this name. Without a name return the wiring called modbus, or else the only wiring
+    with a modbus driver."""
     if name is not None:
         return station.wiring(name)
     found = [MODBUS] if MODBUS in station.wirings else [key for key, file in station.wirings.items() if _uses(file)]

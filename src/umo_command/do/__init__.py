@@ -1,1 +1,1 @@
-"""`umo do`: whatever a running station can be told."""
+"""`umo do`: gives commands to a running station."""

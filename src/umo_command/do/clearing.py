@@ -19,8 +19,8 @@ from umo_command.show.stations import attach, readers, standing
 
 
 def acknowledge(name: str, paths: Sequence[str], over: bool) -> None:
-    """Acknowledge latched interlocks of a station that runs; for a station that does not run, or a device, the unsafe
-    end of its last run."""
+    """Acknowledge latched interlocks of a station that runs. For a station that does not run, or for a device,
+    acknowledge the unsafe end of the last run."""
     try:
         reader = attach(name)
     except FramesError:

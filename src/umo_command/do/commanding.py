@@ -1,4 +1,4 @@
-"""`umo do STATION mode`, `call`, `tune`, `stop`, and `umo device get` and `umo device set` of a station that runs."""
+"""`umo do STATION mode`, `call`, `tune`, `stop`, and `umo device get` and `umo device set` for a station that runs."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from umo_command.tune.kept import toml_line
 from umo_command.values import argument, number, state
 
 PICTURE_PAUSE = 0.05
-"""Time in s between two pictures of the progress."""
+"""Time in s between two updates of the progress display."""
 MIN_PAUSE = 0.001
-"""Least time in s between two looks for a new frame."""
+"""Shortest time in s between two checks for a new frame."""
 
 
 @contextmanager
@@ -62,8 +62,8 @@ def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
 
 @contextmanager
 def hinting(reader: RunReader) -> Iterator[None]:
-    """Return a context in which the refusal of a command by a fault of equipment is printed with the command that
-    clears the fault."""
+    """Return a context for commands. If equipment refuses a command because of its fault, the error is printed with the
+    command that clears the fault."""
     try:
         yield
     except (EquipmentFault, CommandRefused) as error:
@@ -92,7 +92,8 @@ def stop(name: str) -> None:
 
 
 def call(name: str, path: str | None, words: Sequence[str], over: bool, hold: float | None) -> int:
-    """List the actions of a station; or call one, show its progress and print its result. Return the exit status."""
+    """List the actions of a station, or call one action, show its progress and print its result. Return the exit
+    status."""
     with station_of(name) as station:
         actions = {entry["path"]: entry for entry in station.reader.layout.actions}
         if path is None:
@@ -139,8 +140,8 @@ def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any
 
 
 def arguments_of(action: dict[str, Any], words: Sequence[str]) -> dict[str, Any]:
-    """Return the values by name. Raises RangeError for a name that is given twice. A word without a name is the next
-    argument."""
+    """Return the values of arguments by name. A word without a name is the next argument. Raises RangeError for a name
+    that is given twice."""
     known = {each["name"]: each for each in action["arguments"]}
     given: dict[str, Any] = {}
     for word in words:
@@ -159,7 +160,8 @@ def arguments_of(action: dict[str, Any], words: Sequence[str]) -> dict[str, Any]
 
 def hold_until(lease: HeldLease, path: str, seconds: float | None) -> int:
     """Hold the actuator while the thread of the lease gives signs of life. Raises CommandRefused as soon as the machine
-    ends the hold. Return the exit status: that of a Ctrl-C if it comes before the end of `seconds`, otherwise 0."""
+    ends the hold. Return the exit status. It is that of Ctrl-C if Ctrl-C comes before the end of `seconds`, otherwise
+    0."""
     if seconds is None:
         err.print("held until Ctrl-C; --for TIME ends it", soft_wrap=True)
     end = time.monotonic() + (inf if seconds is None else seconds)
@@ -191,7 +193,7 @@ def _described(about: dict[str, Any]) -> str:
 
 
 def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
-    """Set a tunable number, show it, or list them all."""
+    """Set a tunable number, show it, or list all tunable numbers."""
     with station_of(name) as station:
         known = {each.path: each for each in station.reader.layout.described.tunables}
         now = station.reader.tunables()
@@ -223,7 +225,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
-    """Print objects, signals and tunable numbers of a station that runs, all of the same period."""
+    """Print objects, signals and tunable numbers of a station that runs. All values are of the same period."""
     with RemoteStation(reader) as station:
         shown = {row.about.path: place for place, row in enumerate(reader.rows(None))}
         for path in paths:
@@ -277,7 +279,7 @@ def _no_object(station: RemoteStation, path: str, known: Sequence[str]) -> PathE
 
 
 def set_running(reader: Reader, path: str, text: str, hold: float | None, over: bool) -> int:
-    """Take one actuator of a station that runs in manual mode, hold it, and release it. Return the exit status."""
+    """Take one actuator of a station that is in manual mode, hold it, and release it. Return the exit status."""
     with RemoteStation(reader) as station:
         item = _object(station, path)
         if not item.actuator:

@@ -116,7 +116,7 @@ def _path_of(verb: Verb, words: Sequence[str]) -> tuple[str, Sequence[str]]:
 
 
 def given_arguments(verb: Verb, words: Sequence[str]) -> dict[str, Any]:
-    """The arguments by name. The machine checks them."""
+    """Return the arguments by name. The machine checks them."""
     kinds = {each.name: each.kind for each in verb.arguments}
     given: dict[str, Any] = {}
     for word in words:

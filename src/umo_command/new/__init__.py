@@ -1,1 +1,1 @@
-"""`umo new station`: what writes files that a user goes on with."""
+"""`umo new`: writes files with which a user continues."""

@@ -1,4 +1,4 @@
-"""`umo new station`: its commands, their arguments, and the functions that carry them out."""
+"""`umo new`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`umo new controller`."""
+"""`umo new controller`: writes the files of a controller."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def generate_controller(
     arguments: Sequence[str],
     controller: str | None = None,
 ) -> int:
-    """Write the folder, and print which files were kept. If some code cannot be translated, it is listed, one line for
-    each place, and nothing is written."""
+    """Write the folder, and print which files were kept. If some code cannot be translated, print its places, one per
+    line, and write nothing."""
     if real not in (None, "double", "float"):
         raise OptionError(f"--real {real} is neither double nor float")
     chosen = target_of(target, real)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""`umo new service`: a systemd unit for a station, and what to do with it."""
+"""`umo new service`: writes a systemd unit for a station, and prints the next steps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ REFUSED = {
 }
 """Options of `umo run` that a service does not accept, by parameter."""
 KEEP, KEEP_RUNS = "200 MB", "20"
-"""Defaults of a service: the size of the trace of every period, and the number of runs kept."""
+"""Defaults of a service: the size of the trace of every period, and the number of runs that are kept."""
 
 
 def write_unit(

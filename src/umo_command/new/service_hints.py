@@ -1,4 +1,4 @@
-"""The requirements of a service: the groups of its devices, and settings of a Raspberry Pi."""
+"""Finds the requirements of a service: the groups of its devices, and settings of a Raspberry Pi."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 GROUPS = {"gpio": "gpio", "i2c": "i2c", "spi": "spi", "serial": "dialout", "iio": "iio", "counter": "counter"}
-"""The group of each kind of device as Debian and Raspberry Pi OS name it; iio and counter have no group there, and need
-a udev rule."""
+"""The group of each kind of device in Debian and Raspberry Pi OS. The devices iio and counter have no group there, and
+need a udev rule."""
 WITHOUT_RULE = ("iio", "counter")
 MODEL = Path("/proc/device-tree/model")
 OVERLAYS = {
@@ -21,8 +21,8 @@ OVERLAYS = {
 
 def groups_for(devices: Iterable[str]) -> tuple[list[str], list[str]]:
     """Return the supplementary groups for these devices: the group of the device file if that exists, otherwise the
-    usual group of its kind. The second list has a line for each group that this computer does not have: a unit with
-    such a group does not start."""
+    usual group of its kind. The second list has a line for each group that does not exist on this computer. A unit with
+    such a group would not start."""
     kinds = [(device.partition(" ")[0], device) for device in devices]
     wanted = {(kind, _owner(device) or GROUPS[kind]) for kind, device in kinds if kind in GROUPS}
     missing = sorted(each for each in wanted if not _is_there(each[1]))
@@ -31,7 +31,7 @@ def groups_for(devices: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def hints(devices: Iterable[str]) -> list[str]:
-    """Return the settings needed on a Raspberry Pi; nothing on other computers."""
+    """Return the settings needed on a Raspberry Pi. Return nothing on other computers."""
     kinds = {device.partition(" ")[0] for device in devices}
     try:
         model = MODEL.read_bytes().decode(errors="replace").rstrip("\0")

@@ -1,8 +1,8 @@
 """The text of a systemd unit for `umo run` (systemd.service(5), systemd.exec(5), systemd.kill(5)).
 
-The processes of a run reset the machine when one of them is killed, and need time for it. So the manager asks them to
-stop by SIGTERM, also when its watchdog starves, waits for as long as the limits of the wiring allow, and only then
-kills.
+The processes of a run reset the machine when one of them is killed, and need time for this. So the manager asks them to
+stop by SIGTERM, even when its watchdog expires. It waits for as long as the limits of the wiring allow, and only then
+kills the processes.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from umo_command.run.faces_beside import END_TIMEOUT
 from umo_command.run.process_beside import KILL_TIMEOUT
 
 NO_RESTART = (ExitStatus.MISTAKE, ExitStatus.UNREACHED, ExitStatus.NOT_RECORDED)
-"""Statuses after which a person is needed. After an end that must be acknowledged, the next start ends with status
-2."""
+"""Exit statuses after which a person is needed, so that the service is not restarted. After an end that must be
+acknowledged, the next start ends with status 2."""
 SUCCESS = (ExitStatus.TIME_OVER, 129, 130, 143)
-"""Statuses of a run that was ended on purpose, besides 0."""
+"""Exit statuses, other than 0, of a run that was ended on purpose."""
 RESTART_PAUSE = 10
-"""Time in s from the end of a run to the next."""
+"""Time in s from the end of a run to the start of the next one."""
 MAX_STARTS, STARTS_WITHIN = 5, 600
 """Number of starts within this time in s after which the manager gives up."""
 RECORD_TIME = 30.0
-"""Time in s for the record of a run on a slow disk."""
+"""Time in s for writing the record of a run to a slow disk."""
 IMPORT_TIME = 60.0
-"""Time in s for the imports of a station at its start."""
+"""Time in s for the imports when a station starts."""
 MIN_WATCHDOG = 10.0
 WATCHDOG_LIMITS = 8
-"""The time of the watchdog, as a multiple of the control process's hang limit. A sign of life is up to half of it old
-when it is passed on, and the guardian takes up to three limits to find a hang itself."""
+"""The time of systemd's watchdog, as a multiple of the control process's hang limit. When a sign of life is passed on,
+it may be as old as half of the watchdog's time. The guardian itself needs up to three hang limits to detect a hang."""
 HARDENING = {
     "NoNewPrivileges": "yes",
     "ProtectSystem": "full",
@@ -51,14 +51,14 @@ HARDENING = {
     "RestrictSUIDSGID": "yes",
     "LockPersonality": "yes",
 }
-"""Restrictions that leave devices, real-time priority, and writing to /sys (iio, counter) possible."""
+"""Restrictions that still permit access to devices, real-time priority, and writing to /sys (iio, counter)."""
 READ_ONLY = ("/usr", "/boot", "/efi", "/etc")
 """Places that ProtectSystem=full makes read-only."""
 
 
 @dataclass(frozen=True)
 class ServiceUnit:
-    """The contents of the unit. `command`: words of the command line; `folder`: the working directory."""
+    """The contents of the unit. `command`: the words of the command line. `folder`: the working directory."""
 
     name: str
     description: str
@@ -66,12 +66,13 @@ class ServiceUnit:
     folder: str
     wired: Wired
     user: str | None = None
-    """The user of the service; None for a unit of the user's own manager, which has this user's groups and limits."""
+    """The user of the service; None for a unit of the user's systemd manager, where the service has this user's groups
+    and limits."""
     groups: Sequence[str] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
 
     def text(self) -> str:
-        """The file's content."""
+        """Return the file's content."""
         sections = {"Unit": self._unit(), "Service": self._service(), "Install": self._install()}
         return "\n".join(f"[{title}]\n" + "".join(f"{line}\n" for line in lines) for title, lines in sections.items())
 
@@ -145,7 +146,7 @@ class ServiceUnit:
 
 
 def watchdog(wired: Wired) -> int:
-    """Time in s without a sign of life after which the manager asks the service to stop."""
+    """Return the time in s without a sign of life after which the manager asks the service to stop."""
     return math.ceil(max(MIN_WATCHDOG, WATCHDOG_LIMITS * wired.process.hang_timeout))
 
 
@@ -155,9 +156,9 @@ def start_limit(wired: Wired) -> int:
 
 
 def stop_limit(wired: Wired) -> int:
-    """Return the maximum time in s from the request to stop to the end of the last process: a stop in a step of
-    connecting, a control process that hangs, a reset that is repeated for as long as the wiring permits, and the
-    writing of kept values, record and faces."""
+    """Return the maximum time in s from the request to stop to the end of the last process. It allows for a stop during
+    a step of connecting, a control process that hangs, a reset that is repeated for as long as the wiring permits, the
+    writing of kept values and of the record, and the end of the faces."""
     process = wired.process
     until_dead = STARTING_LIMIT + 2 * longest_period(wired) + STARVED_LIMITS * process.hang_timeout + DEATH_TIMEOUT
     reset = 2 * process.reset_for + settling(wired) + DEATH_TIMEOUT + REPORTING_LIMIT

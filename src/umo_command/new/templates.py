@@ -1,4 +1,5 @@
-"""`umo new station`, `driver` and `face`: makes a small working example to begin from (the files of `template/`)."""
+"""`umo new station`, `driver` and `face`: write a small working example from which the user continues (the files of
+`template/`)."""
 
 from __future__ import annotations
 
@@ -19,14 +20,14 @@ from umo.text import printable
 from umo_command.console import out
 
 EXAMPLE, CLASS = "my_card", "MyCard"
-"""The names in the templates of a driver."""
+"""The names in the templates of a driver that are replaced."""
 FACE, FACE_CLASS = "my_face", "MyFace"
-"""The names in the template of a face."""
+"""The names in the template of a face that are replaced."""
 
 
 def make_station(directory: Path) -> None:
-    """Copy the template. Raises StationError if the directory exists and is not empty, or if the name is awkward or
-    belongs to an installed module."""
+    """Copy the template. Raises StationError if the directory exists and is not empty, or if the name is not suitable
+    or belongs to an installed module."""
     name = directory.name
     if name and not directory.exists() and not re.fullmatch(r"\w[\w.-]*", name):
         near = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "my-machine"
@@ -57,8 +58,8 @@ def make_station(directory: Path) -> None:
 
 
 def make_driver(name: str, folder: Path, lines: Sequence[str] = ()) -> None:
-    """Write `NAME.py` and `test_NAME.py` into the folder, and `NAME_device.py` for a line, "tcp" or "serial". Raises
-    StationError if the name cannot be used, a file exists, or there are two lines."""
+    """Write `NAME.py` and `test_NAME.py` into the folder. With a `line`, "tcp" or "serial", also write
+    `NAME_device.py`. Raises StationError if the name cannot be used, a file exists, or there are two lines."""
     if len(lines) > 1:
         raise StationError(f"give --{' or --'.join(lines)}, not both")
     line = "".join(lines)

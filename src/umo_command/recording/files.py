@@ -21,9 +21,9 @@ from umo_command.run.record_beside import check_installed
 from umo_command.values import check_picture
 
 MAX_DAMAGE = 3
-"""Number of damaged places that are reported, the latest ones."""
+"""Number of damaged places that are reported. They are the latest ones."""
 MAX_NUMBERS = 1 << 25
-"""Approximate largest number of values that are kept for a plot."""
+"""Approximate maximum number of values that are kept for a plot."""
 
 
 @dataclass(frozen=True)

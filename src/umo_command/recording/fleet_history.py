@@ -1,4 +1,4 @@
-"""`umo recording history` and `umo recording query`."""
+"""`umo recording history` and `umo recording query`: record the history of a fleet, and answer queries about it."""
 
 from __future__ import annotations
 

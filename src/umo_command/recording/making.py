@@ -85,7 +85,7 @@ def save_flight(station: str, file: Path | None) -> int:
 
 
 def repair_file(file: Path) -> int:
-    """Repair a file that was cut short or damaged."""
+    """Repair a file that was truncated or damaged."""
     check_installed()
     from umo.recording.copying import repair
     from umo.recording.recording import Recording

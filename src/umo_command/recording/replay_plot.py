@@ -1,5 +1,5 @@
-"""The plot of `umo recording replay --set`: the recorded commands, and the commands with the changed numbers (extra
-`plot`)."""
+"""Draws the plot of `umo recording replay --set`: the recorded commands, and the commands with the changed numbers.
+Needs the extra `plot`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from umo.recording.replay.what_if import RawCurves
 MAX_PANELS = 8
 """Largest number of actuators that are drawn."""
 WIDTH, HEIGHT = 16.0, 2.2
-"""Width of the picture and height of each panel, inches."""
+"""Width of the picture and height of each panel in inches."""
 
 
 def save_what_if(curves: RawCurves, path: Path, settings: Mapping[str, Any]) -> None:
-    """Draw the actuators that differ, recorded and replayed, and save it. Raises ImportError without matplotlib."""
+    """Draw the recorded and the replayed commands of the actuators that differ, and save the picture. Raises
+    ImportError without matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

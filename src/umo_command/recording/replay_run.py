@@ -25,7 +25,7 @@ from umo_command.shared import begin_again
 from umo_command.values import check_picture
 
 LOOK_PERIODS = 199
-"""Periods between two looks at the progress."""
+"""Number of periods between two updates of the progress."""
 
 
 def replay_file(
@@ -36,8 +36,8 @@ def replay_file(
     at: str | None = None,
     condition: str | None = None,
 ) -> int:
-    """Replay a recording and return the exit status. `given`: PATH=VALUE, numbers that are changed. `at`, `condition`:
-    where to stop in a debugger."""
+    """Replay a recording and return the exit status. `given`: the numbers that are changed, as PATH=VALUE. `at`,
+    `condition`: where to stop in the debugger."""
     check_picture(plot)
     settings = dict(map(setting, given))
     stop, expression = at and Stop.parse(at), condition and BreakCondition(condition)
@@ -55,8 +55,8 @@ def replay_file(
 
 
 def setting(text: str) -> tuple[str, Any]:
-    """Return the path and value of a text PATH=VALUE. Raises OptionError for any other text. The value is a number,
-    true or false, or a text."""
+    """Return the path and the value in a string PATH=VALUE. The value is a number, true or false, or a string. Raises
+    OptionError for any other string."""
     path, equals, value = text.partition("=")
     if not equals or not path.strip() or not value.strip():
         raise OptionError(f"--set {text!r}: write for example z.servo.gain=0.004")

@@ -1,5 +1,5 @@
-"""`umo recording shrink`: the fewest periods of a recording that still give its error or difference, as a recording or
-a test."""
+"""`umo recording shrink`: finds the fewest periods of a recording that still give its error or difference, and writes
+them as a recording or a test."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ RECORDING, TEST = ".mcap", ".py"
 
 
 def shrink_file(file: Path, code: CodeGiven, output: Path | None, seconds: float, closed: bool) -> int:
-    """Shrink a recording. Return the exit status. `output`: file for a recording or a test. `closed`: replay in closed
-    loop with the plant."""
+    """Shrink a recording. Return the exit status. `output`: the file for a recording or a test. `closed`: True to
+    replay in closed loop with the plant."""
     target = output or (None if closed else file.with_suffix(".shrunk.mcap"))
     if (mistake := _mistake(target, closed)) is not None:
         say(mistake, "red")

@@ -1,1 +1,1 @@
-"""`umo run`: a run, the processes beside it, and the files that it leaves."""
+"""`umo run`: carries out a run, with the processes that accompany it and the files that it writes."""

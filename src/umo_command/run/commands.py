@@ -127,7 +127,7 @@ def injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
 def named(
     context: typer.Context, help_: bool, station: str | None, wiring: str | None, application: bool = True
 ) -> str:
-    """Return the named station. With --help: show the help and the options of the station, and exit."""
+    """Return the named station. With --help, show the help and the options of the station, and exit."""
     if help_:
         typer.echo(context.get_help())
         if station is not None:

@@ -1,4 +1,5 @@
-"""The faces of a station's wiring beside its run: one process, which `umo run` starts, watches and ends."""
+"""Serves the faces of a station's wiring during a run, in one separate process, which `umo run` starts, watches and
+ends."""
 
 from __future__ import annotations
 
@@ -28,14 +29,14 @@ until a process has lived for the maximum time."""
 NICENESS = 15
 """Niceness of the process, from its start on."""
 END_TIMEOUT = 5.0
-"""Time in s within which the process has to end."""
+"""Time in s within which the process must end."""
 MAX_TOLD = 50
-"""Largest number of lines of the process that are remembered, so that they are not printed again."""
+"""Largest number of lines of the process that are remembered. Remembered lines are not printed again."""
 
 
 def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object] = say) -> dict[str, Any]:
-    """Return the table `[faces]` of a wiring without the faces that are not installed. For these it is printed what to
-    install. Empty if there is no face. Raises WiringError for a mistake in it."""
+    """Return the table `[faces]` of a wiring without the faces that are not installed. For these, print what to
+    install. The table is empty if there is no face. Raises WiringError for an error in the table."""
     if not table:
         return {}
     from umo.clients.faces.face_settings import KEYS, faces_present, faces_settings
@@ -59,13 +60,13 @@ def wiring_of(plan: Plan) -> str:
 
 
 def names_in(table: Mapping[str, Any]) -> list[str]:
-    """The faces of a table from `faces_of`."""
+    """Return the names of the faces in a table that `faces_of` has returned."""
     return [name for name, value in table.items() if isinstance(value, Mapping) and name != "dead_bands"]
 
 
 class FacesBeside(ProcessBeside):
-    """The process that serves the faces of a run. It cannot hold up the run: this process does not wait for it until
-    the machine is safe at the end of the block."""
+    """The process that serves the faces of a run. It cannot delay the run: `umo run` does not wait for it before the
+    machine is safe at the end of the block."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""A run in its own processes, as shown by the command that started it: reads frames, forwards signals."""
+"""Follows a run that has separate processes, for the command that started it: reads frames, and forwards signals."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from umo_command.run.record_beside import RecordBeside
 from umo_command.show.stations import readers
 
 POLL_TIMEOUT = 0.05
-"""Time in s between two looks at the frames."""
+"""Time in s between two readings of the frames."""
 
 
 class RingFrame:
-    """A frame read from a ring, as observers see the live one (`umo.Frame`)."""
+    """A frame that was read from a ring, in the form in which observers see the live frame (`umo.Frame`)."""
 
     time = 0.0
     progress = Progress()
     whole = True
-    """True if the observers have seen the run to its end."""
+    """True if the observers have seen all frames up to the end of the run."""
 
     def __init__(self, machine: Compound) -> None:
         self._machine = machine
@@ -64,9 +64,9 @@ def follow(
     faces: FacesBeside,
     recorder: RecordBeside,
 ) -> tuple[Outcome, float]:
-    """Start the job, show every frame to the observers until it ends. Return its outcome, and the time in s that it
-    ran. Faults of equipment are added to `faults`. `faces` are served while it runs, and end after it; the recorder
-    begins before it."""
+    """Start the job, and show every frame to the observers until the job ends. Return the outcome of the job, and the
+    time in s that it ran. Faults of equipment are added to `faults`. `faces` are served while the job runs, and end
+    after it. The recorder begins before the job."""
 
     def stop(number: int, frame: object) -> None:
         faces.is_ending = True

@@ -1,5 +1,5 @@
-"""Limits the records of a run that lasts for months: a trace in parts of which the oldest are removed, a summary during
-the run, and a maximum number of folders in `runs/`."""
+"""Limits the records of a run that lasts for months. The trace is written in parts, of which the oldest are removed; a
+summary is written during the run; and `runs/` has a maximum number of folders."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from umo_command.console import say
 from umo_command.run.run_folder import RUNS, TRACE_PAUSE, RunSummary
 
 PARTS = 10
-"""Approximate number of parts that a trace with a limit is divided into."""
+"""Approximate number of parts into which a trace with a limit is divided."""
 PENDING_ROWS = 4096
 """Largest number of rows that wait for the next writing."""
 SUMMARY_PAUSE = 60.0
-"""Time in s on the machine's clock between two summaries while the run goes on."""
+"""Time in s on the machine's clock between two summaries during the run."""
 
 
 class TraceParts:
     """An observer that writes every period to `trace-000001.csv` and so on in a folder, with at most `limit` bytes in
-    total; the oldest parts are removed. A write error is reported once and leaves a gap (`complete`)."""
+    total. The oldest parts are removed. A write error is reported once and leaves a gap (`complete`)."""
 
     def __init__(self, folder: Path, limit: int) -> None:
         self._folder = folder
@@ -54,7 +54,7 @@ class TraceParts:
             self.write()
 
     def write(self) -> None:
-        """Write the waiting rows; also at the end."""
+        """Write the waiting rows. This is also called at the end."""
         rows = b"".join(map(_encoded, lines(self._pending, after=-inf)))
         if rows:
             self._append(rows)
@@ -95,7 +95,7 @@ class TraceParts:
 
 
 class RunningSummary:
-    """An observer that writes the summary of the run as it stands, at most once a minute."""
+    """An observer that writes the present summary of the run, at most once per minute."""
 
     def __init__(self, result: RunSummary, path: Path) -> None:
         self._result = result
@@ -125,17 +125,17 @@ class RecordedRun:
     path: Path
     station: str
     state: str
-    """"ended", "running", or "killed": its `umo run` has ended without a summary."""
+    """The state: "ended", "running", or "killed", if `umo run` has ended without writing a summary."""
     status: int | None
-    """Exit status; None unless it has ended."""
+    """Exit status; None unless the run has ended."""
     how: str
-    """The failure, or who has stopped it; "" if neither applies, or it is unknown."""
+    """The failure of the run, or who has stopped it; "" if neither applies, or this is not known."""
     written: float
-    """Time of day in s at which its folder was last changed."""
+    """Wall-clock time in s at which the folder was last changed."""
 
     @property
     def size(self) -> int:
-        """Bytes of its files now; 0 if it has been removed."""
+        """Number of bytes of the files in the folder; 0 if the folder has been removed."""
         size = 0
         with suppress(OSError):
             for path in self.path.iterdir():
@@ -148,21 +148,21 @@ class RecordedRun:
 
     @property
     def sentence(self) -> str:
-        """How it ended."""
+        """A sentence that says how the run ended."""
         status = "" if self.status is None else f" with status {self.status}"
         verb = {"killed": "was killed", "running": "is running"}.get(self.state, f"ended{status}")
         return f"{self.path.name} {verb}{f': {self.how}' if self.how else ''}"
 
 
 def newest(runs: Iterable[RecordedRun]) -> list[RecordedRun]:
-    """The newest run of each station, newest first. `runs`: as `recorded` has them."""
+    """Return the newest run of each station, the newest first. `runs`: the result of `recorded`."""
     by_station = {run.station: run for run in runs}
     return sorted(by_station.values(), key=lambda run: -run.written)
 
 
 def recorded(station: str | None = None) -> Iterator[RecordedRun]:
-    """Return the runs in `runs/`, sorted by name, that is by station and start; only those of one station if it is
-    given."""
+    """Return the runs in `runs/`, sorted by name, that is, by station and start. If a station is given, return only its
+    runs."""
     for path in sorted(RUNS.glob("*/run.json")):
         folder, about = path.parent, _read(path)
         name = about.get("station")
@@ -182,8 +182,8 @@ def _how(summary: dict[str, Any]) -> str:
 
 
 def prune(keep: int, station: str | None = None) -> dict[Path, int]:
-    """Remove all but the newest `keep` runs of each station, or of one, except active ones. Return the removed folders
-    with the bytes that they had."""
+    """Remove all but the newest `keep` runs of each station, or of the given one. Active runs are not removed. Return
+    the removed folders, each with the number of bytes that it had."""
     by_station: dict[str, list[RecordedRun]] = {}
     for run in recorded(station):
         by_station.setdefault(run.station, []).append(run)

@@ -1,4 +1,5 @@
-"""The plot of a run's trace (extra `plot`): as many panels as a page takes, whatever the number of objects."""
+"""Draws the plot of a run's trace, with as many panels as fit on a page, whatever the number of objects. Needs the
+extra `plot`."""
 
 from __future__ import annotations
 
@@ -22,11 +23,11 @@ from umo.process.frames.layout import describe_signals
 from umo.text import some
 
 SENSOR_SIGNALS = ("setpoint", "low", "high")
-"""Signals that are drawn beside the sensors of their unit."""
+"""Signals that are drawn together with the sensors of the same unit."""
 MAX_POINTS = 4000
-"""Largest number of points of a curve: a picture has hardly more than a thousand columns."""
+"""Largest number of points of a curve. A picture has hardly more than a thousand columns of pixels."""
 MAX_PANELS, MAX_ROWS = 10, 30
-"""Largest number of panels, and of rows of binary objects: a figure is at most 23 inches high."""
+"""Largest number of panels, and of rows of binary objects. With these limits a figure is at most 23 inches high."""
 ALARM_COLOURS = {
     Priority.LOW: "#4682b4",
     Priority.MEDIUM: "#e6a700",
@@ -34,13 +35,14 @@ ALARM_COLOURS = {
     Priority.CRITICAL: "#b00020",
 }
 MAX_NAMED, MAX_LINES = 8, 40
-"""Largest number of curves of a panel that have names, and that are drawn one by one; more become a band."""
+"""Largest number of curves of a panel that have names, and largest number that are drawn individually. More curves are
+drawn as a band."""
 WIDTH, MIN_HEIGHT = 16.0, 10.0
-"""Size of the figure, inches."""
+"""Width and smallest height of the figure in inches."""
 MAX_NAME_LENGTH = 40
-"""Largest number of characters of a name beside the panels."""
+"""Largest number of characters of a name next to a panel."""
 CHARACTER_WIDTH = 0.065
-"""Inches of a character of the texts above the panels."""
+"""Width in inches of a character in the texts above the panels."""
 
 
 class Curve(NamedTuple):
@@ -49,11 +51,11 @@ class Curve(NamedTuple):
     path: str
     unit: str
     kind: str
-    """`sensors`, `actuators`, `signals`, or `binary`."""
+    """The kind: `sensors`, `actuators`, `signals`, or `binary`."""
     one: str
     """The state of a binary object that is drawn as 1."""
     column: int
-    """Column of the curve in the rows."""
+    """Index of the curve's column in the rows."""
 
     @classmethod
     def of(cls, about: Described, column: int) -> Curve:
@@ -72,7 +74,7 @@ class Curves:
     curves: list[Curve]
     notes: list[tuple[float, str]]
     where: str = "all are in trace.csv"
-    """The place of the curves that did not fit."""
+    """A text that says where the curves are that did not fit."""
     alarms: AlarmLog | None = None
 
     @classmethod
@@ -83,17 +85,17 @@ class Curves:
 
 @dataclass
 class Panel:
-    """Curves of one unit."""
+    """A panel: the curves of one unit."""
 
     label: str
     name: str = ""
-    """Name of the family of its curves, or empty if they have names of their own."""
+    """Name of the family to which the curves belong, or empty if each curve has a name."""
     curves: list[Curve] = field(default_factory=list)
 
 
 def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
-    """Draw and save the plot. Raises ImportError without matplotlib. Return a text about the curves that did not fit;
-    empty if all did."""
+    """Draw and save the plot. Return a text about the curves that did not fit; empty if all curves fitted. Raises
+    ImportError without matplotlib."""
     if not len(trace.rows):
         return ""
     figure, rest = draw(trace, title)
@@ -104,8 +106,9 @@ def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
 
 
 def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
-    """A panel for each unit and for each family of like objects, a strip of bars for the binary objects and one for the
-    raised alarms. Return the figure, and a text about the curves that did not fit, which the figure shows too."""
+    """Draw a panel for each unit and for each family of similar objects, a strip of bars for the binary objects, and a
+    strip for the raised alarms. Return the figure, and a text about the curves that did not fit, which is also in the
+    figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

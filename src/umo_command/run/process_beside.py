@@ -1,4 +1,4 @@
-"""A process beside a run: it cannot hold the run up, because its output is read without waiting for it."""
+"""A process that accompanies a run. It cannot delay the run, because its output is read without waiting."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from umo.process.start import ONE_THREAD
 from umo.system import notify
 
 MAX_BYTES = 1 << 16
-"""Largest number of bytes of its output that are read at each look: the capacity of a pipe."""
+"""Largest number of bytes of the process's output that are read at a time. It is the capacity of a pipe."""
 KILL_TIMEOUT = 1.0
-"""Timeout in s for its end once it is killed."""
+"""Time in s within which the process must have ended after it was killed."""
 
 
 class ProcessBeside:
-    """`module` is the Python module to run; `command`: another program in its place, for tests."""
+    """One process. `module` is the Python module to run. `command` is another program in its place, for tests."""
 
     def __init__(self, module: str, command: Sequence[str] = ()) -> None:
         self._command = command or [sys.executable, "-P", "-m", module]

@@ -1,5 +1,5 @@
-"""The recorder of a run: its file, and its process. `umo run` starts the process before the run, and does not wait for
-it before the machine is safe."""
+"""The recorder of a run, with its file and its process. `umo run` starts the process before the run, and does not wait
+for it before the machine is safe."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from umo_command.run.process_beside import ProcessBeside
 
 SUFFIX = ".mcap"
 READY, FRAMES = b"ready", b"frames"
-"""The messages of the process, the second one with the descriptors of the frames."""
+"""The two messages between the processes. The second one carries the descriptors of the frames."""
 START_TIMEOUT = 10.0
-"""Timeout in s for the process to be ready; after it, the run begins without the recorder."""
+"""Time in s within which the process must be ready. After that, the run begins without the recorder."""
 END_TIMEOUT = 60.0
-"""Timeout in s for the process to write the rest after the run."""
+"""Time in s within which the process must write the remaining data after the run."""
 NEEDED = ("google.protobuf", "zstandard")
 
 
@@ -58,8 +58,8 @@ def order_of(
     default: Path,
     wiring: str = "wiring",
 ) -> RecordOrder:
-    """Return the order given by the command line and the table `[record]` of the wiring. Raises OptionError for a
-    mistake, an existing file or a missing folder."""
+    """Return the order given by the command line and the table `[record]` of the wiring. Raises OptionError for an
+    error in either, for a file that exists, and for a missing folder."""
     check_installed()
     from umo.recording.part_names import part_name
     from umo.recording.record_settings import record_of
@@ -104,7 +104,7 @@ class RecordBeside(ProcessBeside):
             self._channel.recv(len(READY))
 
     def attach(self, reader: Reader) -> None:
-        """Hand the frames of the run, which has begun, to the recorder."""
+        """Pass the frames of the run to the recorder. The run has begun."""
         if self._channel is not None and reader.ends is not None:
             with suppress(OSError):  # it has ended, which is told
                 calls.send_message(self._channel, FRAMES, reader.ends)
@@ -112,7 +112,7 @@ class RecordBeside(ProcessBeside):
             self._channel = None
 
     def look(self) -> None:
-        """Print the output of the process, and a notice, once, if it has ended before the run."""
+        """Print the output of the process. If the process has ended before the run, print a notice once."""
         self._look(run_is_over=False)
 
     def _look(self, run_is_over: bool) -> None:

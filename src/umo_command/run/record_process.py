@@ -1,5 +1,5 @@
-"""The recorder beside `umo run` as a program. The socket that it inherits brings it the descriptors of the frames; it
-records until the run ends. Its notices are lines on stdout."""
+"""The program of the recorder that accompanies `umo run`. It receives the descriptors of the frames through an
+inherited socket, and records until the run ends. Its notices are lines on stdout."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from umo_command.run.record_beside import FRAMES, READY
 from umo_command.run.record_work import RecordingWork, record_to_the_end
 
 NICENESS = 5
-"""Niceness of the process. If it falls behind by more than a ring, it loses frames."""
+"""Niceness of the process. If the process falls behind by more than the length of a ring, it loses frames."""
 
 
 def main(file: int, path: Path, settings: dict[str, Any]) -> int:
@@ -51,7 +51,7 @@ def main(file: int, path: Path, settings: dict[str, Any]) -> int:
 
 
 def tell(text: str) -> None:
-    """Notify the process that has started this one, if it still lives."""
+    """Notify the process that has started this process, if it still lives."""
     try:
         print(text, flush=True)
     except OSError:

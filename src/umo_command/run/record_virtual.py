@@ -1,4 +1,4 @@
-"""Recording a run in virtual time: in its own process, between two of its periods."""
+"""Records a run in virtual time, in the process of the run, between its periods."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SHARE_OF_RING = 4
 
 
 class RecordedVirtual:
-    """The record of one run in virtual time. It is closed after the machine. Its failures are printed; the run
-    continues."""
+    """The record of one run in virtual time. It is closed after the machine. If it fails, the failure is printed and
+    the run continues."""
 
     def __init__(self, order: RecordOrder | None) -> None:
         """`order`: None means that nothing is recorded or published."""

@@ -21,7 +21,7 @@ from umo.recording.recording_parts import RecordingParts
 
 class RecordingWork:
     """Records one run to a file, or in a flight recorder. Raises OSError or UmoError if it cannot begin. A full disk
-    ends the record with a notice; the file keeps everything that was written before."""
+    ends the recording with a notice. The file keeps everything that was written before."""
 
     def __init__(
         self,
@@ -54,19 +54,19 @@ class RecordingWork:
 
     @property
     def pause(self) -> float:
-        """Time in s to the next look."""
+        """The time in s until the next look."""
         return self._recorder.pause
 
     @property
     def progress(self) -> str:
-        """Return the progress so far, as text."""
+        """The progress so far, as text."""
         words = [f"{self._recorder.periods:,} periods", f"{self._parts.size / 1e6:.1f} MB"]
         if self._recorder.lost:
             words.append(f"{self._recorder.lost:,} periods lost")
         return ", ".join(words)
 
     def look(self) -> None:
-        """Read and write new frames. Return True at the end of the run, or when the disk is full."""
+        """Read and write new frames. Return True if the run has ended or the disk is full."""
         if self.is_over:
             return
         ended = self._recorder.has_ended
@@ -78,7 +78,7 @@ class RecordingWork:
         self.is_over = ended
 
     def finish(self) -> None:
-        """Write the rest, and report the result."""
+        """Write the remaining data, and report the result."""
         self.is_over = True
         if not self.failed:
             try:

@@ -1,8 +1,8 @@
-"""The result of a run: its table, its summary, and its folder in `runs/`, with `run.json` and the trace from its
-beginning, and summary, failure and plot at its end.
+"""The result of a run: its table, its summary, and its folder in `runs/`. From the beginning of the run the folder has
+`run.json` and the trace; the summary, the failure and the plot are added at the end.
 
-Every file is written whole or not at all. The trace of a run whose `umo run` was killed, or could not read its frames
-to the end (status 4), ends before the run did.
+Every file is written completely or not at all. If `umo run` was killed, or could not read the frames to the end (status
+4), the trace ends before the run.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 TRACE_PAUSE = 1.0
-"""Time in s on the machine's clock between two writings of the trace while the run goes on."""
+"""Time in s on the machine's clock between two writings of the trace during the run."""
 MAX_SHOWN = 5
 """Number of faults of equipment that are shown."""
 MAX_VALUE_LENGTH = 100
@@ -51,14 +51,14 @@ MAX_VALUE_LENGTH = 100
 
 @dataclass
 class RunSummary:
-    """One run, as shown in its table and its summary."""
+    """The data of one run for its table and its summary."""
 
     statistics: Statistics
     outcome: Outcome = field(default_factory=Outcome)
     progress: Progress = field(default_factory=Progress)
     """Last progress that the machine reported."""
     elapsed: float = 0.0
-    """Wall-clock time in s."""
+    """Wall-clock duration of the run in s."""
     injected: Sequence[str] = ()
     """Faults that were injected on purpose."""
     equipment_faults: FaultLog = field(default_factory=FaultLog)
@@ -71,12 +71,12 @@ class RunSummary:
 
     @property
     def failed(self) -> str:
-        """Reason why the run failed, in a line, or "" if it did not."""
+        """The reason why the run failed, on one line; "" if it did not fail."""
         failure = self.outcome.failure
         return "" if failure is None else failure.message.partition("\n")[0]
 
     def summary(self, *, running: bool = False) -> dict[str, Any]:
-        """Return the summary as plain data; possible during the run too."""
+        """Return the summary as plain data. This is also possible during the run."""
         statistics = self.statistics
         optional: dict[str, Any] = {"injected_faults": list(self.injected)} if self.injected else {}
         if mistakes := self.equipment_faults.mistakes:
@@ -127,7 +127,7 @@ class RunSummary:
         return table
 
     def standing_faults(self) -> list[str]:
-        """A line for each of the first few parts that are in fault at the end, and the number of the others."""
+        """Return a line for each of the first few parts that are in fault at the end, and the number of the others."""
         standing = self.equipment_faults.standing.values()
         lines = [
             f"still in fault at the end: {each.path}, since {clock_text(each.time)}: {each.reason}" for each in standing
@@ -196,7 +196,7 @@ class RunSummary:
 
 
 def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
-    """Return rows for plain data: one row for each entry of a dict, otherwise one row under this name."""
+    """Return rows for plain data: one row for each entry if the data are a dict, otherwise one row under this name."""
     if isinstance(data, dict):
         for key, value in data.items():
             yield printable(str(key).replace("_", " ")), _text(value)
@@ -217,7 +217,8 @@ def _rounded(value: float | None, digits: int) -> float | None:
 
 
 class NotRecorded(UmoError, OSError):
-    """A run cannot be recorded: `runs/` is full, read-only or not a folder."""
+    """Raised if a run cannot be recorded, because the disk of `runs/` is full, or `runs/` is read-only or not a
+    folder."""
 
 
 class RunFolder:
@@ -230,7 +231,8 @@ class RunFolder:
 
     @classmethod
     def make(cls, plan: Plan) -> RunFolder:
-        """Make a new folder, with the facts of the run in `run.json`. Raises NotRecorded if it cannot be written."""
+        """Make a new folder, with the facts of the run in `run.json`. Raises NotRecorded if the folder cannot be
+        written."""
         now, job = datetime.now(), plan.job
         about: dict[str, Any] = {"station": plan.name, "wiring": job.wiring or plan.wiring_name or None}
         about |= {"options": job.options, "manual": job.manual, "until": job.until}
@@ -256,7 +258,7 @@ class RunFolder:
                 RUNS.rmdir()
 
     def save(self, result: RunSummary, trace: Trace) -> None:
-        """Write all but the plot. A failure is printed and makes the record incomplete."""
+        """Write all files but the plot. If this fails, print the failure and mark the record as incomplete."""
         failure = result.outcome.failure
         if failure is not None:
             text = f"{failure.message}\n{failure.traceback}"
@@ -281,7 +283,7 @@ class RunFolder:
 
 
 class TraceFile:
-    """An observer that writes the rows of a trace as they come: a run whose `umo run` is killed leaves them behind."""
+    """An observer that writes the rows of a trace during the run, so that they remain if `umo run` is killed."""
 
     def __init__(self, trace: Trace, path: Path) -> None:
         self._trace = trace

@@ -1,4 +1,4 @@
-"""`umo run`: run a station and print the results."""
+"""`umo run`: runs a station and prints the results."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ from umo_command.values import check_file
 STILL_TIME = 600.0
 """Time in s on the machine's clock without a change after which a notice is printed."""
 LOOK_PERIODS = 997
-"""Periods between two looks: a prime number, so that a machine that repeats itself is hardly ever mistaken for one that
-stands still."""
+"""Number of periods between two checks for a change. It is a prime number, so that a machine whose values repeat is
+hardly ever mistaken for one whose values do not change."""
 
 
 @dataclass(frozen=True)
@@ -56,21 +56,22 @@ class Record:
     """True if the run leaves a folder in runs/."""
     plot: bool = True
     summary: Path | None = None
-    """File for the summary."""
+    """The file for the summary."""
     keep: int | None = None
-    """Bytes of a trace of every period, whose oldest parts are removed, or None if none is written."""
+    """Maximum number of bytes of a trace of every period, whose oldest parts are removed. None means that no such trace
+    is written."""
     keep_runs: int | None = None
-    """Number of runs of the station that are kept, with this one; None means all."""
+    """Number of runs of the station that are kept, including this one. None means all."""
     recording: Path | None = None
-    """File for a recording of every period; an empty path: `recording.mcap` in the run's folder. None means no
-    recording, unless the wiring asks for one."""
+    """The file for a recording of every period. An empty path means `recording.mcap` in the run's folder. None means no
+    recording, unless the wiring declares one."""
     recording_settings: Mapping[str, Any] = field(default_factory=dict)
-    """The settings of a recording that the command line changes."""
+    """The settings of a recording that are given on the command line."""
 
 
 def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = False, serve: bool = True) -> int:
-    """Run a station's application to its end, and return the exit status. `serve`: also serve the faces of its wiring.
-    In real time the station runs in its own processes (`umo.process`), in virtual time in this one.
+    """Run a station's application to its end, and return the exit status. `serve`: True to also serve the faces of its
+    wiring. In real time the station runs in separate processes (`umo.process`), in virtual time in this process.
     """
     limit_waits()
     status = _run_station(job, record, full_traceback, serve)
@@ -283,7 +284,8 @@ def _plot(title: str, trace: Trace, result: RunSummary, folder: RunFolder) -> st
 
 
 class Stillness:
-    """An observer that reports once that no value has changed for a long time, and where the application waits."""
+    """An observer that reports once if no value has changed for a long time, and at which line the application
+    waits."""
 
     def __init__(self, say: Callable[[str], object], places: Callable[[], list[str]]) -> None:
         self._say = say

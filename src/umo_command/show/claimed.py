@@ -17,7 +17,7 @@ from umo_command.console import out, say
 
 def show_claim(station: str, path: str) -> None:
     """Print who drives an actuator. Raises PathError, FramesError or OptionError if the path does not exist, the
-    station does not run, or it is not an actuator."""
+    station does not run, or the path is not that of an actuator."""
     with closing(find_running(station, say)) as reader:
         number, frame = reader.index(path), reader.latest()
         if not reader.layout.described.objects[number].is_actuator:

@@ -1,4 +1,4 @@
-"""`umo show latency`: measures whether this computer can keep a sampling period."""
+"""`umo show latency`: measures whether this computer can keep a given sampling period."""
 
 from __future__ import annotations
 

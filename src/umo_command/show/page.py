@@ -1,4 +1,4 @@
-"""`umo show page`: the page of the running stations, or of recordings, served by this process."""
+"""`umo show page`: serves the page of the running stations, or of recordings, from this process."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 DEFAULT_PORT = 8270
-"""TCP port; any free one if it is taken."""
+"""The default TCP port. If it is in use, any free port is taken."""
 MIN_TOKEN_LENGTH = 8
-"""Least number of characters of a given token."""
+"""Smallest number of characters of a token that the user gives."""
 
 
 class PageError(FramesError, ValueError):
-    """The page cannot be served with these options."""
+    """Raised if the page cannot be served with these options."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ class ViewOptions:
     """The address at which a proxy serves the page."""
     fleet: bool = False
     second: Path | None = None
-    """A recording that is drawn over another one."""
+    """A recording that is drawn over the first one."""
     code: str | None = None
     """The station whose twin is drawn in a recording, by folder or name."""
 
 
 def view(choice: ViewOptions) -> int:
-    """Print the address, and serve the page until Ctrl-C."""
+    """Print the address of the page, and serve the page until Ctrl-C."""
     for library in LIBRARIES:
         if find_spec(library) is None:
             raise PageError(f"the page needs {library}: {how_to_install('page')}")

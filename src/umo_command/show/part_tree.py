@@ -1,4 +1,5 @@
-"""`umo show parts`: the hierarchy of objects (the paper's Figure 4), like members of lists folded into one."""
+"""`umo show parts`: shows the hierarchy of objects (the paper's Figure 4). Similar members of a list are shown as
+one."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), everything: bool = False) -> int:
-    """Print all objects, or those at a path. Return 2 if the wiring has mistakes. `words`: the path and options of the
+    """Print all objects, or those at a path. Return 2 if the wiring has errors. `words`: the path, and options of the
     machine."""
     file = station.wiring(wiring)
     machine, paths = machine_and_words(station, words)
@@ -67,7 +68,7 @@ class _Branches:
         self._fold = fold
 
     def add(self, tree: Tree, first: Mapping[str, Node], last: Mapping[str, Node]) -> None:
-        """The parts of like compounds, as those of the first; `last`: the same parts of the last of them."""
+        """Add the parts of similar compounds. `first`: those of the first compound; `last`: those of the last one."""
         for names in self._alike(first):
             begin, end = first[names[0]], last[names[-1]]
             name = folded(names)

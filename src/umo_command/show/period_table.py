@@ -1,4 +1,4 @@
-"""`umo show period`: the phases of a period of a station, and who acts in each."""
+"""`umo show period`: shows the phases of a station's period, and which parts act in each phase."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAX_NAMED_PARTS = 8
 
 
 def show_period(station: Station, wiring: str | None, words: Sequence[str] = ()) -> int:
-    """Print the phases in their order. No device is opened. `words`: options of the machine."""
+    """Print the phases of the period in their order. No device is opened. `words`: options of the machine."""
     root, paths = machine_and_words(station, words)
     if paths:
         raise OptionError(f"unexpected argument {paths[0]!r}: --period is about the whole machine")
@@ -58,7 +58,7 @@ def period_table(bound: dict[str, list[str]], title: str) -> Table:
 
 
 def acting_in(machine: ConnectedMachine) -> dict[str, list[str]]:
-    """Return the parts that act in each phase of a machine, as text, by the phase's name."""
+    """Return the parts that act in each phase of a machine, as text, by the name of the phase."""
     period, whole, parts = machine.phases, machine.groups.whole, machine.groups.parts
     items, claims = machine.image.items, machine.claims
     asked = sum(not item.synchronous for item in items if item.direction is Direction.OUTPUT)

@@ -1,4 +1,4 @@
-"""The stations that run now, as `umo show stations`, `umo show values` and `umo show why` find them."""
+"""Finds the stations that run now, for `umo show stations`, `umo show values` and `umo show why`."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from umo.wiring.patterns import chosen
 from umo_command.console import out, plain_table, say
 
 COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed")
-"""Facts that `umo show stations` shows in its table; the longer ones stand in lines below it."""
+"""Facts that `umo show stations` shows in its table. Longer facts are shown on lines below the table."""
 MAX_STOPPED = 5
-"""Number of machines that stand stopped of which each has a line: the newest."""
+"""Largest number of machines that stand stopped and have a line each. They are the newest ones."""
 CHANGED = "changed"
-"""Name of the fact that lists the files that have changed on disk since the run has read them."""
+"""Name of the fact that lists the files that have changed on disk since the run read them."""
 
 
 def show_stations(as_json: bool = False) -> None:
@@ -92,8 +92,8 @@ def how_to_clear(name: str, faults: Iterable[str]) -> str:
 
 
 def how_ended(reader: RunReader) -> Text:
-    """Return the sentence that a run has ended, with its result if the run could still report it; red after a
-    failure."""
+    """Return a sentence which says that a run has ended. It has the result, if the run could still report it, and is
+    red after a failure."""
     name, end = reader.about["station"], reader.end
     if end is None:
         return Text(
@@ -103,8 +103,8 @@ def how_ended(reader: RunReader) -> Text:
 
 
 def attach_first(words: list[str]) -> tuple[Reader, list[str]]:
-    """Return the station that the first word names, and the words after it; if the first word names no station, return
-    the only one that runs, and all the words."""
+    """Return the station that the first word names, and the words after the first. If the first word does not name a
+    station, return the only station that runs, and all words."""
     try:
         return attach(words[0] if words else None), words[1:]
     except FramesError:
@@ -137,7 +137,7 @@ def attach(name: str | None) -> Reader:
 
 
 def standing() -> list[Ended]:
-    """Return the machines that stand stopped, or whose processes are all gone; the newest first."""
+    """Return the machines that stand stopped, or whose processes have all ended, the newest first."""
     found = [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
     return sorted(found, key=lambda ended: ended.when, reverse=True)
 

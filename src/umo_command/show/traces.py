@@ -1,4 +1,4 @@
-"""Traces of the objects and signals of a running station over the last seconds."""
+"""Traces: the values of the objects and signals of a running station over the last seconds."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from umo.digits import number_text
 from umo.objects.presentation.described import Described
 
 TRACE_BLOCKS = 16
-"""Number of blocks of a trace; the newest is the last."""
+"""Number of blocks of a trace. The last block is the newest."""
 TRACE_SPAN = 16.0
 """Time in s on the machine's clock that a trace covers."""
 MAX_TIME = 1e12
-"""Time in s; a frame with a later time is damaged."""
+"""Largest time in s of a frame. A frame with a later time is damaged."""
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 Floats = npt.NDArray[np.float64]
 
 
 class Traces:
-    """The least and the greatest value of each row in each stretch of time; NaN stands for a stretch without a
+    """The smallest and the largest value of each row in each interval of time. NaN stands for an interval without a
     value."""
 
     def __init__(self, rows: int) -> None:
@@ -44,15 +44,15 @@ class Traces:
             np.fmax(self.high[-1], np.fmax.reduce(inside), out=self.high[-1])
 
     def of(self, rows: list[int]) -> tuple[Floats, Floats]:
-        """Return the least and the greatest value of some rows in each stretch of time that has a value."""
+        """Return the smallest and the largest value of some rows in each interval of time that has a value."""
         low, high = np.fmin.reduce(self.low[:, rows], axis=1), np.fmax.reduce(self.high[:, rows], axis=1)
         known = np.isfinite(low) & np.isfinite(high)
         return low[known], high[known]
 
 
 def spark(traced: tuple[Floats, Floats], about: Described) -> str:
-    """Return a block for each stretch of time, at the height of the middle of its values. `about`: the description of
-    the row."""
+    """Return a block character for each interval of time. Its height shows the middle of the interval's values.
+    `about`: the description of the row."""
     low, high = traced
     if not len(low):
         return ""
@@ -64,7 +64,7 @@ def spark(traced: tuple[Floats, Floats], about: Described) -> str:
 
 
 def traced_span(traced: tuple[Floats, Floats], about: Described) -> str:
-    """Return the range of the values, such as `2 to 3.5`; empty for a binary object or a named value."""
+    """Return the range of the values, such as `2 to 3.5`, or an empty text for a binary object or a named value."""
     low, high = traced
     if not (about.is_number and len(low)):
         return ""

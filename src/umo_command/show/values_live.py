@@ -1,4 +1,4 @@
-"""`umo show values`: a running station in the terminal, from its frames."""
+"""`umo show values`: shows a running station in the terminal, from its frames."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ from umo_command.show.traces import TRACE_SPAN, Traces, spark, traced_span
 
 PICTURES_PER_SECOND = 10
 OTHER_LINES = 6
-"""Lines of a screen above and below those of the table."""
+"""Number of lines of a screen above and below the table."""
 HEADINGS = ("object or signal", "value", f"last {TRACE_SPAN:g} s", "least to most", "raw")
 MAX_REASONS = 3
 """Largest number of reasons of inhibitions that are reported."""
 WARNINGS = ("no frame for", "not seen")
 """Facts that are shown in another colour."""
 OWN_LINE_FACTS = (IN_FAULT, "driven", ALARMS)
-"""Facts that are shown in lines of their own."""
+"""Facts that are shown on separate lines."""
 COLUMN_GAP = 2
-"""Characters between two columns."""
+"""Number of characters between two columns."""
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
 PAUSE_RATIO = 9
-"""Pause after a picture, as a multiple of the time that the picture took, because the station needs the computer, and
-the terminal may be slow."""
+"""Pause after an update of the screen, as a multiple of the time that the update took. It is needed because the station
+needs the computer, and the terminal may be slow."""
 MARKS = {True: "▾ ", False: "▸ "}
 SEQUENCES = {
     b"\x1b[A": "up",
@@ -79,16 +79,16 @@ SEQUENCES = {
     b"a": "all",
     b"q": "quit",
 }
-"""Characters that a terminal sends (ECMA-48, xterm), and the name of the key."""
+"""Characters that a terminal sends (ECMA-48, xterm), with the name of the key."""
 SENT = re.compile(rb"\x1b[\[O][\x00-\x3f\x7f-\xff]*[\x40-\x7e]?|.", re.S)
-"""A control sequence up to its last character, or a character."""
+"""Pattern of a control sequence up to its last character, or of a single character."""
 
 Wait = Callable[[float], list[str]]
 
 
 def watch(words: list[str], once: bool, seconds: float | None) -> None:
-    """Show a running station until it ends, until q or Ctrl-C, or for `seconds` s. `words`: its name or pid, then paths
-    and patterns; only these if one station is running."""
+    """Show a running station until it ends, until q or Ctrl-C, or for `seconds` s. `words`: the name or pid of the
+    station, then paths and patterns. The name may be left out if only one station is running."""
     reader, paths = attach_first(words)
     with reader, reading(reader.path):
         rows = chosen(reader.paths + reader.signals, paths, reader.about["station"])
@@ -155,13 +155,13 @@ class WatchScreen:
         return ended
 
     def whole(self) -> Group | Text:
-        """Return all selected objects, one in a line."""
+        """Return all selected objects, one per line."""
         lines = View(self._names, fold=False).lines
         rest = f"{others(self._others)} not shown" if self._others else ""
         return self._draw(lines, None, self._remarks(), rest, out.width)
 
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
-        """Draw as much as fits the terminal; if there is a keyboard, also draw a cursor and the meaning of the keys."""
+        """Draw as much as fits the terminal. If there is a keyboard, also draw a cursor and the meaning of the keys."""
         remarks = self._remarks()
         height = max(1, console.size.height - OTHER_LINES - len(remarks))
         lines, total = self.view.visible(height), len(self.view.lines)
@@ -272,13 +272,13 @@ def _value(line: list[TableRow]) -> Text:
 class Line:
     name: str
     rows: list[int]
-    """Places of the objects in the line; a family has several."""
+    """Indices of the objects in the line. A family has several."""
     family: str = ""
     """The family that the line folds and unfolds."""
 
 
 class View:
-    """State of the list: the unfolded families, the cursor, the first visible line."""
+    """The state of the list: the unfolded families, the cursor, and the first visible line."""
 
     def __init__(self, names: Sequence[str], fold: bool = True) -> None:
         self._names = names
@@ -323,8 +323,8 @@ class View:
 
 @contextmanager
 def pressed() -> Iterator[Wait | None]:
-    """Yield a function that waits for keys, at most this time in s, and returns their names; None without a
-    keyboard."""
+    """Return a context that yields a function, or None without a keyboard. The function waits for keys, at most a time
+    in s, and returns their names."""
     try:
         import termios
         import tty
@@ -353,5 +353,5 @@ def _read(file: int, seconds: float) -> list[str]:
 
 
 def parse(data: bytes) -> list[str]:
-    """Return the keys in the input of a terminal. Unknown ones are skipped."""
+    """Return the names of the keys in the input of a terminal. Unknown keys are skipped."""
     return [SEQUENCES[sent] for sent in SENT.findall(data) if sent in SEQUENCES]

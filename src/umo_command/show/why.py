@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from umo.recording.recording import Recording
 
 PERIODS_BEFORE = 2
-"""Periods shown before the one that reports the miss."""
+"""Number of periods that are shown before the period that reports the missed one."""
 MAX_VERDICTS = 10
-"""Number of missed periods that are explained, the latest ones."""
+"""Number of missed periods that are explained. They are the latest ones."""
 PROFILED = "which function takes the time, in virtual time (docs/howto-late-periods.md):"
 """Heading of the command that shows which function takes the time."""
 PART_TITLES = {WAKE: "waking up", AFTER: "after update"}

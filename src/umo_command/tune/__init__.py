@@ -1,1 +1,1 @@
-"""`umo tune number`: the numbers of a machine, its gains and recipes."""
+"""`umo tune`: the numbers of a machine, its gains and its recipes."""

@@ -1,4 +1,4 @@
-"""`umo tune number`: its commands, their arguments, and the functions that carry them out."""
+"""`umo tune`: its commands, their arguments, and the functions that carry them out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""`umo tune kept`: the kept values of a station; `umo tune save`: the lines of a wiring that keep the tuned numbers."""
+"""`umo tune kept` lists the kept values of a station. `umo tune save` prints the lines of a wiring that keep the tuned
+numbers."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ from umo.text import did_you_mean, printable, time_of_day
 from umo_command.console import err, out
 
 LOCK_TIMEOUT = 0.5
-"""Timeout in s for a run that has just ended."""
+"""Time in s to wait for a run that has just ended."""
 
 
 def kept(station: str, wiring: str | None, forget: str | None) -> None:
-    """List the kept values of a station, of all wirings or of one; or forget one number."""
+    """List the kept values of a station, for all wirings or for one, or forget one number."""
     name = station_name(station) if Path(station).is_dir() else station
     try:
         files = [(path, values) for path, values in kept_file.all_kept(name) if _is_of(values, wiring)]
@@ -91,8 +92,8 @@ def _forget(files: list[tuple[Path, KeptValues | KeptFileError]], number: str) -
 
 
 def save_tuned(reader: RunReader) -> None:
-    """Print which tuned numbers are kept, and for the others the lines of the wiring that keep them, as valid TOML with
-    all digits."""
+    """Print which tuned numbers are kept values. For the others, print the lines of the wiring that keep them, as valid
+    TOML with all digits."""
     kept, tuned = reader.kept, reader.tuned()
     for path in tuned:
         if path in kept:

@@ -1,4 +1,4 @@
-"""`umo tune law`: find the gains of a law, from an experiment or from a recorded run."""
+"""`umo tune law`: finds the gains of a law, from an experiment or from a recorded run."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from umo_command.tune.told import SettingsReport, settings_report, tables_of
 from umo_command.values import check_picture, difference, number
 
 MAX_LIMITED_SHARE = 0.02
-"""Largest share of an experiment in which an inner law may be at its limit without a remark."""
+"""Largest share of an experiment during which an inner law may be at its limit without a remark."""
 LOW_FIT = 90.0
-"""Fit in per cent below which a remark is printed."""
+"""The fit in per cent below which a remark is printed."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class TuningOrder:
 
 
 def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str]) -> int:
-    """Find the gains and print them, or list the laws if no place is given. Return the exit status."""
+    """Find the gains and print them. If no law is given, list the laws. Return the exit status."""
     if not place:
         return _list_laws(station, order, options)
     order.check()

@@ -1,4 +1,5 @@
-"""The plot of `umo tune law`: the response with the model over it, the output, and the steps that the gains promise."""
+"""Draws the plot of `umo tune law`: the response with that of the model, the output, and the step responses that are
+expected with the gains."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from umo.commissioning.tuning.tuning_result import PRESENT, TuningResult
 from umo.objects.presentation.value_text import shown_unit
 
 WIDTH, HEIGHT = 12.0, 10.0
-"""Size of the picture, inches."""
+"""Size of the picture in inches."""
 
 
 def save_tuning_plot(result: TuningResult, path: Path, title: str) -> None:

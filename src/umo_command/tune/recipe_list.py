@@ -1,4 +1,4 @@
-"""`umo tune recipe`."""
+"""`umo tune recipe`: lists the recipes of a machine, or chooses one."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from umo_command.do.commanding import leased, station_of
 
 
 def show_recipes(station: Station, running: str) -> int:
-    """Print every recipe with its values and units; for a running station, also which one was begun last and which one
-    is next."""
+    """Print every recipe with its values and units. For a running station, also print which recipe was begun last and
+    which one is next."""
     found = books_of(station.machine())
     if not found:
         raise OptionError(f"{station.name} has no recipes")
@@ -51,7 +51,8 @@ def _now(running: str, path: str) -> str:
 
 
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
-    """Choose a recipe for the batches of a running station that begin from now on. Its file is read in this process."""
+    """Choose a recipe for the batches of a running station that begin from now on. The file of the recipe is read in
+    this process."""
     machine = station.machine()
     path, recipe = _named(station, books_of(machine), name)
     action = actions_of(machine)[f"{path}.choose"].describe()

@@ -1,4 +1,5 @@
-"""The output of `umo tune law`: tables of the model and of the gains, and the lines that try and keep them."""
+"""The output of `umo tune law`: tables of the model and of the gains, and the lines by which the gains can be tried and
+kept."""
 
 from __future__ import annotations
 
@@ -18,12 +19,12 @@ from umo_command.console import plain_table
 from umo_command.tune.kept import toml_line
 
 LEAST_DEAD_TIME = 1e-3
-"""Number of periods below which a dead time is shown as 0."""
+"""The number of periods below which a dead time is shown as 0."""
 
 
 @dataclass
 class SettingsReport:
-    """The gains of one set, with the lines that try and keep them."""
+    """The gains of one set, with the lines by which they can be tried and kept."""
 
     name: str
     values: dict[str, float]
@@ -34,8 +35,8 @@ class SettingsReport:
 def settings_report(
     result: TuningResult, name: str, station: str, tunable: Mapping[str, tuple[float, float]]
 ) -> SettingsReport:
-    """Return the report on one set. `tunable`: the tunable numbers, with their ranges. Raises RangeError if there is no
-    set of this name."""
+    """Return the report on one set of gains. `tunable`: the tunable numbers, with their ranges. Raises RangeError if
+    there is no set with this name."""
     chosen = result.set_of(name)
     told = SettingsReport(name, settings_of(result, chosen))
     base = result.facts.base

@@ -12,17 +12,18 @@ from umo.operation.commands.verb import Verb
 from umo.text import printable
 
 MAX_FACE = 20
-"""Largest number of characters of a face's name that are reported: that leaves room for the name of the user."""
+"""Largest number of characters of a face's name that are reported. The limit leaves room for the name of the user."""
 PATH = "path"
 """The name of the path among the arguments of a verb."""
 REFUSAL_PAUSE = 10.0
-"""Time in s from one event of a refusal of a user to the next: a flood of refusals does not displace other events."""
+"""Time in s from one event that reports a refusal of a user to the next, so that a flood of refusals does not displace
+other events."""
 MAX_REFUSED = 16
-"""Largest number of users whose refusals are reported in that time."""
+"""Largest number of users whose refusals are reported within `REFUSAL_PAUSE`."""
 
 
 def named(user: User, face: str) -> str:
-    """Return a user of a face as shown in events."""
+    """Return the name of a face's user as shown in events."""
     return who_text(user.name, f"{'' if user.proved else UNVERIFIED} ({printable(face)[:MAX_FACE]})")
 
 
@@ -32,7 +33,8 @@ def lives(user: User) -> bool:
 
 
 class RefusalLimit:
-    """Selects the refusals that are reported as events: the first of a user, and another one after `pause` in s."""
+    """Selects the refusals that are reported as events: the first refusal of a user, and further ones at intervals of
+    at least `pause` s."""
 
     def __init__(self, pause: float = REFUSAL_PAUSE) -> None:
         self._pause = pause
@@ -47,7 +49,8 @@ class RefusalLimit:
 
 
 def arguments_of(text: Any) -> dict[str, Any]:
-    """The arguments of a command as a text: a JSON object, or empty for none. Raises OptionError for another text."""
+    """Return the arguments of a command, parsed from a string: a JSON object, or empty for none. Raises OptionError for
+    any other string."""
     try:
         found = json.loads(text) if text else {}
     except (ValueError, TypeError, RecursionError):
@@ -58,8 +61,8 @@ def arguments_of(text: Any) -> dict[str, Any]:
 
 
 def asked_of(verb: Verb, text: Any) -> tuple[str, dict[str, Any]]:
-    """The path and the fields of a command whose path and arguments are one JSON object. Raises OptionError for another
-    text."""
+    """Return the path and the fields of a command whose path and arguments are one JSON object. Raises OptionError for
+    any other string."""
     given = arguments_of(text)
     path = given.pop(PATH, "")
     if not isinstance(path, str):

@@ -14,7 +14,7 @@ from umo.errors import OptionError, UmoError
 
 
 def is_local(host: str) -> bool:
-    """True if an address is of this computer only."""
+    """True if an address can be reached from this computer only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -23,8 +23,9 @@ def is_local(host: str) -> bool:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """`port` 0: a free one. `certificate`: file of the server's certificate and key (PEM); `clients`: file of the
-    certificates by which clients are known. An address that other computers reach needs both: OptionError without."""
+    """The address of a server. `port` 0 means a free port. `certificate` is the file of the server's certificate and
+    key (PEM), `clients` the file of the certificates by which clients are known. Raises OptionError if other computers
+    can reach the address and one of the two files is missing."""
 
     host: str
     port: int
@@ -41,7 +42,7 @@ class Endpoint:
             )
 
     def listening(self) -> socket.socket:
-        """A socket that listens. Raises UmoError if the address cannot be used."""
+        """Return a socket that listens. Raises UmoError if the address cannot be used."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         try:
             return socket.create_server((self.host, self.port), family=family, backlog=64)

@@ -1,4 +1,5 @@
-"""The last values of all items of a machine, from its frames, and for each face the changes since its last look."""
+"""The last values of all items of a machine, from its frames, and the changes for each face since that face's last
+update."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from umo.wiring.patterns import chosen
 
 STATE_COLUMNS = ("equipment", "axes", "alarms")
 NO_QUALITY = 255
-"""Stored in place of a quality."""
+"""The value that is stored while there is no quality."""
 NO_BANDS: Mapping[str, float] = MappingProxyType({})
 
 

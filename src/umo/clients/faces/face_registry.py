@@ -1,4 +1,5 @@
-"""Find a face by name: entry points of the group `umo.faces`, or `module:Class`. It is imported only when named."""
+"""Finds a face by its name: an entry point of the group `umo.faces`, or `module:Class`. A face is imported only when it
+is named."""
 
 from __future__ import annotations
 
@@ -13,16 +14,17 @@ GROUP = "umo.faces"
 
 
 class FaceNotInstalled(OptionError):
-    """The library of a face is not installed; says how to install it."""
+    """Raised if the library of a face is not installed. The text says how to install it."""
 
 
 def known_faces() -> dict[str, str]:
-    """The registered faces by name, each `module:Class`; none is imported."""
+    """Return the registered faces by name, each as `module:Class`. None of them is imported."""
     return {point.name: point.value for point in registered(GROUP)}
 
 
 def find_face(name: str) -> type[Face]:
-    """The class of a face. Raises OptionError if there is none of this name, FaceNotInstalled without its library."""
+    """Return the class of a face. Raises OptionError if no face has this name, and FaceNotInstalled if its library is
+    missing."""
     points = known_faces()
     place = name if ":" in name else points.get(name)
     if place is None:

@@ -1,9 +1,10 @@
-"""The settings of a station's faces: the table `[faces]` of its wiring, and what the command line changes.
+"""The settings of a station's faces: the table `[faces]` of its wiring, and the options of the command line that
+override them.
 
 [faces]
 rate = 10                          # looks at the machine a second
 commands = true                    # default: clients only read
-dead_bands = { "z.encoder" = 5 }   # changes up to this are not told, in the unit of each number
+dead_bands = { "z.encoder" = 5 }   # changes up to this are not reported, in the unit of each number
 
 [faces.prometheus]
 port = 9464
@@ -27,7 +28,7 @@ from umo.wiring.settings import COMMAND_LINE, a_number, changed, names_of, refus
 
 @dataclass(frozen=True)
 class FacesTable:
-    """The keys of the table that are not names of faces."""
+    """The keys of the table `[faces]` that are not names of faces."""
 
     rate: Annotated[float, a_number(SLOWEST, FASTEST)] = RATE
     """Looks per second."""
@@ -40,18 +41,18 @@ KEYS = names_of(FacesTable)
 
 @dataclass(frozen=True)
 class FaceSettings(FacesTable):
-    """The settings in `[faces]`, checked as far as possible without importing a face."""
+    """The settings in `[faces]`. They are checked as far as possible without importing a face."""
 
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """The options of each face, by its name."""
     file: str = "wiring"
-    """The wiring: relative paths start from its station, or from its folder."""
+    """The wiring file. Relative paths start from its station, or else from its folder."""
 
 
 def faces_settings(
     table: Mapping[str, Any], file: str = "wiring", changes: Mapping[str, Any] | None = None
 ) -> FaceSettings:
-    """Return the settings in the table `[faces]` of a wiring, overridden by those of a command line. Raises
+    """Return the settings in the table `[faces]` of a wiring. Settings of the command line override them. Raises
     SettingsError for an invalid key or value."""
     faces = {key: value for key, value in table.items() if key not in KEYS and isinstance(value, Mapping)}
     given = settings_of(FacesTable, {key: value for key, value in table.items() if key not in faces}, file, "faces")
@@ -59,7 +60,8 @@ def faces_settings(
 
 
 def options_from(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Options of faces as in a command line, `prometheus.port=9465`: by face and name. Raises OptionError."""
+    """Return options of faces by face and name, parsed from a command line such as `prometheus.port=9465`. Raises
+    OptionError if one is malformed."""
     import tomllib
 
     found: dict[str, dict[str, Any]] = {}
@@ -78,8 +80,8 @@ def options_from(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
 def faces_of(
     settings: FaceSettings, names: Sequence[str], changes: Mapping[str, Mapping[str, Any]]
 ) -> list[tuple[str, Face]]:
-    """The faces with these names, made with their options; without names the faces of the settings. Raises OptionError
-    if one cannot be made."""
+    """Create and return the faces with these names; without names, those of the settings. Raises OptionError if one
+    cannot be created."""
     chosen = list(names) or list(settings.options)
     if not chosen:
         raise OptionError(
@@ -96,8 +98,8 @@ def faces_of(
 
 
 def faces_present(settings: FaceSettings) -> tuple[FaceSettings, list[str]]:
-    """The settings without the faces whose libraries are not installed, and how to install these. Raises OptionError
-    for a face that cannot be made."""
+    """Return the settings without the faces whose libraries are not installed, and how to install these libraries.
+    Raises OptionError for a face that cannot be created."""
     options, missing = {}, []
     for name, given in settings.options.items():
         try:

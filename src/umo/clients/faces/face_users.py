@@ -1,4 +1,5 @@
-"""The users of faces whose protocol proves them: passwords and certificates, from one file of this user who runs faces.
+"""The users of faces whose protocol proves who they are. One file of the user who runs the faces has their passwords
+and certificates.
 
     # ~/.config/umo/face_users.toml
     [passwords]
@@ -7,7 +8,7 @@
     [certificates]
     bob = "5f3a...c1"                          # SHA-256 of the certificate, as openssl x509 -fingerprint prints it
 
-What they may do is in the file of roles (`umo.operation.commands.roles`). A file that cannot be read lets nobody in.
+The file of roles says what they may do (`umo.operation.commands.roles`). A file that cannot be read lets nobody in.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ log = logging.getLogger("umo.faces")
 COST, BLOCK, PARALLEL = 1 << 14, 8, 1
 """Parameters of scrypt (RFC 7914) for new passwords: 16 MB, about 50 ms."""
 MAX_COST = 1 << 20
-"""Maximum cost times block size of a kept password, 128 MB."""
+"""Largest product of cost and block size of a stored password: 128 MB."""
 MAX_BYTES = 1 << 20
 """Largest number of bytes of the file."""
 USAGE = "python -m umo.clients.faces.face_users NAME"
@@ -42,13 +43,13 @@ MAX_PASSWORD = 1024
 
 
 def place() -> Path:
-    """The file of this user: `umo/face_users.toml` beside the file of roles."""
+    """Return the path of this user's file: `umo/face_users.toml` in the folder of the file of roles."""
     return roles.place().with_name("face_users.toml")
 
 
 @dataclass(frozen=True)
 class FaceUsers:
-    """The tables of the file. A malformed line is ignored, and does not affect other users."""
+    """The tables of the file. A malformed line is ignored and does not affect other users."""
 
     passwords: Mapping[str, Any] = field(default_factory=dict)
     certificates: Mapping[str, Any] = field(default_factory=dict)
@@ -65,7 +66,7 @@ class KeptPassword(NamedTuple):
 
     @classmethod
     def parse(cls, text: Any) -> KeptPassword | None:
-        """Return the password in a line, or None if it has another form or its parameters cost too much."""
+        """Return the password in a line, or None if the line has another form or the parameters cost too much."""
         try:
             name, cost, block, parallel, salt, key = str(text).split(":")
             found = cls(
@@ -91,12 +92,13 @@ class KeptPassword(NamedTuple):
 
 
 UNKNOWN_USER = KeptPassword(COST, BLOCK, PARALLEL, b"0" * 16, b"")
-"""The password that is computed for an unknown name if the file has no password."""
+"""The stored password against which an unknown name is checked if the file has no password."""
 
 
 def by_password(name: str, password: str, file: Path | None = None) -> bool:
-    """True if this is the password of a user. An unknown name, and one whose line is malformed, takes as long as a
-    wrong password: one scrypt with the parameters of some user, always the same user for a name."""
+    """True if this is the password of a user. The check of an unknown name, or of a name whose line is malformed, takes
+    as long as that of a wrong password: scrypt runs once with the parameters of some user, and for one name that is
+    always the same user."""
     read = {user: KeptPassword.parse(text) for user, text in _table("passwords", file).items()}
     known = {user: kept for user, kept in read.items() if kept is not None}
     others = list(known.values()) or [UNKNOWN_USER]
@@ -108,7 +110,7 @@ def by_password(name: str, password: str, file: Path | None = None) -> bool:
 
 
 def by_certificate(der: bytes, file: Path | None = None) -> str | None:
-    """Return the user to whom the file assigns a certificate (DER), or None if it assigns it to nobody. The caller must
+    """Return the user to whom the file assigns a certificate (DER), or None if there is no such user. The caller must
     have verified, as TLS does, that the peer has the private key of the certificate."""
     fingerprint = hashlib.sha256(der).hexdigest()
     known = _table("certificates", file)
@@ -116,7 +118,7 @@ def by_certificate(der: bytes, file: Path | None = None) -> str | None:
 
 
 def hashed(password: str, salt: bytes | None = None) -> str:
-    """Return a password as it is stored in the file."""
+    """Return a password in the form in which the file stores it."""
     salt = os.urandom(16) if salt is None else salt
     key = hashlib.scrypt(password.encode(), salt=salt, n=COST, r=BLOCK, p=PARALLEL, dklen=32)
     texts = (base64.b64encode(each).decode() for each in (salt, key))

@@ -1,4 +1,5 @@
-"""The commands of the users of one face to one run, under one lease that the face takes when it needs it."""
+"""Passes the commands of one face's users to one run, under a single lease. The face takes the lease when a command
+needs it."""
 
 from __future__ import annotations
 
@@ -29,14 +30,15 @@ that end something."""
 MAX_PATH = 96
 """Largest number of characters of the path of a refused command in the report."""
 SENDER = ThreadPoolExecutor(1, "umo face")
-"""A single thread, so that commands are sent in the order of the requests."""
+"""The single thread that sends commands, so that they are sent in the order of the requests."""
 Looked = Callable[[], Awaitable[float]]
-"""Waits for the next look. Returns the time of the last frame that the face has received, in s on the cycle's clock;
-infinity when the run is over."""
+"""Function that waits for the next look. It returns the time of the last frame that the face has received, in s on the
+cycle's clock, or infinity when the run is over."""
 
 
 class Gateway:
-    """`is_reader`: True if the face only reads. `roles`: returns the present roles of users."""
+    """The gateway of one face to one run. `is_reader`: True if the face only reads. `roles`: function that returns the
+    present roles of users."""
 
     def __init__(
         self,
@@ -65,7 +67,7 @@ class Gateway:
         self, user: User, do: str, path: str = "", *, sent: Callable[[int], object] = lambda number: None, **more: Any
     ) -> Any:
         """Carry out a command, and return its result when it has ended (`umo.clients.faces.face.Commands`). `sent` is
-        called with the number that its events have."""
+        called with the number that the command's events have."""
         who = named(user, self._face)
         if (refusal := self._refusal(user, do, path)) is not None:
             self._tell_refusal(who, do, path, refusal)

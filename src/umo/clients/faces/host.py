@@ -1,11 +1,11 @@
-"""The host of faces: finds the run of a station, reads its frames, and calls each face with what is new.
+"""The host of faces: finds the run of a station, reads its frames, and calls each face with the changes.
 
     host = FaceHost("ztheta", [("prometheus", Prometheus(port=9464))])
     asyncio.run(host.run())
 
-One look reads all that is new for all faces. Each face has a task of its own, which is given what has changed since its
-last call: one that is slow, or fails, disturbs no other. When the run ends, or is silent, every value becomes stale;
-when the station runs again, each face begins again.
+One look reads all new frames for all faces. Each face has a separate task, which receives the changes since its last
+call, so a face that is slow or fails does not disturb the others. When the run ends or falls silent, every value
+becomes stale; when the station runs again, each face begins again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ FIRST_PAUSE, MAX_PAUSE = 1.0, 30.0
 """Time in s after which a failed face is started again: the first one and the longest one. It doubles after each
 failure."""
 END_TIMEOUT = 5.0
-"""Time in s that a face has for its end."""
+"""Time in s within which a face must end."""
 Find = Callable[[], Reader]
 
 
@@ -57,8 +57,8 @@ class Run:
 
 
 class FaceHost:
-    """`faces`: pairs of name and face. `station`: name, folder or pid; None means the only one. `read_only`: no face
-    accepts commands."""
+    """Serves one station. `faces`: pairs of name and face. `station`: the name, folder or pid of the station; None
+    means the only running one. `read_only`: no face accepts commands."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class FaceHost:
         self._found = asyncio.Event()
 
     async def run(self) -> None:
-        """Serve until cancelled. Raises UmoError if a face cannot open its server at the start."""
+        """Serve the faces until cancelled. Raises UmoError if a face cannot open its server at the start."""
         opened: list[Face] = []
         try:
             for name, face in self._faces:

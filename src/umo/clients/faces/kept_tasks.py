@@ -1,4 +1,4 @@
-"""Tasks that nobody awaits: asyncio itself does not keep them."""
+"""Keeps tasks that no code awaits, because asyncio itself does not keep references to them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class KeptTasks(set[asyncio.Task[Any]]):
-    """Tasks that have not ended."""
+    """The tasks that have not ended yet."""
 
     def begin(self, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         task = asyncio.create_task(work)
@@ -21,6 +21,6 @@ class KeptTasks(set[asyncio.Task[Any]]):
             task.cancel()
 
     async def end(self) -> None:
-        """Cancel them, and wait for their ends."""
+        """Cancel the tasks, and wait until they have ended."""
         self.cancel()
         await asyncio.gather(*self, return_exceptions=True)

@@ -1,4 +1,5 @@
-"""Prometheus: the machine as metrics, which Prometheus and whatever reads its text format scrape. It only reads."""
+"""Prometheus: the machine as metrics. Prometheus, and any other program that reads its text format, scrapes them. The
+face only reads."""
 
 from __future__ import annotations
 
@@ -22,18 +23,18 @@ from umo.process.frames.machine_items import Declaration, ItemKind
 
 PORT = 9464
 MAX_CLIENTS = 16
-"""Largest number of connections at once; others are refused with status 503."""
+"""Largest number of simultaneous connections; further ones are refused with status 503."""
 IDLE_TIMEOUT = 5
-"""Time in s after which a connection is closed if its client sends no request, or does not read the response; it may
-take twice as long."""
+"""Time in s after which a connection is closed if its client sends no request, or does not read the response. Closing
+may take up to twice this time."""
 NUMBERS = (ItemKind.SENSOR, ItemKind.ACTUATOR, ItemKind.SIGNAL, ItemKind.TUNABLE)
 FRESH = Quality.UNREFERENCED
 """The worst quality with which a value is exported. A value that is STALE or BAD is left out."""
 
 
 class MetricsConnection(H11Protocol):
-    """A connection with a limit on idle time; uvicorn would keep one that never sends a request for ever, and it counts
-    as a client."""
+    """A connection with a limit on idle time. uvicorn would keep a connection open for ever if it never sends a
+    request, and would count it as a client."""
 
     _watching: asyncio.TimerHandle | None = None
 
@@ -65,9 +66,9 @@ class Prometheus(Face):
     """Serves `/metrics`.
 
     Options:
-        port: of the server.
-        host: its address; one that other computers reach needs `certificate` and `clients`.
-        certificate: file of its certificate and key (PEM).
+        port: the TCP port of the server.
+        host: the address of the server. If other computers reach it, it needs `certificate` and `clients`.
+        certificate: file of the server's certificate and key (PEM).
         clients: file of the certificates by which clients are known (PEM).
     """
 
@@ -113,7 +114,7 @@ class Prometheus(Face):
 
 
 class Metrics(Collector):
-    """Makes the metrics on request. Without `changes` they only report that the machine is not available."""
+    """Makes the metrics on request. Without `changes` the metrics only report that the machine is not available."""
 
     def __init__(self) -> None:
         self.machine: Declaration | None = None

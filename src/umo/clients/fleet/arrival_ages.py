@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 
 WINDOW = 30_000_000_000
-"""Time in ns over which the quickest arrival is searched; the last two windows are used, as the clocks of a computer
-that slept have shifted."""
+"""Length in ns of a window in which the quickest arrival is searched. Only the last two windows are used, because the
+clocks of a computer that slept have shifted."""
 
 
 class ArrivalAges:
-    """Ages by the monotonic clocks of both computers, relative to the quickest arrival so far, because the difference
-    of the clocks is not known, and UTC may be wrong."""
+    """Computes ages from the monotonic clocks of both computers, relative to the quickest arrival so far. This is
+    necessary because the difference of the clocks is not known, and UTC may be wrong."""
 
     def __init__(self) -> None:
         self._quickest: int | None = None
@@ -19,8 +19,8 @@ class ArrivalAges:
         self._since = 0
 
     def age(self, made: int, now: int | None = None) -> float:
-        """Age in s of data made at `made`, ns of the station's clock. `now`: ns of this computer's clock; default: the
-        present time."""
+        """Return the age in s of data made at `made`, in ns of the station's clock. `now` is in ns of this computer's
+        clock; default: the present time."""
         now = time.monotonic_ns() if now is None else now
         way = now - made
         if self._quickest is None or now - self._since > WINDOW:

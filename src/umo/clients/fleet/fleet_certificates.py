@@ -28,14 +28,15 @@ AUTHORITY = "authority"
 AUTHORITY_DAYS, DAYS = 20 * 365, 2 * 365
 """Days for which the authority and a certificate are valid."""
 THIS_COMPUTER = ("localhost", "127.0.0.1")
-"""Hosts of every certificate of a server: programs on the same computer reach it, too."""
+"""Hosts in every certificate of a server, so that programs on the same computer reach the server, too."""
 HEAD = (
     "# The rules of a fleet: a line for each certificate. Routers, and gateways that listen, read it at their start.\n"
 )
 
 
 class Authority:
-    """The authority in a folder. Raises OptionError if there is none. `now`: the clock of certificates."""
+    """The authority in a folder. Raises OptionError if the folder has none. `now`: the clock for the validity of
+    certificates."""
 
     def __init__(self, folder: Path, now: datetime | None = None) -> None:
         self.folder, self._now = folder, now or datetime.now(UTC)
@@ -59,8 +60,8 @@ class Authority:
     def issue(
         self, kind: str, name: str, hosts: Sequence[str] = (), sites: Sequence[str] = (), days: int = DAYS
     ) -> Path:
-        """Issue a certificate, and return its folder. Its rule is written first, so that no certificate is without a
-        rule."""
+        """Issue a certificate, and return its folder. The rule of the certificate is written first, so that no
+        certificate is without a rule."""
         target = self.folder / checked_name(name)
         for site in sites:
             checked_name(site)
@@ -79,7 +80,7 @@ class Authority:
         return target
 
     def withdraw(self, name: str) -> str:
-        """Withdraw the certificate of a name; return its owner, such as `user:ann`."""
+        """Withdraw the certificate of a name, and return its owner, such as `user:ann`."""
         file = self.folder / FILE
         rules = self.rules
         found = [(kind, name) for kind in KINDS if rules.has(kind, name)]

@@ -1,13 +1,14 @@
-"""Commands to a station of a fleet: queries, each with a number of its own and a time until which it is valid.
+"""Commands to a station of a fleet. Each command is a query with a unique number and a time until which it is valid.
 
 A query at `umo/SITE/STATION/command/USER` carries JSON: `id` (16 to 64 characters, chosen at random), `sent` and
-`until` (UTC, s), `client`, `do`, `path` and what else the command has. Its first answer is `{"number": n}`, the number
-that the events of the machine tell with it; its last is `{"result": ...}` or `{"error": ..., "kind": ...}`.
+`until` (UTC, s), `client`, `do`, `path` and the other fields of the command. The first answer is `{"number": n}`: the
+number that the machine's events have for this command. The last answer is `{"result": ...}` or `{"error": ..., "kind":
+...}`.
 
-A command is carried out once: one that comes again, by a copy of the network or of somebody else, has the answer of the
-first. Numbers are remembered for longer than a command may be valid; what was sent before the gateway began is refused,
-as it may have been carried out then. What a client holds is held while it gives signs of life at
-`umo/SITE/STATION/sign/USER/CLIENT`.
+A command is carried out once. If it arrives again, because the network or somebody else has copied it, the answer is
+that of the first one. Numbers are remembered for longer than a command may be valid. A command that was sent before the
+gateway began is refused, because it may already have been carried out. A client's holds last while the client gives
+signs of life at `umo/SITE/STATION/sign/USER/CLIENT`.
 """
 
 from __future__ import annotations
@@ -44,27 +45,28 @@ SIGN_TIMEOUT = 1.0
 MAX_BYTES = 4096
 """Largest length of a command in bytes."""
 MAX_REMEMBERED, MAX_REMEMBERED_OF_USER = 20_000, 4_000
-"""Largest numbers of remembered commands, of all users and of one. Further commands are refused, except a stop."""
+"""Largest numbers of remembered commands, of all users and of one user. Further commands are refused, except a stop."""
 MAX_WAITING, MAX_WAITING_STOPS = 64, 256
 """Largest numbers of unanswered commands, and of unanswered stops, of a user. Further ones are refused before they are
 parsed."""
 FORGET_PAUSE = 1.0
 """Time in s between two searches for numbers that need no longer be remembered."""
 STOP_QUOTED = json.dumps(STOP.name).encode()
-"""The verb as it stands in a command that has not been parsed yet."""
+"""The verb `stop` as it appears in a command that has not been parsed yet."""
 FIELDS = ("value", "arguments")
-"""The fields that a command may have besides `do` and `path`."""
+"""The fields that a command may have in addition to `do` and `path`."""
 
 
 @dataclass(frozen=True)
 class FleetUsers:
-    """The users of a fleet. `is_proved`: True if their names are proved by the certificate of the connection, which the
-    rules of the fleet bind to the name in the key."""
+    """The users of a fleet. `is_proved`: True if their names are proved by the certificate of the connection, because
+    the rules of the fleet bind the certificate to the name in the key."""
 
     is_proved: bool = False
 
     def user(self, name: str, is_alive: Callable[[], bool], *, is_unverified: bool = False) -> User:
-        """`is_unverified`: this user passes on the commands of somebody else, whose name is not proved."""
+        """Return the user of a key. `is_unverified` is True if this user passes on the commands of somebody else, whose
+        name is not proved."""
         return User(name, self.is_proved and not is_unverified, is_alive=is_alive)
 
 
@@ -84,8 +86,8 @@ class CommandOutcome:
 
 
 class FleetCommands:
-    """Carries out the commands to one station. `gateway`: returns the gateway that passes them on. `utc`: the clock of
-    this computer, s."""
+    """Carries out the commands to one station. `gateway`: function that returns the gateway that passes the commands
+    on. `utc`: function that returns the time of this computer's clock in s."""
 
     def __init__(
         self,

@@ -1,4 +1,5 @@
-"""Find the reason, as text, why an address of a fleet cannot be reached: Zenoh only reports a timeout."""
+"""Finds the reason why an address of a fleet cannot be reached, and returns it as text. Zenoh itself only reports a
+timeout."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from umo.clients.fleet.fleet_identity import CA_FILE, CERTIFICATE_FILE, KEY_FILE
 TIME = 1.0
 """Time in s to wait for an answer."""
 ALERT_TIME = 0.3
-"""Time in s within which a server refuses a certificate."""
+"""Time in s to wait for a server's refusal of the certificate."""
 
 
 NOBODY_ANSWERS, SILENT = "nobody answers there", "the computer does not answer"
@@ -19,7 +20,7 @@ NOBODY_ANSWERS, SILENT = "nobody answers there", "the computer does not answer"
 
 
 def why_not(address: str, certificates: Path | None) -> str:
-    """Return why an address cannot be reached. `address`: such as `tls/plant.local:7447`."""
+    """Return the reason why an address, such as `tls/plant.local:7447`, cannot be reached."""
     protocol, _, rest = address.partition("/")
     host, _, port = rest.rpartition(":")
     host = host.strip("[]")

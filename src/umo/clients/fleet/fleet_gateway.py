@@ -1,7 +1,7 @@
 """The gateway of a computer: publishes every station that runs on it, and passes commands on.
 
-One task looks at all rings, one after the other: waking up costs more than reading. A station is found within
-`SEARCH_PAUSE`; an error in one does not affect the others.
+One task looks at all rings, one after the other, because waking up a task costs more than reading a ring. A station is
+found within `SEARCH_PAUSE`; an error in one does not affect the others.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ SLOWEST, FASTEST = 0.1, 50.0
 SEARCH_PAUSE = 0.5
 """Time in s from one search for stations to the next."""
 REFUSED_PAUSE = 1.0
-"""Time in s after which a station that could not be published is tried again: the token of a gateway that was killed
-may still be there."""
+"""Time in s after which a station that could not be published is tried again. The token of a gateway that was killed
+may still exist until then."""
 
 
 AFTER_END = 60.0
@@ -47,7 +47,7 @@ AFTER_END = 60.0
 MOST_ENDED = 3
 """Largest number of ended runs of one station whose data can still be requested."""
 REPORT_ATTEMPT = 2
-"""Number of the attempt after which a notice is printed that a station cannot be published."""
+"""Number of failed attempts after which a notice says that a station cannot be published."""
 
 
 class UnpublishedStation(NamedTuple):
@@ -55,7 +55,7 @@ class UnpublishedStation(NamedTuple):
 
     tries: int
     until: float
-    """Time of the next attempt, s of the monotonic clock."""
+    """Time of the next attempt, in s of the monotonic clock."""
 
 
 class PublishedStation:
@@ -96,8 +96,8 @@ class PublishedStation:
 
 
 class FleetGateway:
-    """`site`: the first word of the keys of this computer's stations. `say` is called with notices for the user;
-    `history` publishes to a JetStream also."""
+    """`site`: the first word of the keys of this computer's stations. `say` is called with notices for the user.
+    `history` additionally publishes to a JetStream."""
 
     def __init__(
         self,

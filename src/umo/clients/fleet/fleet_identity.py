@@ -15,12 +15,12 @@ from umo.text import printable
 CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 MAX_BYTES = 1 << 16
 EXPIRY_NOTICE = 30 * 86_400
-"""Time in s before the expiry of a certificate from which on a notice is printed."""
+"""Time in s before the expiry of a certificate at which notices begin."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """The owner of a certificate. `expires`: UTC, s."""
+    """The owner of a certificate. `expires`: time at which the certificate expires, UTC in s."""
 
     kind: str
     name: str
@@ -32,7 +32,7 @@ class Identity:
 
     @property
     def until(self) -> str:
-        """The day on which the certificate expires."""
+        """The day on which the certificate expires, as text."""
         return day(self.expires)
 
     def is_soon_over(self, now: float) -> bool:
@@ -40,8 +40,8 @@ class Identity:
 
 
 def identity_of(folder: Path, now: float | None = None) -> Identity:
-    """Return the owner of a certificate. Raises OptionError if a file is missing, or if the certificate is not one of a
-    fleet or not valid at `now` (UTC in s)."""
+    """Return the owner of a certificate. Raises OptionError if a file is missing, if the certificate does not belong to
+    a fleet, or if it is not valid at `now` (UTC in s)."""
     for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE):
         if not (folder / name).is_file():
             raise OptionError(f"{folder} has no {name}; `umo connect certificate` makes it")
@@ -74,7 +74,8 @@ def read_certificate(file: Path) -> Any:
 
 
 def issued(file: Path) -> Identity | None:
-    """Return the owner of a certificate, also an expired one; None if it is not one of a fleet."""
+    """Return the owner of a certificate, even an expired one. Return None if the certificate does not belong to a
+    fleet."""
     return _identity(read_certificate(file))
 
 

@@ -43,7 +43,7 @@ EVERY = StationKey(ANY, ANY)
 
 
 def station_key(text: str) -> StationKey:
-    """The station that `SITE/STATION` names. Raises OptionError if the text does not name one."""
+    """Return the station that `SITE/STATION` names. Raises OptionError if the string does not name one."""
     site, slash, station = text.partition("/")
     if not (slash and _SEGMENT.fullmatch(site) and _SEGMENT.fullmatch(station)):
         raise OptionError(
@@ -59,13 +59,13 @@ def is_station_key(text: str) -> bool:
 
 
 def segment(text: str) -> str:
-    """A name as one word of a key (`umo.objects.presentation.identity`): other characters than ASCII letters, digits,
-    `_`, `.`, `-` are escaped; a name that is too long for a key ends with a digest."""
+    """Return a name as one word of a key (`umo.objects.presentation.identity`). Characters other than ASCII letters,
+    digits, `_`, `.` and `-` are escaped. A name that is too long for a key is shortened, and ends with a digest."""
     dots = {text} if text and not text.strip(".") else ()
     return shortened(escaped(text, lambda each: is_word(each) or each in ".-", dots), MAX_SEGMENT)
 
 
 def station_of(key: str) -> StationKey:
-    """The station that a key belongs to."""
+    """Return the station that a key belongs to."""
     _, site, station, *_ = key.split("/")
     return StationKey(site, station)

@@ -1,9 +1,10 @@
-"""A station of a fleet as if it ran on this computer: its frames in a ring of this process, its commands passed on.
+"""A mirror shows a station of a fleet as if it ran on this computer. It keeps the frames of the station in a ring of
+this process, and passes commands on to the station.
 
-    reader = find("cell7/press")        # as `umo.process.frames.search.find_running` gives one
+    reader = find("cell7/press")        # as `umo.process.frames.search.find_running` returns one
 
 One thread applies the messages in order, answers the commands in the ring's cells, and marks values that are no longer
-fresh. The mirror is of one run: it ends with it.
+fresh. A mirror belongs to one run, and ends with that run.
 """
 
 from __future__ import annotations
@@ -48,15 +49,15 @@ from umo.text import did_you_mean
 
 log = logging.getLogger("umo.fleet")
 ANSWER_TIME = 3.0
-"""Time in s within which a station declares itself."""
+"""Time in s within which a station must answer with its declaration."""
 STALE_AFTER = 1.5
-"""Age in s of a delta from which on all values are stale, or 10 periods if that is longer."""
+"""Age in s of the last delta at which all values become stale; 10 periods if they are longer."""
 NONE = -2
-"""Number of an image before the first delta."""
+"""The number that an image has before the first delta."""
 CHECK_PAUSE = 0.5
 """Time in s between two queries for the present run."""
 LOOK_INTERVAL = 0.02
-"""Time in s from one look at the cells to the next."""
+"""Time in s from one reading of the cells to the next."""
 
 
 class FleetReader(Reader):
@@ -72,7 +73,8 @@ class FleetReader(Reader):
 
 
 class FleetMirror:
-    """Raise FramesError if the station does not declare itself. The mirror closes the session at its end."""
+    """The mirror of one station. Raises FramesError if the station does not answer with its declaration. The mirror
+    closes the session at its end."""
 
     def __init__(self, session: zenoh.Session, key: StationKey, user: str) -> None:
         self.key = key
@@ -293,12 +295,12 @@ def _age_in(facts: dict[str, Any]) -> float:
 
 
 def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:
-    """The declaration of a station. Raises FramesError if it does not answer."""
+    """Return the declaration of a station. Raises FramesError if the station does not answer."""
     return answer_of(session, key, keys.DECLARATION)
 
 
 def answer_of(session: zenoh.Session, key: StationKey, kind: str) -> bytes:
-    """Return the answer of a station to a query of one kind. Raises FramesError if it does not answer."""
+    """Return a station's answer to a query of one kind. Raises FramesError if the station does not answer."""
     for reply in session.get(key.key(kind), timeout=ANSWER_TIME):
         if reply.ok is not None:
             return bytes(reply.ok.payload)
@@ -306,8 +308,8 @@ def answer_of(session: zenoh.Session, key: StationKey, kind: str) -> bytes:
 
 
 def find(name: str, settings: FleetSettings | None = None) -> Reader:
-    """The frames of a station of the fleet, `SITE/STATION`. The FramesError for an unknown station lists the known
-    ones. `settings`: default: those of this user."""
+    """Return the frames of a station of the fleet, `SITE/STATION`. The FramesError for an unknown station lists the
+    known ones. The default of `settings` are those of this user."""
     key = keys.station_key(name)
     settings = fleet_settings.load() if settings is None else settings
     settings.require(USER)
@@ -327,5 +329,5 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
 
 
 def find_named(name: str) -> Reader | None:
-    """`find` for a name that can be of a fleet and is not a folder; None for other names."""
+    """Return the result of `find` for a name that can belong to a fleet and is not a folder; None for other names."""
     return find(name) if keys.is_station_key(name) and not os.path.isdir(name) else None

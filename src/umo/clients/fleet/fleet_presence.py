@@ -15,12 +15,12 @@ from umo.clients.fleet import fleet_keys as keys
 from umo.clients.fleet.fleet_keys import StationKey
 
 DEBOUNCE = 0.5
-"""Time in s from the loss of a station's token until it counts as away: when a router restarts, all tokens are lost for
-a moment."""
+"""Time in s from the loss of a station's token until it counts as away. The delay is necessary because all tokens are
+lost for a short time when a router restarts."""
 MAX_STATIONS = 10_000
 ASKED_ONE_BY_ONE = 20
-"""Largest number of new stations that are asked for their status one by one; if more appear at once, one query is sent
-to all."""
+"""Largest number of new stations that are queried for their status one by one. If more appear simultaneously, one query
+is sent to all."""
 ANSWER_TIME = 1.0
 """Time in s within which stations report their status."""
 
@@ -34,9 +34,9 @@ class FleetStation:
     """The last status of the station (`umo.clients.fleet.station_publisher.status_of`), or empty if there is none
     yet."""
     told: float = 0.0
-    """Time of its last status, s of the monotonic clock."""
+    """Time of the last status, in s of the monotonic clock."""
     lost: float | None = None
-    """Time at which its token was lost; None if it exists."""
+    """Time at which the token of the station was lost; None while the token exists."""
 
     def is_present(self, now: float) -> bool:
         return self.lost is None or now - self.lost < DEBOUNCE
@@ -90,8 +90,8 @@ class FleetPresence:
                 station.status, station.told = status, self._clock()
 
     def stations(self) -> list[FleetStation]:
-        """Return all stations seen, by name, without those that have ended and are away. New ones are asked for their
-        status."""
+        """Return all known stations by name, except those that have ended and are away. New stations are queried for
+        their status."""
         self._ask()
         now = self._clock()
         with self._lock:
@@ -107,7 +107,7 @@ class FleetPresence:
 
 
 def status_in(data: bytes) -> dict[str, Any] | None:
-    """Return the status in a message, or None."""
+    """Return the status in a message, or None if it has none."""
     try:
         status = json.loads(data)
     except (ValueError, RecursionError):

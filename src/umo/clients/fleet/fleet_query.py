@@ -1,7 +1,7 @@
-"""Questions about the history of a fleet, in SQL: DuckDB over the files of a recorder.
+"""Answers queries in SQL about the history of a fleet. DuckDB reads the files of a recorder.
 
 The views `values`, `events`, `gaps` and `objects` cover all stations; `umo.recording.tables.value_tables` has their
-columns. A question changes nothing, and reads no other files.
+columns. A query changes nothing, and reads no other files.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from umo.recording.tables.value_tables import SCHEMAS
 from umo.system.file_locks import lock_within
 
 MERGING_TIMEOUT = 60.0
-"""Timeout in s for the recorder's merging of the files of an hour."""
+"""Time in s to wait while the recorder merges the files of an hour."""
 READS = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
 
 
 @contextmanager
 def asked(folder: Path, sql: str, last: float | None = None, now: datetime | None = None) -> Iterator[Any]:
-    """A context with the answer, a cursor of DuckDB; while it is open no files of the folder are merged. `last`: read
-    only files of this last time in s. Raises OptionError for a mistake in the query, and for a folder without
-    history."""
+    """Return a context with the answer, a cursor of DuckDB. While the context is open, no files of the folder are
+    merged. With `last` only the files of the last `last` s are read. Raises OptionError for an error in the query, and
+    for a folder without history."""
     if not any((folder / kind).is_dir() for kind in SCHEMAS):
         raise OptionError(f"{folder} has no history of a fleet; `umo recording history {folder}` writes it")
     oldest = "" if last is None else _hour_of((now or datetime.now(UTC)) - timedelta(seconds=last))
@@ -80,8 +80,8 @@ def _unmerged(folder: Path) -> Iterator[None]:
 
 
 def in_a_line(error: Exception) -> str:
-    """Return an error of DuckDB in one line: `SQL: Referenced column "x" not found in FROM clause! Candidate bindings:
-    "run"`."""
+    """Return an error of DuckDB on one line, such as `SQL: Referenced column "x" not found in FROM clause! Candidate
+    bindings: "run"`."""
     lines = []
     for line in str(error).splitlines():
         if line.startswith("LINE "):

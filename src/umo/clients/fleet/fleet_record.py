@@ -1,7 +1,7 @@
 """The recorder of a fleet: writes what stations publish to Parquet files.
 
-At its start it reads from its own files what it has written last, so that nothing is recorded twice and missing data
-are announced with their count. Gateways keep their last 60 s at 10 Hz, so a recorder that was away for a shorter time
+When it starts, it reads from its files which data it wrote last, so that nothing is recorded twice and missing data are
+reported with their number. Gateways keep their last 60 s at 10 Hz, so a recorder that was away for a shorter time
 receives the missed data later. A recorder that cannot write keeps a bounded amount of data.
 """
 
@@ -36,21 +36,22 @@ from umo.recording.tables.value_tables import events_table
 
 log = logging.getLogger("umo.fleet")
 FLUSH = 3.0
-"""Time in s after which received data are in a file, with up to `FLUSHES * FLUSH` stations; longer with more."""
+"""Time in s after which received data are in a file. With more than `FLUSHES * FLUSH` stations it takes longer."""
 FLUSHES = 50
 """Largest number of files of values written per second."""
 PART_BYTES = 8 << 20
-"""Size in bytes of the data of a run at which they are written before `FLUSH` has passed."""
+"""Size in bytes at which the data of a run are written even before `FLUSH` has passed."""
 MAX_INCOMING = 256 << 20
-"""Largest number of bytes of messages that wait to be looked at. Further messages are dropped and become a gap."""
+"""Largest number of bytes of messages that wait to be processed. Further messages are dropped and become a gap."""
 MAX_AHEAD = 32 << 20
-"""Size in bytes of the waiting messages at which a source that can pause does so."""
+"""Size in bytes of the waiting messages at which a source pauses, if it can."""
 MAX_PENDING = 512 << 20
-"""Largest number of bytes of all data that wait to be written: while the disk is full older values are dropped."""
+"""Largest number of bytes of all data that wait to be written. If there are more, because the disk is full, older
+values are dropped."""
 TAKE_WAIT = 0.1
-"""Time in s to wait for a message."""
+"""Longest time in s to wait for a message."""
 MAX_MESSAGES = 2000
-"""Number of messages between two checks for data to be written."""
+"""Largest number of messages that are processed between two checks for data to be written."""
 DECLARATIONS = 50
 """Number of declarations that are requested at a time."""
 TIDY_PAUSE = 600.0
@@ -65,7 +66,7 @@ class QueuedMessage(NamedTuple):
 
 
 class Incoming:
-    """Messages from other threads, bounded."""
+    """A bounded queue of messages from other threads."""
 
     def __init__(self, most: int = MAX_INCOMING) -> None:
         self._most = most
@@ -96,7 +97,8 @@ class Incoming:
 
 @contextmanager
 def told(key: StationKey) -> Iterator[None]:
-    """Return a context that reports errors of a message, so that they do not affect other messages."""
+    """Return a context that reports errors in the processing of a message, so that they do not affect other
+    messages."""
     try:
         yield
     except UmoError as error:
@@ -107,7 +109,7 @@ def told(key: StationKey) -> Iterator[None]:
 
 @dataclass
 class Followed:
-    """A run that is recorded, with the times of its last operations."""
+    """A run that is recorded, with the times of the last operations on it."""
 
     key: StationKey
     run: FollowedRun
@@ -115,7 +117,7 @@ class Followed:
     heard: float
     written: float
     asked: float = float("-inf")
-    """Time at which its declaration was requested."""
+    """Time at which the declaration of the run was requested."""
     is_described: bool = field(default=False)
     positions: StreamPositions = field(default_factory=StreamPositions)
 
@@ -130,7 +132,8 @@ class Followed:
 
 
 class FleetRecorder:
-    """`keep`: time in s, or None to keep everything. `say` is called with notices for the user."""
+    """The recorder. `keep`: time in s for which data are kept, or None to keep everything. `say` is called with notices
+    for the user."""
 
     def __init__(
         self,
@@ -159,7 +162,7 @@ class FleetRecorder:
         return not self._is_full and self._incoming.size < MAX_AHEAD and self._pending < self._most_pending // 2
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Record until `stop`; then write what has arrived."""
+        """Record until `stop`, then write the data that have arrived."""
         while not stop():
             self.step()
         self._source.end()

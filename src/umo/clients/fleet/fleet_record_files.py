@@ -3,10 +3,10 @@
     FOLDER/values/site=cell7/station=press/2026-11-25T14.parquet            an hour that is over
     FOLDER/values/site=cell7/station=press/2026-11-25T15.00000012.parquet   a part of this hour
 
-Every file under its final name is whole: it is written under another name, synced to the disk, and renamed. Parts
-become larger parts, and the file of their hour when that is over. A file says which parts it is made of, so that parts
-that were left over by the end of a recorder are dropped and never counted twice. Hours are UTC of the recorder, when it
-wrote them.
+Every file under its final name is complete: it is first written under another name, synced to the disk, and then
+renamed. Parts are merged into larger parts, and into the file of their hour when the hour is over. A file lists the
+parts from which it was made. Parts that remain because a recorder has ended are therefore dropped and never counted
+twice. The hour of data is that of the recorder's UTC when it wrote them.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from umo.system import folders
 
 KINDS = ("values", "events", "gaps")
 ABOUT = b"umo"
-"""Key of a file's own metadata: its parts, and the first and last number of each run in it."""
+"""Key of umo's metadata in a file: its parts, and the first and last number of each run in the file."""
 MERGED_PARTS, MERGED_BYTES = 60, 8 << 20
 """Number of parts, or of bytes in parts, that are merged into one larger part."""
 GROUP_ROWS = 100_000
 """Number of rows of a row group; smaller groups are merged."""
 LOOKED_AT = 24
-"""Default number of the newest files of a station that a recorder reads at its start."""
+"""Default number of files of a station that a recorder reads at its start, beginning with the newest."""
 LOCK, MERGING = ".recorder", ".merging"
 _NAME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d)(?:\.(\d{8}))?\.parquet")
 
@@ -84,7 +84,7 @@ class RecordFolder:
     # Writing -------------------------------------------------------------------------------------------
 
     def write(self, kind: str, key: StationKey, rows: pa.Table, runs: Runs, hour: str) -> None:
-        """Add a part to an hour. Raises OSError if that fails."""
+        """Add a part to an hour. Raises OSError if the part cannot be written."""
         place = self.place(kind, key)
         number = self._number(place, hour)
         path = place / f"{hour}.{number:08}.parquet"
@@ -96,7 +96,7 @@ class RecordFolder:
         grown[1] += path.stat().st_size
 
     def write_objects(self, key: StationKey, run: str, rows: pa.Table) -> None:
-        """Describe the objects of a run, once."""
+        """Write the description of a run's objects, once for each run."""
         path = self.place("objects", key) / f"{run}.parquet"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -115,14 +115,14 @@ class RecordFolder:
 
     @property
     def grown(self) -> list[Path]:
-        """Folders with many parts of this hour."""
+        """The folders with many parts of this hour."""
         return [place for place, (count, size) in self._grown.items() if count >= MERGED_PARTS or size >= MERGED_BYTES]
 
     # Merging -------------------------------------------------------------------------------------------
 
     def tidy(self, place: Path, hour: str, oldest: str) -> None:
         """Delete leftover files and files older than the hour `oldest`; merge the parts of past hours into their files.
-        Nothing is merged while a query reads; that is done the next time."""
+        Nothing is merged while a query reads; it is merged the next time."""
         for each in place.glob(".*.tmp"):
             each.unlink(missing_ok=True)
         hours: dict[str, list[HourFile]] = {}
@@ -187,7 +187,7 @@ class RecordFolder:
         return kept
 
     def folders(self) -> Iterator[Path]:
-        """The folders of all stations."""
+        """Return the folders of all stations."""
         for kind in KINDS:
             yield from sorted(self.root.glob(f"{kind}/site=*/station=*"))
 
@@ -237,7 +237,8 @@ class RecordFolder:
 
 
 def hour_files(place: Path) -> list[HourFile]:
-    """The files of a station, by hour and number; the file of an hour before its parts."""
+    """Return the files of a station, ordered by hour and number. The file of an hour stands before the parts of that
+    hour."""
     try:
         found = [(entry.name, match) for entry in os.scandir(place) if (match := _NAME.fullmatch(entry.name))]
     except FileNotFoundError:

@@ -17,15 +17,15 @@ class TakenDelta(NamedTuple):
 
     number: int
     image: bytes
-    """All words of its frame."""
+    """All words of the delta's frame."""
     rest: RunMetadata
 
 
 class Gap(NamedTuple):
-    """Deltas or events of these numbers are missing."""
+    """A gap: the deltas or events with these numbers are missing."""
 
     time: int | None
-    """us since 1970."""
+    """The time in us since 1970."""
     of: str
     first: int
     last: int
@@ -48,7 +48,7 @@ class RunRows(RunValues):
         return beside
 
     def moment(self, image: bytes) -> tuple[int, float]:
-        """Return UTC of a frame in us since 1970, and its time on the machine's clock in s."""
+        """Return the UTC of a frame in us since 1970, and its time on the machine's clock in s."""
         frame = np.frombuffer(image, self._dtype)
         return int(utc_of(frame)[0]), float(frame["time"][0])
 

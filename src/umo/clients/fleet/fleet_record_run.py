@@ -1,4 +1,5 @@
-"""One run of a station while it is recorded: its image from deltas, the data to write, and the gaps."""
+"""One run of a station while it is recorded: the image that results from its deltas, the data to write, and the
+gaps."""
 
 from __future__ import annotations
 
@@ -33,14 +34,14 @@ class Recorded:
     """The data of a station that are already in files."""
 
     last: dict[tuple[str, str], int] = field(default_factory=dict)
-    """Last number by what it counts (values, events) and run."""
+    """The last number for each kind of data (values, events) and run."""
     gaps: dict[tuple[str, str, int], int] = field(default_factory=dict)
-    """Last number of each gap by what it counts, run and first number."""
+    """The last number of each gap, by the kind of data, the run and the first number."""
 
 
 class FollowedRun:
-    """`recorded`: the data of the run in the files when the recorder started. Deltas and events must be given in their
-    order."""
+    """A run that is recorded. `recorded`: the data of the run that were in the files when the recorder started. Deltas
+    and events must be given in their order."""
 
     def __init__(self, run: bytes, recorded: Recorded) -> None:
         self.run = run
@@ -68,7 +69,8 @@ class FollowedRun:
 
     @property
     def wanted(self) -> tuple[int, int]:
-        """Numbers of the first delta and the first event to request, so that a delta with all words is among them."""
+        """The numbers of the first delta and the first event to request. The deltas from there on begin with one that
+        has all words."""
         first = self.last[VALUES] + 1
         return first - first % FULL_EVERY, self.last[EVENTS] + 1
 
@@ -79,7 +81,7 @@ class FollowedRun:
     # Deltas --------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes) -> None:
-        """Take a delta of this run. Raises FramesError if it does not fit."""
+        """Take a delta of this run. Raises FramesError if the delta does not fit the run."""
         if not self._waiting and self._follow(data):
             return
         self._waiting.append(data)
@@ -136,7 +138,7 @@ class FollowedRun:
     # The declaration -----------------------------------------------------------------------------------
 
     def take_declaration(self, data: bytes) -> None:
-        """Take the declaration. Raises FramesError if it is of another run, or incomplete."""
+        """Take the declaration. Raises FramesError if the declaration belongs to another run, or is incomplete."""
         about, described, words, rest = unpacked(data)
         facts = json.loads(about)
         if facts["run"] != self.name:
@@ -205,8 +207,8 @@ class FollowedRun:
             self._drop(EVENTS, [number for number, _ in excess], None)
 
     def events(self) -> list[tuple[int, int | None, Event]]:
-        """Return the events to write, with their UTC in us, computed from the machine's clock and the UTC of its last
-        frame."""
+        """Return the events to write, with their UTC in us. The UTC is computed from the machine's clock and the UTC of
+        its last frame."""
         if self._image is None or self.rows is None:
             return [(number, None, each) for number, each in self._events]
         utc, now = self.rows.moment(self._image.tobytes())

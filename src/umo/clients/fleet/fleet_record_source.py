@@ -1,4 +1,4 @@
-"""The source of the recorder's messages: the fleet, or a JetStream (`umo.clients.fleet.jetstream_source`)."""
+"""The sources of the recorder's messages: the fleet, or a JetStream (`umo.clients.fleet.jetstream_source`)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _PATTERN = re.compile(r"[\w.*-]{1,64}/[\w.*-]{1,64}", re.ASCII)
 
 
 class StreamPlace(NamedTuple):
-    """The place of a message in a stream. `time`: s, UTC of the server. `first`: the number of the first delta that can
-    still follow in the same run."""
+    """The place of a message in a stream. `time`: the UTC of the server in s. `first`: the number of the first delta
+    that can still follow in the same run."""
 
     sequence: int
     time: float
@@ -31,22 +31,23 @@ class StreamPlace(NamedTuple):
 
 
 Put = Callable[[str, StationKey, bytes, StreamPlace | None], None]
-"""Function that takes kind, station, content and place of a message; any thread may call it."""
+"""Function that takes the kind, station, content and place of a message. Any thread may call it."""
 
 
 class RecordSource(Protocol):
-    """`idle`: s without a message, on the clock of the source, after which a run is forgotten."""
+    """The interface of a source. `idle`: time in s without a message, on the clock of the source, after which a run is
+    forgotten."""
 
     idle: float
 
     def begin(self, put: Put, has_room: Callable[[], bool]) -> None:
-        """Deliver messages from now on; a source that can pause does so while there is no room."""
+        """Deliver messages from now on. A source that can pause does so while the recorder has no room."""
 
     def end(self) -> None:
         """Deliver no more messages."""
 
     def now(self) -> float:
-        """Return the time in s of the clock by which idle runs are found."""
+        """Return the present time in s of the clock by which idle runs are found."""
 
     def ask_past(self, key: StationKey, feed: RunFeed, now: float) -> bool:
         """Request the missing data of a run. Return False if too many requests are in progress."""
@@ -55,11 +56,11 @@ class RecordSource(Protocol):
         """Ask for the declaration of a run."""
 
     def written(self, sequence: int) -> None:
-        """Note that all messages up to this place are in files or not needed any more."""
+        """Note that all messages up to this place are in files, or are no longer needed."""
 
 
 class FleetSource:
-    """`patterns`: SITE/STATION with `*`."""
+    """The fleet as a source. `patterns`: names SITE/STATION, in which `*` stands for any characters."""
 
     idle = 120.0
 
@@ -67,7 +68,7 @@ class FleetSource:
         self._session, self._patterns = session, patterns
 
     def begin(self, put: Put, has_room: Callable[[], bool]) -> None:
-        """Subscribe. Zenoh cannot pause: messages without room are dropped."""
+        """Subscribe. Zenoh cannot pause: messages for which there is no room are dropped."""
         self._put = put
         self._queries = PastQueries(self._session, self._answered_past)
         self._subscribers = [
@@ -113,7 +114,8 @@ class FleetSource:
 
 
 def key_pattern(text: str) -> str:
-    """Return a pattern such as `cell7/*` or `*/press*` as a key of Zenoh. Raises OptionError if it is not one."""
+    """Return a pattern such as `cell7/*` or `*/press*` as a key of Zenoh. Raises OptionError if the string is not such
+    a pattern."""
     if not _PATTERN.fullmatch(text):
         raise OptionError(f"{text!r} names no stations; write SITE/STATION, where * stands for anything, as 'cell7/*'")
     return "/".join(part if part == "*" else re.sub(r"\*+", "$*", part) for part in text.split("/"))

@@ -1,7 +1,7 @@
 """The rules of a fleet: who may publish, see and command what, enforced by routers and by gateways that listen.
 
-One file, `rules.toml`, has a line for each certificate; `umo connect certificate` adds it. Whoever has no line may do
-nothing:
+One file, `rules.toml`, has a line for each certificate; `umo connect certificate` adds it. The owner of a certificate
+without a line may do nothing:
 
     router.plant = true                # passes on what others say; it has checked them
     site.cell7 = true                  # publishes its own stations, and answers for them
@@ -30,7 +30,7 @@ from umo.wiring.settings import TakenBy, read_settings, settings_in
 FILE = "rules.toml"
 MAX_BYTES = 1 << 22
 MAX_NAME = 48
-"""Characters of a name: with its kind it is at most 64, the most that a certificate holds."""
+"""Largest number of characters of a name. With its kind it has at most 64, which is the limit of a certificate."""
 ROUTER, SITE, USER = "router", "site", "user"
 KINDS = (ROUTER, SITE, USER)
 READ = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
@@ -50,7 +50,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 
 
 def checked_name(name: str) -> str:
-    """Return the name if a certificate may have it; OptionError otherwise."""
+    """Return the name if a certificate may have it. Raises OptionError otherwise."""
     if len(name) > MAX_NAME:
         raise OptionError(f"{printable(name[:20])}... has {len(name)} characters; the most are {MAX_NAME}")
     if not _NAME.fullmatch(name):
@@ -100,7 +100,7 @@ class FleetRules:
 
     @classmethod
     def load(cls, file: Path) -> FleetRules:
-        """Raise OptionError if the file is missing or wrong."""
+        """Read the rules from a file. Raises OptionError if the file is missing or wrong."""
         if (found := read_settings(RulesFile, file, MAX_BYTES)) is None:
             raise OptionError(
                 f"{file} is missing: without rules no certificate proves a name; copy it from the authority's folder"
@@ -109,7 +109,7 @@ class FleetRules:
 
     @classmethod
     def parse(cls, text: str, file: Path) -> FleetRules:
-        """Parse a file of rules. Raises OptionError for a mistake."""
+        """Parse the text of a file of rules. Raises OptionError if it has an error."""
         return cls._of(settings_in(RulesFile, text.encode(), file))
 
     @classmethod
@@ -124,7 +124,7 @@ class FleetRules:
         return name in {ROUTER: self.routers, SITE: self.sites, USER: self.users}[kind]
 
     def settings(self) -> dict[str, Any]:
-        """The access control of Zenoh. A certificate that is not named has no rights."""
+        """Return the settings of Zenoh's access control. A certificate that the rules do not name has no rights."""
         rules, subjects, policies = [_rule("seen by all", EVERYTHING, ["**"], "egress")], [], []
 
         def allow(kind: str, name: str, *allowed: tuple[Sequence[str], Sequence[str]]) -> None:
@@ -146,26 +146,26 @@ class FleetRules:
 
 
 def seen_at(sites: Sequence[str]) -> list[str]:
-    """The keys that a user who may see the stations of these sites asks for: all keys of one word, which excludes
-    commands."""
+    """Return the keys that a user may query who may see the stations of these sites: all keys of one word, which
+    excludes commands."""
     return [f"{keys.ROOT}/{site}/*/*" for site in sites]
 
 
 def reading_only() -> dict[str, Any]:
-    """The access control of a network without proof of identity: every computer may publish and see, and none may
-    command."""
+    """Return the access control for a network without proof of identity. Every computer may publish and see, and none
+    may command."""
     seen = seen_at([keys.ANY])
     rules = [_rule("in", EVERYTHING, seen), _rule("out", EVERYTHING, seen, "egress")]
     return _access(rules, [{"id": "everybody"}], [{"rules": ["in", "out"], "subjects": ["everybody"]}])
 
 
 def key_of(kind: str, name: str) -> str:
-    """The beginning of the line for a certificate."""
+    """Return the beginning of the line for a certificate."""
     return f"{kind}.{name}" if re.fullmatch(r"[\w-]+", name, re.ASCII) else f'{kind}."{name}"'
 
 
 def line_of(kind: str, name: str, sites: Sequence[str] = (), *, withdrawn: bool = False) -> str:
-    """The line for a certificate."""
+    """Return the line for a certificate."""
     value = json.dumps(list(sites)) if sites else json.dumps(not withdrawn)
     return f"{key_of(kind, name)} = {value}\n"
 

@@ -1,7 +1,7 @@
 """The connection of this process to a fleet: a Zenoh session.
 
-Without anything given it is a peer of this computer only: it listens on 127.0.0.1 and connects to no other computer.
-With certificates it speaks TLS, both ends prove who they are, and the side that listens enforces the rules
+Without settings the session is a peer for this computer only: it listens on 127.0.0.1 and connects to no other
+computer. With certificates it uses TLS, both ends prove who they are, and the side that listens enforces the rules
 (`umo.clients.fleet.fleet_rules`). Without certificates other computers may see the stations, but no computer may
 command.
 """
@@ -29,29 +29,29 @@ log = logging.getLogger("umo.fleet")
 PORT = 7447
 LOCAL = f"tcp/127.0.0.1:{PORT}"
 NEARBY = "tcp/127.0.0.1:0"
-"""Any free port of this computer: others discover it."""
+"""The address with any free port of this computer. Other processes discover it."""
 LINK_LEASE = 2000
 """Time in ms after which a computer that does not answer counts as disconnected."""
 KEEP_ALIVES = 4
-"""Number of signs of life in that time."""
+"""Number of signs of life within `LINK_LEASE`."""
 CONNECT_TIME = 3000
-"""Time in ms in which a router must answer at the start. Later it may be unreachable for any time."""
+"""Time in ms within which a router must answer at the start. Later the router may be unreachable for any time."""
 RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
-"""Pauses in ms from one try to reach a router that is away to the next."""
+"""Pauses in ms between attempts to reach a router that is away."""
 TOKEN_TIME = 1.0
-"""Time in s within which others announce that they are present."""
+"""Time in s within which stations announce that they are present."""
 QUEUE_TIME = 100_000
-"""Longest time in us that a message waits for room; then it is dropped."""
+"""Longest time in us that a message waits for room in the queue. After that it is dropped."""
 
 
 class FleetAway(UmoError):
-    """None of the addresses answers; this may be temporary."""
+    """Raised if none of the addresses answers, which may be temporary."""
 
 
 @dataclass(frozen=True)
 class FleetNetwork:
     """The network settings of a process. `connect`, `listen`: addresses such as `tls/plant.local:7447`; `certificates`:
-    folder of its certificate, key and the authority's certificate."""
+    folder with the certificate and key of the process, and with the authority's certificate."""
 
     connect: Sequence[str] = ()
     listen: Sequence[str] = ()
@@ -92,9 +92,9 @@ def _is_loopback(address: str) -> bool:
 
 
 def rules_of(network: FleetNetwork, mode: str) -> dict[str, Any] | None:
-    """The access control of a process that listens. Raises OptionError if a network with certificates has no rules,
-    because then no name is proved. A connected client relies on the rules of the router, whose certificate proves its
-    host."""
+    """Return the access control for a process that listens. Raises OptionError if a network with certificates has no
+    rules, because without rules no name is proved. A client that connects relies on the rules of the router. The
+    router's certificate proves the router's host."""
     if mode == "client":
         return None
     if network.is_proved and network.certificates is not None:
@@ -106,7 +106,7 @@ LOCAL_NETWORK = FleetNetwork()
 
 
 def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
-    """The settings of Zenoh for a session."""
+    """Return the settings of Zenoh for a session."""
     local = not (network.connect or network.listen)
     listen, connect = list(network.listen), list(network.connect)
     if local:
@@ -141,7 +141,7 @@ def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
 
 
 def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.Session:
-    """Open a session. FleetAway if the router does not answer. Raises UmoError if the address is taken, or a
+    """Open a session. Raises FleetAway if the router does not answer, and UmoError if the address is in use or a
     certificate is wrong."""
     settings = settings_of(network, mode)
     config = zenoh.Config()
@@ -155,7 +155,7 @@ def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.S
 
 
 def opened_client(network: FleetNetwork) -> zenoh.Session:
-    """Open a session for a process that only reads and commands: it does not accept connections from other
+    """Open a session for a process that only reads and commands. The process does not accept connections from other
     computers."""
     return opened(replace(network, listen=()), "client" if network.connect else "peer")
 
@@ -172,7 +172,7 @@ def _cause(network: FleetNetwork, text: str) -> tuple[type[UmoError], str]:
 
 
 def anybody(session: zenoh.Session) -> list[keys.StationKey]:
-    """The stations that are present now."""
+    """Return the stations that are present now."""
     found = {keys.station_of(str(each.ok.key_expr))
              for each in session.liveliness().get(keys.EVERY.key(keys.ALIVE), timeout=1.0)
              if each.ok is not None}  # fmt: skip

@@ -74,14 +74,14 @@ class FleetSettings:
 
     @property
     def why_none(self) -> str:
-        """Return advice for the case that no station is visible; Zenoh does not report what its rules forbid."""
+        """Advice for the case that no station is visible. Zenoh itself does not report that its rules forbid access."""
         publish, identity = "`umo connect fleet` publishes those of a computer", self.network.identity
         if identity is None:
             return publish
         return f"{publish}; the router must have started with rules for {identity}"
 
     def require(self, kind: str) -> None:
-        """Check the kind of the certificate. Raises OptionError if it is of another kind."""
+        """Check the kind of the certificate. Raises OptionError if the certificate has another kind."""
         identity = self.network.identity
         if identity is not None and identity.kind != kind:
             raise OptionError(
@@ -91,13 +91,13 @@ class FleetSettings:
 
 
 def place() -> Path:
-    """The file of this user: `umo/fleet.toml` beside the file of roles."""
+    """Return the path of this user's file: `umo/fleet.toml` in the folder of the file of roles."""
     return roles.place().with_name("fleet.toml")
 
 
 def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> FleetSettings:
-    """The settings of the file (default: that of this user; a missing one is empty), with what a command line changes.
-    Raises OptionError for a mistake in either."""
+    """Return the settings of the file, overridden by those of a command line. The default is this user's file; a
+    missing file is taken as empty. Raises OptionError for an error in the file or the command line."""
     given = read_settings(FleetFile, place() if file is None else file, MAX_BYTES) or FleetFile()
     wanted: dict[str, Any] = {
         key: str(value) if isinstance(value, Path) else value for key, value in (changes or {}).items() if value

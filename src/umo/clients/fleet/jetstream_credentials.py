@@ -23,7 +23,8 @@ _ENVIRONMENT = "UMO_JETSTREAM_"
 
 @dataclass(frozen=True, repr=False)
 class Credentials:
-    """`token`: the user as its authority has signed it; `seed`: 32 bytes of the key that proves it."""
+    """The credentials. `token`: the user, signed by the authority; `seed`: the 32 bytes of the key that proves the
+    user."""
 
     user: str | None = None
     password: str | None = None
@@ -32,8 +33,8 @@ class Credentials:
 
     @classmethod
     def load(cls, given: JetStreamTable, environ: Mapping[str, str]) -> Credentials:
-        """The credentials in the environment, or else in the table [jetstream] of fleet.toml. Raises OptionError for a
-        file that does not exist, or that others may read."""
+        """Return the credentials in the environment, or else those in the table [jetstream] of fleet.toml. Raises
+        OptionError for a file that does not exist, or that other users may read."""
         file = environ.get(f"{_ENVIRONMENT}CREDENTIALS") or given.credentials
         user = environ.get(f"{_ENVIRONMENT}USER") or given.user
         password = environ.get(f"{_ENVIRONMENT}PASSWORD")

@@ -1,4 +1,4 @@
-"""The progress of a run into a JetStream, and the data to send."""
+"""The progress of publishing a run to a JetStream, and the data that are still to be sent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_EVENTS = 100
 
 
 class OutgoingMessage(NamedTuple):
-    """A message for the stream. `next`: the number that follows its data."""
+    """A message for the stream. `next`: the number after the last one in the message."""
 
     kind: str
     subject: str
@@ -29,7 +29,8 @@ class OutgoingMessage(NamedTuple):
 
 
 class JetStreamCursor:
-    """`messages`, `confirm`, `skip`: by the thread that sends; `end`: by that of the gateway."""
+    """The progress of one run. The thread that sends calls `messages`, `confirm` and `skip`; the thread of the gateway
+    calls `end`."""
 
     def __init__(self, publisher: StationPublisher) -> None:
         self.publisher, self.key = publisher, publisher.key
@@ -46,15 +47,15 @@ class JetStreamCursor:
         self.is_done = False
 
     def end(self) -> None:
-        """Take the remaining events, as the reader is about to be closed."""
+        """Take the remaining events, because the reader is about to be closed."""
         with self._lock:
             if not self.has_ended:
                 self._last_events = self._new_events()
                 self.has_ended = True
 
     def messages(self, now: float) -> Iterator[OutgoingMessage]:
-        """The messages to send now, in their order; only a part of them if there are many. All earlier messages are
-        confirmed or given up."""
+        """Return the messages to send now, in their order, and only a part of them if there are many. All earlier
+        messages must be confirmed or given up."""
         with self._lock:
             has_ended = self.has_ended
         declarations = [self._declare(now)] if now >= self._declare_at else []

@@ -1,8 +1,9 @@
-"""Publishes the data of a gateway to a JetStream, in a thread of its own, from the deltas that the gateway keeps.
+"""Publishes the data of a gateway to a JetStream in a separate thread. The data come from the deltas that the gateway
+keeps.
 
-There is no second queue: for each run the last confirmed number is known, and later data are taken from the deltas that
-are kept for clients that have missed some. A server that is away or slow delays nothing else. Data that are no longer
-kept when it is back are counted and reported."""
+There is no second queue. For each run the publisher knows the last confirmed number. It takes later data from the
+deltas that the gateway keeps for clients that have missed some. A server that is away or slow delays nothing else. Data
+that the gateway no longer keeps when the server is back are counted and reported."""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ HEADERS = 200
 
 
 class JetStreamPublisher:
-    """`say` is called with notices for the user."""
+    """The publisher of a gateway. `say` is called with notices for the user."""
 
     def __init__(self, server: JetStreamServer, say: Callable[[str], object]) -> None:
         self._server, self._say = server, say
@@ -61,7 +62,7 @@ class JetStreamPublisher:
                     each.end()
 
     def close(self) -> None:
-        """Called when the gateway ends: send as much as possible within `CLOSE_TIME`."""
+        """Send as much as possible within `CLOSE_TIME`. Called when the gateway ends."""
         self._stop.set()
         self._thread.join(2 * CLOSE_TIME)
 

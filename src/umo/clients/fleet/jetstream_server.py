@@ -1,4 +1,4 @@
-"""The JetStream of a fleet: a nats-server that keeps what gateways publish, and how it is reached.
+"""The JetStream of a fleet: the settings of a nats-server that keeps the data published by gateways.
 
 # ~/.config/umo/fleet.toml
 [jetstream]
@@ -8,8 +8,8 @@ credentials = "~/.config/umo/me.creds"  # instead of both: a file of nsc; or UMO
 keep = "7 d"                            # of the stream, where there is none yet
 bytes = 10_000_000_000                  # the same
 
-Deltas and events are in one stream, in the order in which they came. Declarations are in another one, which has the
-last one of each run: what is dropped by age or size of the first must not take them along.
+Deltas and events are in one stream, in the order in which they arrived. Declarations are in a second stream, which has
+the last declaration of each run, so that they are not dropped when the first stream reaches its limit of age or size.
 """
 
 from __future__ import annotations
@@ -48,11 +48,12 @@ REFRESH = 3600.0
 DUPLICATES = 120.0
 """Time in s within which a repeated message is dropped."""
 FIRST = "Umo-First"
-"""Header of a delta with a number: deltas before this number that are not yet in the stream will not arrive."""
+"""Header of a delta. Its value is a number: deltas before that number that are not yet in the stream will not
+arrive."""
 RETRY_DELAY = 2.0
 """Time in s after which a server that is away is tried again."""
 CONNECT_TIME = 3
-"""Time in s in which a server must answer."""
+"""Time in s within which a server must answer."""
 AWAY = (NatsError, OSError, ssl.SSLError, TimeoutError, EOFError)
 """Errors that end an attempt to connect, or a connection."""
 
@@ -62,7 +63,8 @@ Prepare = Callable[[JetStreamContext], Awaitable[None]]
 
 
 class ProvedClient(Client):
-    """Ends a connection to a server without TLS before it sends its user; nats-py would continue without TLS."""
+    """A client that ends a connection to a server without TLS before it sends the user's credentials. nats-py would
+    continue without TLS."""
 
     async def _process_info(self, info: dict[str, Any], initial_connection: bool = False) -> None:
         if initial_connection and not info.get("tls_required"):
@@ -72,7 +74,8 @@ class ProvedClient(Client):
 
 @dataclass(frozen=True)
 class JetStreamServer:
-    """`url`: nats://HOST:PORT or tls://HOST:PORT; `certificates`: folder as of a fleet; `keep`: s."""
+    """The server. `url`: nats://HOST:PORT or tls://HOST:PORT; `certificates`: folder as for a fleet; `keep`: largest
+    age of data in the stream in s."""
 
     url: str
     certificates: Path | None = None
@@ -100,8 +103,8 @@ class JetStreamServer:
         self.context()
 
     def context(self) -> ssl.SSLContext | None:
-        """The context for TLS, in which both ends prove who they are. Raises OptionError if the certificates cannot be
-        used."""
+        """Return the context for TLS, in which both ends prove who they are. Raises OptionError if the certificates
+        cannot be used."""
         if not self.url.startswith("tls:") or self.certificates is None:
             return None
         ca, certificate, key = (self.certificates / name for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE))
@@ -114,7 +117,8 @@ class JetStreamServer:
 
     @asynccontextmanager
     async def connected(self) -> AsyncIterator[tuple[Client, JetStreamContext]]:
-        """A connection with its streams, which are made if they are missing. Raises one of `AWAY`, or UmoError."""
+        """Return a connection with its streams, which are created if they are missing. Raises one of `AWAY`, or
+        UmoError."""
         client = Client() if self.context() is None else ProvedClient()
         try:
             await asyncio.wait_for(client.connect(
@@ -132,10 +136,10 @@ class JetStreamServer:
     async def keep_using(
         self, use: Use, stop: threading.Event, say: Callable[[str], object], prepare: Prepare | None = None
     ) -> None:
-        """Call `use` with a connection until that is done. If the server is unreachable or `prepare` fails, try again
-        until `stop`; `say` is called when the server becomes unreachable, and when it is reached again."""
+        """Call `use` with a connection until `use` is done. If the server is unreachable or `prepare` fails, try again
+        until `stop`; `say` is called when the server becomes unreachable, and when the server is reached again."""
         told: str | None = None
-        """Why the server is unreachable, or empty if it is reached, or None if not known yet."""
+        """The reason why the server is unreachable; empty if it is reached, None if that is not known yet."""
         while True:
             try:
                 async with self.connected() as (client, js):
@@ -195,7 +199,7 @@ def why(error: BaseException) -> str:
 def load(
     url: str, certificates: Path | None, table: JetStreamTable, environ: Mapping[str, str] = os.environ
 ) -> JetStreamServer:
-    """The server as the table [jetstream] and the environment describe it. Raises OptionError for a mistake in
+    """Return the server that the table [jetstream] and the environment describe. Raises OptionError for an error in
     either."""
     return JetStreamServer(url, certificates, Credentials.load(table, environ), table.keep, table.bytes)
 
@@ -210,17 +214,18 @@ def _hidden(url: str) -> str:
 
 
 def subject(site: str, station: str, *words: str) -> str:
-    """The subject `umo.SITE.STATION.KIND`. A dot in a name becomes `~`, which no name contains."""
+    """Return the subject `umo.SITE.STATION.KIND`. A dot in a name becomes `~`, which no name contains."""
     return ".".join((keys.ROOT, *(each.replace(".", "~") for each in (site, station)), *words))
 
 
 def key_and_kind(text: str) -> tuple[StationKey, str]:
-    """Return the station of a subject, and its kind."""
+    """Return the station and the kind of a subject."""
     _, site, station, kind, *_ = text.split(".")
     return StationKey(site.replace("~", "."), station.replace("~", ".")), kind
 
 
 def matcher(patterns: Sequence[str]) -> Callable[[StationKey], bool]:
-    """Return the function that tests whether a station matches one of SITE/STATION with `*`."""
+    """Return the function that tests whether a station matches one of the patterns SITE/STATION, in which `*` stands
+    for any characters."""
     return lambda key: any(fnmatchcase(key.site, site) and fnmatchcase(key.station, station)
                            for site, _, station in (each.partition("/") for each in patterns))  # fmt: skip

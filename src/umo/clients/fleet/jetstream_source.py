@@ -1,8 +1,8 @@
-"""The source of a recorder that reads from a JetStream: a durable consumer, which gets confirmations of the data in
-files.
+"""The source of a recorder that reads from a JetStream: a durable consumer, to which the recorder confirms the data
+that are in files.
 
-After a restart or a new connection the recorder makes its consumer again, after the written data: data that were being
-sent arrive again, in their order. The server would send them again by itself, but after later data.
+After a restart or a new connection the recorder creates its consumer anew, beginning after the written data. Data that
+were being sent then arrive again, in their order. The server alone would also send them again, but after later data.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ BATCH = 500
 WAIT = 0.5
 """Time in s to wait for messages."""
 ROOM_WAIT = 0.1
-"""Time in s between two checks whether there is room."""
+"""Time in s from one check whether there is room to the next."""
 CONSUMER_FILE = ".jetstream"
 """The file in the folder of the history with the name of its consumer."""
 UNUSED = 90 * 86400.0
@@ -54,7 +54,8 @@ HOUR = 3600.0
 
 
 class JetStreamSource:
-    """`patterns`: SITE/STATION with `*`. `say` is called with notices for the user."""
+    """A JetStream as a source. `patterns`: names SITE/STATION, in which `*` stands for any characters. `say` is called
+    with notices for the user."""
 
     idle = 600.0
 
@@ -82,7 +83,7 @@ class JetStreamSource:
         self._thread.start()
 
     def end(self) -> None:
-        """Stop reading; `close` follows."""
+        """Stop reading. The caller calls `close` afterwards."""
         self._stop.set()
 
     def close(self) -> None:
@@ -92,7 +93,7 @@ class JetStreamSource:
         self._thread.join()
 
     def now(self) -> float:
-        """The time of the last message, so that no time passes while the server is unreachable."""
+        """Return the time of the last message, so that no time passes while the server is unreachable."""
         return self._time
 
     def ask_past(self, key: StationKey, feed: RunFeed, now: float) -> bool:

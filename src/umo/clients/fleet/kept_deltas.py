@@ -16,7 +16,7 @@ MAX_DELTA_BYTES = 256 << 10
 
 
 class KeptDelta(NamedTuple):
-    """A message with its answer."""
+    """A delta that is kept: its number, whether it has all words, and the message."""
 
     number: int
     is_full: bool
@@ -43,7 +43,7 @@ class KeptDeltas:
 
     def since(self, number: int) -> tuple[int, list[bytes]]:
         """Return the number of the last delta, or -1 if there is none, and the deltas from a number on, as many as fit
-        one answer. If the first one has a later number, those between are no longer kept."""
+        in one answer. If the first returned delta has a later number, the deltas before it are no longer kept."""
         with self._lock:
             last = self._kept[-1].number if self._kept else -1
             kept = list(takewhile(lambda each: each.number >= number, reversed(self._kept)))

@@ -1,4 +1,4 @@
-"""Several parts in one message: the number of parts and the size of each (`<u4`), then the parts."""
+"""Several parts in one message: first the number of parts and the size of each (`<u4`), then the parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The commands of this process to a station of a fleet: taken from the cells of its mirror, and passed on."""
+"""Takes the commands of this process to a station of a fleet from the cells of the station's mirror, and passes them
+on."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ VALID = 5.0
 LONGEST_WAIT = 86_400.0
 """Time in s to wait for the end of an action."""
 EVENT_WAIT = 0.2
-"""Longest time in s from the machine's answer to its own event."""
+"""Longest time in s from the machine's answer to the machine's event."""
 SIGN_PAUSE = 0.1
 """Time in s from one sign of life to the next."""
 
@@ -60,13 +61,14 @@ class MirrorCommands:
         self._is_stopped = False
 
     def local(self, number: int) -> int:
-        """The number on this computer of a command of the station, or 0 if the command is not from this computer."""
+        """Return the number that a command of the station has on this computer, or 0 if the command is not from this
+        computer."""
         with self._lock:
             return self._numbers.get(number, 0) if number else 0
 
     def taken(self, count: int) -> int:
-        """Return the greatest number on this computer up to which all commands are among the first `count` commands of
-        the station."""
+        """Return the largest number n on this computer such that all commands up to n are among the first `count`
+        commands of the station."""
         with self._lock:
             taken = [here for there, here in self._coming if there <= count]
             self._coming = [each for each in self._coming if each[0] > count]
@@ -74,7 +76,7 @@ class MirrorCommands:
             return min([self._taken, *(here - 1 for _, here in self._coming)])
 
     def look(self) -> None:
-        """Pass on new commands, and their answers."""
+        """Pass on new commands to the station, and new answers to the cells."""
         while (command := self._inbox.get()) is not None:
             self._pass_on(command)
         self._ring.live({Live.TAKEN: self._inbox.taken, Live.DROPPED: self._inbox.dropped})

@@ -1,4 +1,4 @@
-"""Queries to gateways for published data that did not arrive (`umo.clients.fleet.run_feed`)."""
+"""Queries gateways for published data that did not arrive (`umo.clients.fleet.run_feed`)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ MAX_CONCURRENT_QUERIES = 8
 """Largest number of queries of one process that wait for their answers; answers to more queries would be dropped by the
 network."""
 WAIT = 2.0
-"""Time in s to wait for an answer."""
+"""Longest time in s to wait for an answer."""
 
 
 class PastQueries:
-    """A thread of Zenoh calls `put` with each answer, its station and its run."""
+    """The queries of one process. A thread of Zenoh calls `put` with each answer, its station and its run."""
 
     def __init__(self, session: zenoh.Session, put: Callable[[StationKey, bytes, bytes], None]) -> None:
         self._session, self._put = session, put
@@ -32,7 +32,7 @@ class PastQueries:
         return self._waiting >= MAX_CONCURRENT_QUERIES
 
     def ask(self, key: StationKey, missing: Missing) -> None:
-        """Send a request to the gateway of a station. Without a network there is no answer."""
+        """Send a request to the gateway of a station. Without a network no answer will arrive."""
 
         def replied(reply: zenoh.Reply) -> None:
             if reply.ok is not None:

@@ -1,8 +1,8 @@
-"""Deltas and events of one run in the order of their numbers, each once; missing ones are requested. Zenoh drops
-messages that it cannot send, and messages in transit when a router or a gateway is killed. The gateway keeps what it
-has published (`umo.clients.fleet.kept_deltas`), and sends it again from a requested number on. Nothing here waits or
-sends: the caller sends what `request` returns (`umo.clients.fleet.past_queries`), and passes the answers to
-`take_past`.
+"""Delivers the deltas and events of one run in the order of their numbers, each once, and requests missing ones. Zenoh
+drops messages that it cannot send, and messages that are in transit when a router or a gateway is killed. The gateway
+keeps what it has published (`umo.clients.fleet.kept_deltas`), and sends it again from a requested number on. This
+module neither waits nor sends: the caller sends what `request` returns (`umo.clients.fleet.past_queries`), and passes
+the answers to `take_past`.
 """
 
 from __future__ import annotations
@@ -23,9 +23,11 @@ SILENCE, LONGEST_SILENCE = 2.0, 8.0
 """Shortest and longest time in s without data of a run after which its gateway is asked whether the run has
 continued."""
 AHEAD = 1000
-"""Largest lead of a delta's number over the last number of its gateway; with a larger one its origin is unknown."""
+"""Largest number by which a delta may be ahead of the last delta of its gateway. The origin of a delta that is further
+ahead is unknown."""
 MAX_HELD = 8 << 20
-"""Largest number of bytes of deltas that wait for earlier ones; later deltas are requested again."""
+"""Largest number of bytes of deltas that wait for earlier ones. Deltas beyond this limit are dropped and requested
+again."""
 
 
 class Missing(NamedTuple):
@@ -37,7 +39,8 @@ class Missing(NamedTuple):
 
 
 class RunFeed:
-    """`delta`, `event`: numbers of the first ones to deliver. `now` is always in s of the monotonic clock."""
+    """The feed of one run. `delta` and `event` are the numbers of the first delta and the first event to deliver. `now`
+    is always in s of the monotonic clock."""
 
     def __init__(self, run: bytes, delta: int, event: int, now: float) -> None:
         self.run, self.delta, self.event = run, delta, event
@@ -57,7 +60,7 @@ class RunFeed:
     # What comes ----------------------------------------------------------------------------------------------
 
     def take_delta(self, data: bytes, now: float) -> bool:
-        """Take a delta as it was published. Return False if it arrived before. Raises FramesError if it is
+        """Take a delta as it was published. Return False if it has arrived before. Raises FramesError if the delta is
         malformed."""
         head = peek(data)
         if head.number < self.delta:
@@ -80,14 +83,14 @@ class RunFeed:
         self.event = max(self.event, event)
 
     def take_events(self, told: Mapping[str, Any]) -> None:
-        """Take a message with events as it was published. Events before it that are missing are requested."""
+        """Take a message with events as it was published. Missing events with lower numbers are requested."""
         events = told["events"]
         self._last_event = max(self._last_event, int(events[-1][0]))
         if int(events[0][0]) <= self.event:
             self._add_events(events)
 
     def take_past(self, data: bytes) -> None:
-        """Take the answer to a request: the data that the gateway has from the requested number on. Raises FramesError
+        """Take the answer to a request. It has the data of the gateway from the requested number on. Raises FramesError
         if it is malformed."""
         about, *deltas = unpacked(data)
         facts = json.loads(about)
@@ -137,7 +140,7 @@ class RunFeed:
         self.delta = number
 
     def restart(self, number: int) -> None:
-        """Continue with this number, regardless of the data so far."""
+        """Continue with this number, whatever data have arrived so far."""
         self._held.clear()
         self._held_bytes = 0
         self._deltas.clear()
@@ -146,12 +149,13 @@ class RunFeed:
     # What is taken from it -------------------------------------------------------------------------------------
 
     def events(self) -> list[list[Any]]:
-        """Return the next events: number, then the fields of `umo.cycle.events.Event`."""
+        """Return the next events. Each has its number, then the fields of `umo.cycle.events.Event`."""
         events, self._events = self._events, []
         return events
 
     def deltas(self) -> list[bytes]:
-        """Return the next deltas. A missing number was lost. The last delta of a run waits for its events."""
+        """Return the next deltas. If a number is missing, that delta was lost. The last delta of a run is returned
+        after all events of the run."""
         deltas, self._deltas = self._deltas, []
         if deltas and (last := peek(deltas[-1])).is_last:
             self._last_event = max(self._last_event, last.events - 1)  # an answer knows less: it is older, or was full
@@ -188,7 +192,7 @@ class RunFeed:
         return not (self._held or self._deltas or self._events)
 
     def give_up(self) -> None:
-        """Continue with the existing data, because there is no answer."""
+        """Continue with the data that have arrived, because there is no answer."""
         self._tries = 0
         self.event = self._last_event + 1
         self._skip_to(min(self._held, default=self._last_delta + 1))

@@ -1,16 +1,16 @@
 """The messages of a fleet: a run as a vector of words of 8 bytes, and the changes of these words.
 
-The vector holds a frame as it stands in the ring (`umo.process.frames.layout`, without `sequence`, checksums and
-journal), then the rest: state, mode, missed periods, lease with its holder, the tunable numbers. A delta names the
-words of the frame that differ from those of the delta before; the rest is complete in it, or is missing because it has
-not changed.
+The vector holds a frame as in the ring (`umo.process.frames.layout`, without `sequence`, checksums and journal), then
+the metadata: state, mode, missed periods, lease with its holder, the tunable numbers. A delta has the words of the
+frame that differ from those of the delta before. The metadata are complete in a delta, or are left out because they
+have not changed.
 
-Frames are thinned by their numbers in the ring: with a stride of k the deltas 0, 1, 2 ... are of the frames k - 1,
-2k - 1, 3k - 1 ... Delta n belongs to the same frame, whichever process publishes the run and however often it restarts,
-so losses can be counted.
+Frames are selected by their numbers in the ring: with a stride of k the deltas 0, 1, 2 ... are made from the frames
+k-1, 2k-1, 3k-1 ... Delta n belongs to the same frame, whichever process publishes the run and however often it
+restarts, so losses can be counted.
 
-A message, little-endian: `HEADER`; the indices of the words (`<u2`, or `<u4` where there are more than 65,535), then
-the words; then the rest.
+A message, little-endian: `HEADER`; the indices of the words (`<u2`, or `<u4` if there are more than 65,535), then the
+words, then the metadata.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ from umo.process.frames.layout import NAME, Layout, Live
 
 Words = npt.NDArray[np.uint64]
 HEADER = struct.Struct("<8sQIIIB3x")
-"""Run, number of the delta, events that were published before, number of words, bytes of the rest, flags."""
+"""The header: run, number of the delta, number of events that were published before, number of words, bytes of the
+metadata, flags."""
 FULL, LAST = 1, 2
-"""Flags: every word of the frame is there; the run has ended, no delta follows."""
+"""Flags. FULL: the delta has every word of the frame. LAST: the run has ended, and no delta follows."""
 METADATA = struct.Struct(f"<qqqq{NAME}s")
-"""State, mode, missed, number of the lease, its holder; the tunable numbers (`<f8`) follow."""
+"""The metadata: state, mode, missed periods, number of the lease, its holder. The tunable numbers (`<f8`) follow."""
 LEFT_OUT = ("sequence", "checksum", "entries_checksum", "journal", "entries", "entries_lost", "sampled", "updated")
-"""Fields of a frame that belong to the ring, or to the journal, which a fleet does not transmit."""
+"""Fields of a frame that are not transmitted, because they belong to the ring or to the journal."""
 FULL_EVERY = 100
 """One delta in this number of deltas has all words, so that a new reader can begin there."""
 RUN_BYTES = 8
@@ -63,7 +64,7 @@ class RunMetadata:
 
     @classmethod
     def of(cls, live: Any, lease: tuple[int, str], tunables: bytes) -> RunMetadata:
-        """`live`: the live numbers of a ring; `lease`: its number and its holder."""
+        """Return the metadata. `live`: the live numbers of a ring; `lease`: the number and the holder of the lease."""
         number, holder = lease
         return cls(
             int(live[Live.STATE]), int(live[Live.MODE]), int(live[Live.MISSED]), number, holder.encode(), tunables
@@ -91,12 +92,12 @@ class Head:
 
 @dataclass(frozen=True)
 class Delta(Head):
-    """One message."""
+    """One delta as a message."""
 
     places: npt.NDArray[Any]
     words: Words
     rest: bytes
-    """Packed; empty: as before."""
+    """The metadata in packed form; empty if they have not changed."""
 
     def packed(self) -> bytes:
         head = HEADER.pack(self.run, self.number, self.events, len(self.words), len(self.rest), self.flags)
@@ -105,7 +106,7 @@ class Delta(Head):
 
 
 class WordFrame:
-    """Frames of one run as words, and back. `layout`: that of its ring."""
+    """Converts frames of one run to words, and back. `layout`: that of the run's ring."""
 
     def __init__(self, layout: Layout) -> None:
         dtype = layout.dtype
@@ -116,24 +117,24 @@ class WordFrame:
         self._left_out = [dtype.fields[name][1] // 8 for name in LEFT_OUT]
 
     def words(self, frame: Any) -> Words:
-        """The words of a frame of a ring; it is not changed."""
+        """Return the words of a frame of a ring. The frame is not changed."""
         return self.words_of(frame.tobytes())
 
     def words_of(self, frame: bytes) -> Words:
-        """The words of a frame as it stands in the ring."""
+        """Return the words of a frame in the form in which the ring has it."""
         words = np.frombuffer(frame, np.uint64).copy()
         words[self._left_out] = 0
         return words
 
     def changed(self, words: Words, before: Words | None) -> tuple[npt.NDArray[Any], Words]:
-        """Places and values of the words that differ from `before`; all words without it."""
+        """Return the places and values of the words that differ from `before`; without `before`, of all words."""
         if before is None:
             return np.zeros(0, self._index), words
         (places,) = (words != before).nonzero()
         return places.astype(self._index), words[places]
 
     def parse(self, data: bytes) -> Delta:
-        """Parse a message. Raises FramesError if it does not fit this run."""
+        """Parse a message. Raises FramesError if the message does not fit this run."""
         try:
             run, number, events, count, rest, flags = HEADER.unpack_from(data)
             full, at = bool(flags & FULL), HEADER.size
@@ -158,12 +159,12 @@ class WordFrame:
             words[delta.places] = delta.words
 
     def frame(self, words: Words) -> Any:
-        """A frame of the ring from words: a structured scalar of the layout."""
+        """Return the frame that words stand for, as a structured scalar of the ring's layout."""
         return np.frombuffer(words.tobytes(), self.dtype)[0]
 
 
 def peek(data: bytes) -> Head:
-    """Return the beginning of a message. Raises FramesError if it is not a delta."""
+    """Return the beginning of a message. Raises FramesError if the message is not a delta."""
     if len(data) < HEADER.size:
         raise FramesError(f"{len(data)} bytes are not a delta")
     run, number, events, _, _, flags = HEADER.unpack_from(data)

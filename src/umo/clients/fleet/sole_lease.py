@@ -1,5 +1,5 @@
-"""Passes the commands of a fleet to one run, like the gateway of a face, except that one client at a time has the
-lease."""
+"""Passes the commands of a fleet to one run. It works like the gateway of a face, except that only one client at a time
+has the lease."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from umo.operation.commands.verbs import STOP, TUNE
 
 
 class SoleLease(Gateway):
-    """Clients of a fleet take the lease and give it back, like clients on the computer of the machine."""
+    """The gateway for clients of a fleet. They take the lease and give it back, like clients on the computer of the
+    machine."""
 
     _owner: User | None = None
 
     async def take_lease(self, user: User, *, over: bool = False) -> int:
         """Take the lease for one user, who alone commands as long as `user.is_alive` returns True. Return the number of
-        the lease. Raises LeaseHeld if another has it, unless it is deliberately taken over."""
+        the lease. Raises LeaseHeld if another user has the lease and it is not deliberately taken over."""
         if (refusal := super()._refusal(user, TUNE.name, "")) is not None:  # the least that one needs it for
             raise CommandRefused(refusal)
         owner = self.owner
@@ -34,13 +35,13 @@ class SoleLease(Gateway):
         return self._session.lease
 
     def give_back(self, user: User) -> None:
-        """Return the lease, as the user no longer needs it."""
+        """Give back the lease, because the user no longer needs it."""
         if self._owner is not None and not _others(self._owner, user):
             self._owner, self._last = None, -inf
 
     @property
     def owner(self) -> User | None:
-        """Return the user who has the lease, or None."""
+        """The user who has the lease, or None."""
         if self._owner is not None and not lives(self._owner):
             self._owner = None
         return self._owner

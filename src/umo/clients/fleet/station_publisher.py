@@ -27,19 +27,19 @@ from umo.process.frames.reader import FRAME_HEAD
 from umo.process.frames.run_reader import NumberedEvent
 
 KEPT = 60.0
-"""Time in s for which deltas are kept, for recorders and mirrors that have missed some."""
+"""Time in s for which deltas are kept for recorders and mirrors that have missed some."""
 MAX_DELTAS = 100
 """Largest number of deltas sent at one look; further frames of the ring follow at the next looks."""
 REST_EVERY = 10
-"""One delta in this number of deltas contains the rest, even if it has not changed."""
+"""One delta in this number of deltas contains the metadata, even if they have not changed."""
 STATUS_FIELDS = ("done", "total", "progress", "signals", "equipment", "alarms")
 """Fields of a frame that the status contains."""
 STATUS_PAUSE = 1.0
-"""Time in s from one status to the next."""
+"""Time in s from one publication of the status to the next."""
 
 
 class StationPublisher:
-    """`interval`: shortest time in s from one delta to the next."""
+    """The publisher of one station. `interval`: shortest time in s from one delta to the next."""
 
     def __init__(self, session: zenoh.Session, key: StationKey, reader: Reader, interval: float) -> None:
         self.key, self.reader = key, reader
@@ -83,7 +83,7 @@ class StationPublisher:
     # Looks ---------------------------------------------------------------------------------------------
 
     def look(self) -> bool:
-        """Publish new data. Return False if the run has ended and all of it was sent."""
+        """Publish new data. Return False if the run has ended and all its data were sent."""
         reader = self.reader
         count = self._publish_new()
         ended = count == 0 and reader.state is Stage.ENDED  # who writes frames lives
@@ -170,7 +170,7 @@ class StationPublisher:
         return max(0.0, (time.monotonic_ns() - int(words[self._began])) * 1e-9)
 
     def described(self) -> bytes:
-        """The declaration of the run alone, without values."""
+        """Return the declaration of the run, without values."""
         about = {"run": self.run.hex(), "number": -1, "stride": self.stride, "site": self.key.site, "event": 0}
         return packed(json.dumps(about).encode(), self.reader.layout.describe(), b"", b"")
 
@@ -219,7 +219,7 @@ class StationPublisher:
         return rest, self._event, *(data[part] for part in self._status_parts)
 
     def end(self) -> None:
-        """Note the end of the run: its published data can still be requested."""
+        """Note the end of the run. Its published data can still be requested."""
         undeclared: list[Any] = [
             self._alive,
             self._declared,
@@ -239,7 +239,7 @@ class StationPublisher:
 
 
 def run_of(about: dict[str, Any], stride: int) -> bytes:
-    """8 bytes that identify a run, and the frames for which its deltas are made."""
+    """Return 8 bytes that identify a run and the stride of its deltas."""
     text = json.dumps([stride, *(about[key] for key in ("station", "place", "pid", "started", "started_monotonic"))])
     return hashlib.blake2b(text.encode(), digest_size=8).digest()
 

@@ -1,4 +1,4 @@
-"""Positions in a stream from which a recorder that starts again must read, so that nothing of a run is missing."""
+"""The positions in a stream from which a recorder that restarts must read, so that no data of a run are missing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from umo.clients.fleet.run_words import FULL_EVERY, Head
 
 
 class StreamPositions:
-    """The positions of one run: the data not written yet, and the last full delta, on which the next ones build."""
+    """The positions of one run: those of the data that are not written yet, and that of the last full delta, on which
+    the following deltas build."""
 
     def __init__(self) -> None:
         self._full: deque[tuple[int, int]] = deque()
@@ -18,7 +19,7 @@ class StreamPositions:
         self._unwritten: int | None = None
 
     def take(self, sequence: int, head: Head | None) -> None:
-        """Note a message. `head`: its beginning, if it is a delta."""
+        """Note a message. `head`: the beginning of the message if it is a delta."""
         if self._begin is None:
             self._begin = sequence
         if self._unwritten is None:
@@ -27,14 +28,14 @@ class StreamPositions:
             self._full.append((head.number, sequence))
 
     def wrote(self, last: int, *, everything: bool) -> None:
-        """Note that the deltas up to this number are in files, or, with `everything`, all received data."""
+        """Note that the deltas up to this number are in files. With `everything` all received data are in files."""
         while len(self._full) > 1 and self._full[1][0] <= last + 1:
             self._full.popleft()
         if everything:
             self._unwritten = None
 
     def needed(self, last: int, *, has_ended: bool) -> int | None:
-        """The first position that is still needed, or None if none of the received ones is needed."""
+        """Return the first position that is still needed, or None if no received data are needed any more."""
         if has_ended and self._unwritten is None:
             return None
         base = self._full[0][1] if self._full and self._full[0][0] <= last + 1 else self._begin

@@ -1,1 +1,2 @@
-"""The page: running stations in a browser, served by a process of its own from the frames (`umo show page`)."""
+"""The page: it shows running stations in a browser. A separate process reads the frames and serves the page (`umo show
+page`)."""

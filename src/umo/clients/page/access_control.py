@@ -1,9 +1,11 @@
-"""Access to the page: the token, the Host and Origin headers, and the headers that bind the browser.
+"""Controls the access to the page by the token, by the Host and Origin headers, and by headers that restrict the
+browser.
 
-The token comes with the address (`/?token=...`) or from the form, then a cookie replaces it. There are two tokens: that
-of this user, and one given for other visitors (`umo.clients.page.visitor`). Host must be this computer's, in its
-certificate, or that of the proxy (a name that another site lets point here is refused). Origin must be the page's own,
-and another site may open the page, but nothing in the background: it cannot try tokens.
+The token comes with the address (`/?token=...`) or from the form; afterwards a cookie replaces it. There are two
+tokens: one for this user, and an optional one for other visitors (`umo.clients.page.visitor`). Host must be a name of
+this computer, a name in its certificate, or the name of the proxy. A name of another site that points to this computer
+is refused. Origin must be that of the page. Another site may open the page, but may not send requests in the
+background, so it cannot try tokens.
 """
 
 from __future__ import annotations
@@ -31,9 +33,9 @@ from umo.system.folders import written
 REFUSAL_TIME = 0.5
 """Time in s after which a wrong token is answered."""
 MAX_JUDGED = 8
-"""Number of tokens that are checked at once. The others wait in line, even the right one, so that guessing stays slow.
-As the connections without the token are few (`umo.clients.page.unauthenticated`), the line is short, and no request in
-it is refused."""
+"""Number of tokens that are checked simultaneously. Further ones wait in a queue, even the right one, so that guessing
+stays slow. The queue is short, because only few connections without the token are accepted
+(`umo.clients.page.unauthenticated`), and no request in the queue is refused."""
 MAX_FORM_BYTES = 4096
 """Largest number of bytes of a form."""
 FORM_TIMEOUT = 5.0
@@ -50,8 +52,8 @@ NAME_KINDS = ("DNS", "IP Address", "commonName")
 
 
 def new_token(file: Path) -> str:
-    """The token of this user's pages, kept in a file that only the user can read, until the computer restarts. So an
-    open page can reconnect after a restart of the server."""
+    """Return the token of this user's pages. It is kept, until the computer restarts, in a file that only the user can
+    read, so that an open page can reconnect after a restart of the server."""
     with suppress(OSError, ValueError):
         kept = file.read_text().strip()
         if len(kept) >= 32 and file.stat().st_mode & 0o077 == 0:
@@ -63,7 +65,7 @@ def new_token(file: Path) -> str:
 
 
 class AccessControl:
-    """An ASGI application around another. Requests without the token do not reach it."""
+    """An ASGI application that wraps another one. Requests without the token do not reach it."""
 
     def __init__(
         self,
@@ -244,10 +246,12 @@ FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>umo</title
 
 
 def names_in(certificate: Path, key: Path | None = None) -> frozenset[str]:
-    """The names and addresses in a certificate (PEM), in small letters; `*.cell.example` stands for one label. Empty
-    where they cannot be read. OSError or ssl.SSLError if the files are no certificate and its key.
+    """Return the names and addresses in a certificate (PEM), in small letters. The `*` in `*.cell.example` stands for
+    one label. The result is empty if the names cannot be read. Raises OSError or ssl.SSLError if the files are not a
+    certificate and its key.
 
-    Python decodes only certificates that another side has shown, so one is shown here, in memory.
+    Python decodes only certificates that the other end of a connection has presented. The certificate is therefore
+    presented over a connection in memory.
     """
     server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     server.load_cert_chain(certificate, key)

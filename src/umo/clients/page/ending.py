@@ -1,4 +1,4 @@
-"""The data that a run leaves for the page: its newest black box as text, and how it ended."""
+"""Finds what a run leaves for the page: its newest black box as text, and how the run ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNKNOWN_END = "it ended without a report: all of its processes were killed"
 MAX_OCCASIONS = 3
 """Number of the last missed periods of a black box that are shown."""
 RUN_FACTS = ("pid", "started", "started_monotonic")
-"""Facts that a run and its black boxes have in common, and no other run has."""
+"""Facts that identify a run: its black boxes have the same, and those of no other run do."""
 
 
 class BoxInWords(NamedTuple):
@@ -30,8 +30,8 @@ class BoxInWords(NamedTuple):
 
 
 def newest_box(about: Mapping[str, Any], known: BoxInWords) -> BoxInWords:
-    """Return the newest black box of a run, or `known` if none is newer. It opens files and takes some 10 ms, so call
-    it in a thread."""
+    """Return the newest black box of a run, or `known` if none is newer. The function opens files and takes some 10 ms,
+    so call it in a thread."""
     try:
         found = blackbox.boxes(blackbox.folder())
     except (FramesError, OSError):
@@ -79,8 +79,9 @@ class Ending(NamedTuple):
 
 
 def ending_of(about: Mapping[str, Any], last: Event | None, box: BoxInWords) -> Ending | None:
-    """End of the run that `about` describes, or None if it is not known. `last` is its event of the end. It reads
-    records, so call it in a thread. Call it again after a while, as the guardian may still be resetting the machine."""
+    """Return the end of the run that `about` describes, or None if it is not known. `last` is the event of the run that
+    reports the end. The function reads records, so call it in a thread. Call it again after a while, because the
+    guardian may still be resetting the machine."""
     stands = _record(about)
     if stands is not None and stands.state == "stopped":
         left = f"not reached: {', '.join(stands.unreached)}" if stands.unreached else "every actuator was reset"

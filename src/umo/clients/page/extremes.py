@@ -1,4 +1,4 @@
-"""The least and the greatest values of a run's objects and signals, since a page began to follow them."""
+"""The smallest and largest values of a run's objects and signals since a page began to follow them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MEASURED = Quality.OUT_OF_RANGE
 
 
 class Extremes:
-    """Extremes of this number of objects, then signals. NaN if there was no value."""
+    """The extremes of the given numbers of objects and signals, objects first. NaN if there was no value."""
 
     def __init__(self, objects: int, signals: int) -> None:
         self.least = np.full(objects + signals, np.nan)
@@ -42,7 +42,8 @@ class Extremes:
 
 
 class ExtremesNews:
-    """The changes of these extremes that one page does not have yet. `id`: the page's number of the subscription."""
+    """Finds the changes of extremes that one page does not have yet. `id`: the number that the page has given to the
+    subscription."""
 
     def __init__(self, id: int, extremes: Extremes) -> None:
         self.id = id
@@ -51,7 +52,8 @@ class ExtremesNews:
         self._full = True
 
     def next(self) -> dict[str, Any] | None:
-        """Message with the extremes that have changed since the last one, by place, or None if none has."""
+        """Return a message with the extremes that have changed since the last message, by place, or None if none has
+        changed."""
         least, greatest = self.extremes.least, self.extremes.greatest
         same = (least == self._least) & (greatest == self._greatest) | np.isnan(least)
         places = np.flatnonzero(~same).tolist()

@@ -1,4 +1,4 @@
-"""Reads the rings of all running stations of this user in one task, for all pages."""
+"""Reads the rings of all running stations of this user for all pages, in one task."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ IDLE_RATE = 5.0
 LOOKS_PER_STATE = 3
 """Number of looks from one state to the next."""
 SEARCH_PAUSE = 1.0
-"""s from one search for new rings to the next."""
+"""Time in s from one search for new rings to the next."""
 DISK_PAUSE = 1.0
-"""s from one look at black boxes and records of ended runs to the next."""
+"""Time in s from one check of black boxes and records of ended runs to the next."""
 RETRY_PAUSE = 10.0
-"""s after which a ring that could not be read is tried again."""
+"""Time in s after which a ring that could not be read is tried again."""
 MAX_ENDED = 4
-"""Ended runs that are kept in memory, so that their end can be inspected."""
+"""Number of ended runs that are kept in memory, so that their end can be inspected."""
 
 
 class Feed:
-    """`watched` are the runs by name. A run that has ended stays until the station, in this folder, starts again."""
+    """The runs for all pages, in `watched` by name. A run that has ended stays until its station, in the same folder,
+    starts again."""
 
     def __init__(self, fleet: FleetFeed | None = None, recorded: Watched | None = None) -> None:
         """`fleet`: with the stations of other computers; `recorded`: only this recording."""
@@ -69,7 +70,8 @@ class Feed:
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
 
     def look(self, states: bool) -> None:
-        """Read every ring once, and wake the pages, with `states` to a new state. A damaged ring is dropped."""
+        """Read every ring once, and wake the pages. With `states` they receive a new state. A damaged ring is
+        dropped."""
         for watched in list(self.watched.values()):
             try:
                 if not watched.over:
@@ -81,12 +83,13 @@ class Feed:
         looked.set()
 
     async def looked(self) -> float:
-        """Wait for the next look. Return its time in s of this computer's monotonic clock."""
+        """Wait for the next look. Return the time of that look in s of this computer's monotonic clock."""
         await self._looked.wait()
         return time.monotonic()
 
     async def search(self) -> None:
-        """Attach to new rings, in a thread, as a stopped guardian may not answer. The last ended runs are kept."""
+        """Attach to new rings. This is done in a thread, because a stopped guardian may not answer. The last ended runs
+        are kept."""
         if self._recorded is not None:
             return
         known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
@@ -109,7 +112,7 @@ class Feed:
             self.watched.pop(name).close()
 
     async def open_elsewhere(self, name: str) -> None:
-        """Watch a station of the fleet. Raises FramesError if it does not answer."""
+        """Watch a station of the fleet. Raises FramesError if the station does not answer."""
         before = self.watched.get(name)
         if self.fleet is None or (before is not None and not before.ended):
             return

@@ -1,4 +1,4 @@
-"""The stations of a fleet on the page: a table of all, and a mirror of each that a page shows."""
+"""The stations of a fleet on the page: a table of all stations, and a mirror of each station that a page shows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ UNSEEN_TIME = 10.0
 
 
 class FleetFeed:
-    """Joins the fleet. Raises UmoError if it cannot be reached, or its settings are wrong."""
+    """The connection of the page to the fleet. Raises UmoError if the fleet cannot be reached, or the settings are
+    wrong."""
 
     def __init__(self) -> None:
         self._settings = fleet_settings.load()
@@ -28,19 +29,20 @@ class FleetFeed:
         self._unseen: dict[str, float] = {}
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each station."""
+        """Return a row for each station."""
         now = time.monotonic()
         return [_row(station, now) for station in self._presence.stations()]
 
     def watched(self, name: str) -> Watched:
-        """A mirror of a station; it may take some seconds. Raises FramesError if it does not answer."""
+        """Return a mirror of a station, which may take some seconds. Raises FramesError if the station does not
+        answer."""
         reader = find(name, self._settings)
         reader.skip_older_half()
         return Watched(reader)
 
     def twin(self, name: str) -> dict[str, Any] | None:
-        """The description of a station's twin, or its mistake as `error`, or None if it declares none. Raises
-        FramesError if it does not answer."""
+        """Return the description of a station's twin, or the error in its declaration as `error`, or None if the
+        station declares no twin. Raises FramesError if the station does not answer."""
         found = json.loads(answer_of(self._session, station_key(name), TWIN))
         return found if isinstance(found, dict) else None
 

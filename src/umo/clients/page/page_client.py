@@ -1,7 +1,7 @@
-"""The client of an open page: its commands, its lease, and what it holds while it is there.
+"""The client of an open page: its commands, its lease, and its holds, which last while the page is open.
 
 A page gives signs of life (touches): it answers each state that it receives with the list of its holds. Without a touch
-the holds are released, and later its lease ends. When the page is closed, both happen at once.
+the holds are released, and later its lease ends. When the page is closed, both happen immediately.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ MAX_STATES_BEHIND = 4
 """Number of states by which the state that a touch answers may be older than the newest one; there are ten states per
 second."""
 MAX_COMMANDS = 32
-"""Largest number of commands of a page whose end is still to come."""
+"""Largest number of commands of a page that have not ended yet."""
 COMMAND_KEYS = ("path", "value", "arguments", "over")
-"""Keys of a page's command that are passed on, besides `do`; this module uses the others."""
+"""Keys of a page's command that are passed on, in addition to `do`. Other keys are used by this module."""
 SENDERS = ThreadPoolExecutor(8, "umo client")
 """Threads that only send commands, so that no client waits for a slow answer to another page."""
 Tell = Callable[[dict[str, Any]], Awaitable[None]]
@@ -75,8 +75,8 @@ class PageClient:
     # Commands ------------------------------------------------------------------------------------------
 
     async def carry_out(self, message: dict[str, Any]) -> None:
-        """Send a command of the page. Its answers are sent to the page when they arrive: `begun` for a long action,
-        then its end."""
+        """Send a command of the page. The answers are sent to the page when they arrive: `begun` for a long action,
+        then the end of the command."""
         try:
             await self._carry_out(message, str(message.get("do")))
         except (CommandRefused, FramesError) as error:
@@ -131,8 +131,8 @@ class PageClient:
     # The lease -----------------------------------------------------------------------------------------
 
     def touch(self, held: list[str], number: int) -> None:
-        """Note a sign of life of the page, with its state and holds. A touch with an old state is ignored, as the
-        connection is slow."""
+        """Note a sign of life of the page, with its state and holds. A touch with an old state is ignored, because it
+        shows that the connection is slow."""
         if self.watched.number - number > MAX_STATES_BEHIND:
             return
         self._touched = time.monotonic()

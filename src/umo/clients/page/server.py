@@ -44,22 +44,22 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
-"""Largest number of bytes of a message of a page."""
+"""Largest number of bytes of a message from a page."""
 MAX_CONNECTIONS = 500
-"""Largest number of connections that have shown the token; with more, a request is answered by 503."""
+"""Largest number of connections that have shown the token. Requests on further ones are answered with status 503."""
 FOREIGN_ERRORS = ("Invalid UTF-8", "Cancel ")
-"""First words of uvicorn's messages that do not report an error of this server."""
+"""First words of those messages of uvicorn that do not report an error of this server."""
 GRACE_TIME = 1
-"""Time in s that open pages have to close at the end."""
+"""Time in s within which open pages must close when the server ends."""
 
 ATTACHMENT = {"content-disposition": "attachment"}
-"""Header of an answer that the browser saves as a file."""
+"""Header of a response that the browser saves as a file."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the server. `token`: that of this user. `first`: the station that is shown first. `operate`: True if
-    pages may command, as far as the roles of their visitors allow."""
+    """Options of the server. `token`: the token of this user. `first`: the station that is shown first. `operate`: True
+    if pages may command, within the roles of their visitors."""
 
     host: str
     port: int
@@ -79,7 +79,8 @@ class Options:
 
 
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
-    """Return the application that serves the page of a feed, with access control. `ended` is called when it ends."""
+    """Return the application that serves the page of a feed, with access control. `ended` is called when the
+    application ends."""
     name = None if options.first is None else options.first.station
     about = {"station": name, "operate": options.operate, "version": umo_version()}
 
@@ -155,7 +156,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers. An error of the feed is raised."""
+    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers. An error in the feed is raised."""
     serving = server(options, ready)
     serving.run(sockets=[listening])
     if serving.failure is not None:
@@ -163,7 +164,7 @@ def serve(options: Options, listening: socket.socket, ready: Callable[[], None])
 
 
 def server(options: Options, ready: Callable[[], None]) -> Server:
-    """The server, not yet running."""
+    """Return the server, which does not run yet."""
     app = application(options, Feed(options.fleet, options.recorded), lambda task: serving.feed_ended(task))
     http: Any = partial(HttpConnection, UnauthenticatedConnections(), _tls(options))
     config = uvicorn.Config(
@@ -193,7 +194,8 @@ def _tls(options: Options) -> ssl.SSLContext | None:
 
 
 class Server(uvicorn.Server):
-    """Reports when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process."""
+    """A server that reports when it is ready, and ends when its feed ends. Ctrl-C and SIGTERM end the server, not the
+    process."""
 
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
@@ -207,7 +209,8 @@ class Server(uvicorn.Server):
             self._ready()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """The second signal ends the server without informing the pages; a further one ends code that does not end."""
+        """Handle a signal. The second signal ends the server without informing the pages. A further one also ends code
+        that hangs."""
         if self.force_exit:
             place = "" if frame is None else f"{shown_path(frame.f_code.co_filename)}:{frame.f_lineno}"
             raise Interrupted(f"the page does not end{in_brackets(place)}", sig)

@@ -34,13 +34,13 @@ T = TypeVar("T")
 MAX_SUBSCRIPTIONS = 16
 """Largest number of subscriptions of one page."""
 MAX_REQUESTS = 64
-"""Largest number of parts of the history that a page has asked for and not received yet."""
+"""Largest number of parts of the history that a page has requested and not received yet."""
 MAX_HELD = 256
-"""Largest number of paths that a page holds at once."""
+"""Largest number of paths that a page holds simultaneously."""
 CLOSE_TIMEOUT = 1.0
-"""Time in s that a page has to close its socket."""
+"""Time in s within which a page must close its socket."""
 FLEET_PAUSE = 0.5
-"""s from one table of the fleet to the next."""
+"""Time in s from one table of the fleet to the next."""
 READ_ONLY = "this page is read-only"
 UNKNOWN = Visitor("unknown")
 
@@ -54,8 +54,7 @@ class PlayedBack(Protocol):
 
 @dataclass(frozen=True)
 class InitialStation:
-    """The station that is shown before the page chooses one: the run with this pid; otherwise the run of this
-    folder."""
+    """The station that is shown before the page chooses one. It is given by the pid of a run, or else by a folder."""
 
     station: str
     place: str
@@ -67,8 +66,8 @@ class InitialStation:
 
 
 class Session:
-    """`server`: the facts about this server that every page receives. `first`: the station to show first; None means
-    the only run."""
+    """The session of one page. `server`: the facts about this server that every page receives. `first`: the station to
+    show first; None means the only run."""
 
     def __init__(
         self,
@@ -99,7 +98,7 @@ class Session:
         self._client: PageClient | None = None
 
     async def run(self) -> None:
-        """Carry out the messages of the page until it is closed."""
+        """Carry out the messages of the page until the page is closed."""
         self._feed.pages += 1
         sending = asyncio.create_task(self._sending_until_closed())
         try:

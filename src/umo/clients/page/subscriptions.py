@@ -24,13 +24,13 @@ from umo.recording.scope.reduction import Points, crossing, measured, measured_s
 
 MAX_TRACES = 64
 MAX_WIDTH = 8192
-"""Largest number of pixels of a drawing."""
+"""Largest width of a drawing in pixels."""
 WORKER = ThreadPoolExecutor(1, "history")
 """Thread for long computations of all pages, so that the loop stays free for touches and commands."""
 Arguments = ParamSpec("Arguments")
 T = TypeVar("T")
 PIECE_ROWS = 256
-"""Number of rows of a piece; longer pieces would delay the loop of the server."""
+"""Number of rows of a piece of CSV. Longer pieces would delay the loop of the server."""
 
 
 async def in_worker(work: Callable[Arguments, T], *given: Arguments.args, **named: Arguments.kwargs) -> T:
@@ -43,7 +43,7 @@ class BadRequest(ValueError):
 
 
 def columns_of(watched: Watched, paths: Any) -> list[int]:
-    """The columns of the history. Raises BadRequest for an unknown path."""
+    """Return the columns of the history with these paths. Raises BadRequest for an unknown path."""
     if not isinstance(paths, list) or len(paths) > MAX_TRACES:
         raise BadRequest(f"give a list of up to {MAX_TRACES} paths")
     for path in paths:
@@ -53,7 +53,7 @@ def columns_of(watched: Watched, paths: Any) -> list[int]:
 
 
 def number(message: dict[str, Any], name: str, default: float = 0.0) -> float:
-    """Return a finite number of a message. Raises BadRequest for anything else."""
+    """Return a finite number from a message. Raises BadRequest for anything else."""
     value = message.get(name, default)
     with suppress(OverflowError):  # a whole number beyond all floats
         if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
@@ -62,8 +62,8 @@ def number(message: dict[str, Any], name: str, default: float = 0.0) -> float:
 
 
 def packed(head: dict[str, Any], points: Points) -> bytes:
-    """A binary message: length of the JSON (uint32), JSON filled up to whole 8 bytes, then float64: times, least values
-    of each trace, and greatest ones unless `same`."""
+    """Return a binary message: the length of the JSON (uint32), the JSON padded to a multiple of 8 bytes, then as
+    float64 the times, the smallest values of each trace, and, unless `same`, the largest ones."""
     same = points.high is points.low
     text = json.dumps(head | {"count": len(points.times), "traces": len(points.low), "same": same}).encode()
     text += b" " * (-(4 + len(text)) % 8)
@@ -74,13 +74,13 @@ def packed(head: dict[str, Any], points: Points) -> bytes:
 
 @dataclass(frozen=True)
 class HistoryPart:
-    """A part of the history that a page requests. Its answers may be made in any thread."""
+    """A part of the history that a page requests. Any thread may compute its answers."""
 
     watched: Watched
     columns: list[int]
     start: float
     stop: float
-    """s."""
+    """End of the part in s."""
 
     @classmethod
     def of(cls, watched: Watched, message: dict[str, Any]) -> HistoryPart:
@@ -95,8 +95,8 @@ class HistoryPart:
         return packed(head, history.points(self.start, self.stop, self.columns, step, self.watched.period))
 
     def measured(self, head: dict[str, Any]) -> str:
-        """Return a message with the measurements over all samples; for a part of a recording that is too long, without
-        any."""
+        """Return a message with the measurements over all samples. If the part of a recording is too long, the message
+        has no measurements."""
         if not self.watched.history.is_short(self.start, self.stop):
             return json.dumps(head | {"values": [None] * len(self.columns)})
         times, values = self.watched.history.between(self.start, self.stop, self.columns)
@@ -128,12 +128,12 @@ class Subscription:
 
     @property
     def takes_long(self) -> bool:
-        """True if `next` will take the whole span; it is then called in another thread."""
+        """True if `next` will compute the whole span. It is then called in another thread."""
         return self._trigger is not None or self._sent < 0.0
 
     def next(self) -> bytes | None:
-        """Return the points since the last one, which is sent again, as it may have been incomplete, or None if nothing
-        is new."""
+        """Return the new points, or None if there are none. The last point of the previous message is sent again,
+        because it may have been incomplete."""
         stop = self._watched.now
         if self._jumps != self._watched.jumps:
             self._jumps, self._sent, self._newest = self._watched.jumps, float("-inf"), float("-inf")
@@ -192,15 +192,15 @@ class Trigger:
         return self._moment
 
     def done(self, until: float) -> None:
-        """Continue to search after this time, or stop if the trigger is for a single shot."""
+        """Continue to search after this time. A single-shot trigger stops."""
         self._moment = None
         self._searched = until
         self._armed = not self.single
 
 
 def csv_of(stretch: HistoryPart) -> Iterator[str]:
-    """Return CSV: a line of names with units, then a line for each sample: time in s, UTC of a run in real time,
-    numbers in their units, names of states; nothing where there is no value."""
+    """Return CSV: a line of names with units, then a line for each sample. It has the time in s, the UTC if the run was
+    in real time, numbers in their units, and names of states. A field without a value is empty."""
     watched, columns = stretch.watched, stretch.columns
     entries = [watched.entries[column] for column in columns]
     utc = watched.utc

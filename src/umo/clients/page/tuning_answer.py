@@ -1,4 +1,5 @@
-"""Answers a page on the tuning of a law: with the gains, and the data to draw. Needs the extra `tune`."""
+"""Answers a page's question about the tuning of a law with the gains and the data for the drawings. Needs the extra
+`tune`."""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ LONGEST = 3600.0
 
 
 class TuningQuestion:
-    """A page asks for the gains of a law from the history. `message`: `facts` as the law's action `law` returns them,
-    `start`, `stop` (s), `relay`. Raises BadRequest for an invalid message."""
+    """The question of a page for the gains of a law, computed from the history. `message`: `facts` as the law's action
+    `law` returns them, `start`, `stop` (s), `relay`. Raises BadRequest for an invalid message."""
 
     def __init__(self, watched: Watched, message: dict[str, Any]) -> None:
         try:
@@ -41,7 +42,7 @@ class TuningQuestion:
         self._relay = message.get("relay") is True
 
     def answer(self, head: dict[str, Any]) -> str:
-        """Return the answer, or an error as text. Any thread may call it."""
+        """Return the answer, which may be an error as text. Any thread may call it."""
         try:
             return json.dumps(head | self._found())
         except ImportError:

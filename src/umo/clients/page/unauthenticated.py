@@ -1,5 +1,5 @@
-"""Connections that have not shown the token yet: their number and their time are limited. Incomplete requests,
-incomplete TLS handshakes and refused pages occupy places only here. A connection that has shown the token is no longer
+"""Limits the number and the duration of connections that have not shown the token yet. Incomplete requests, incomplete
+TLS handshakes and refused pages count only towards these limits. A connection that has shown the token is no longer
 counted, so that an open page can always reconnect and stop its machine.
 """
 
@@ -14,10 +14,10 @@ from typing import Any
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 TOKEN_TIMEOUT = 10.0
-"""s after which a connection that has not shown the token is cut off."""
+"""Time in s after which a connection that has not shown the token is cut off."""
 MAX_STRANGERS = 100
-"""Largest number of connections that have not shown the token. When another one comes, the oldest connection of the
-address that has the most of them is cut off."""
+"""Largest number of connections that have not shown the token. When another one arrives, the address with the most of
+these connections loses its oldest one."""
 
 
 class UnauthenticatedConnections:
@@ -28,7 +28,7 @@ class UnauthenticatedConnections:
         """The oldest first."""
 
     def enter(self, transport: asyncio.Transport) -> None:
-        """Enter a new connection, which has some seconds to show the token."""
+        """Add a new connection, which must show the token within `TOKEN_TIMEOUT`."""
         self._addresses = {known: address for known, address in self._addresses.items() if not known.is_closing()}
         if len(self._addresses) >= MAX_STRANGERS:
             ((most, _),) = Counter(self._addresses.values()).most_common(1)
@@ -46,7 +46,8 @@ class UnauthenticatedConnections:
 
 
 class HttpConnection(H11Protocol):
-    """One connection. Its requests have it as `visit` in their state. With `context` it uses TLS."""
+    """One connection. Its requests have this object as `visit` in their state. With `context` the connection uses
+    TLS."""
 
     def __init__(
         self, strangers: UnauthenticatedConnections, context: ssl.SSLContext | None, *, app_state: Any, **given: Any
@@ -101,7 +102,7 @@ class HttpConnection(H11Protocol):
 
     @property
     def peer_socket(self) -> TransportSocket | None:
-        """Return the socket of the other end, or None if it has closed."""
+        """The socket of the other end, or None if that end has closed."""
         return None if self.over or self._socket is None else self._socket.get_extra_info("socket")
 
     @property

@@ -1,8 +1,9 @@
-"""Identifies the visitor of a page: by which token, from where, and whether it is the user who serves the page.
+"""Identifies the visitor of a page: by which token and from where the visitor came, and whether it is the user who
+serves the page.
 
-That it is this user is proved by two things together: the token that only this user can read, and a connection from a
-process of this user on this computer, as the kernel reports (`umo.system.peer_account`). It is never proved through a
-proxy."""
+Two things together prove that the visitor is this user: the token that only this user can read, and a connection from a
+process of this user on this computer, as the kernel reports (`umo.system.peer_account`). Through a proxy this is never
+proved."""
 
 from __future__ import annotations
 
@@ -26,11 +27,11 @@ MAX_ADDRESS = 39
 
 @dataclass(frozen=True)
 class Visitor:
-    """`address`: that of the visitor's computer, if known."""
+    """A visitor. `address`: the address of the visitor's computer, if known."""
 
     address: str
     is_owner: bool = False
-    """True if it is proved that this is the user who serves the page."""
+    """True if it is proved that the visitor is the user who serves the page."""
 
 
 class PageToken:
@@ -51,7 +52,7 @@ class PageToken:
 
 
 def connection_of(scope: Scope) -> HttpConnection | None:
-    """The connection of a request; None if another server handles it."""
+    """Return the connection of a request, or None if another server handles it."""
     visit = scope.get("state", {}).get("visit")
     return visit if isinstance(visit, HttpConnection) else None
 

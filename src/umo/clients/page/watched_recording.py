@@ -1,4 +1,5 @@
-"""A recording as the page shows it: a run whose time the page selects, with a second recording over it on demand."""
+"""A recording as the page shows it: like a run, but the page selects the time. A second recording can be laid over
+it."""
 
 from __future__ import annotations
 
@@ -35,8 +36,8 @@ SECOND = "second"
 
 
 class WatchedRecording(Watched):
-    """The constructor reads the file once; it closes the recordings at its end. `tell` is called with the share that is
-    read."""
+    """The recording that a page shows. The constructor reads the file once. `tell` is called with the share that has
+    been read. The recordings are closed with this object."""
 
     def __init__(
         self,
@@ -108,7 +109,7 @@ class WatchedRecording(Watched):
     # The time ------------------------------------------------------------------------------------------
 
     def play(self, time: float | None, playing: bool, speed: float) -> None:
-        """Show a time (None: the present one), and play from there or pause."""
+        """Show a time, and play from there or pause. None means the time that is shown now."""
         if time is None and playing and not self.playing and self.position >= self.history.stop:
             time = self.history.start
         if time is not None:
@@ -181,7 +182,7 @@ class WatchedRecording(Watched):
         return self.extremes
 
     def look_around(self) -> None:
-        """Does nothing, as a recording leaves no files."""
+        """Do nothing, because a recording leaves no files."""
 
     def close(self) -> None:
         super().close()

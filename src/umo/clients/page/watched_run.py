@@ -1,4 +1,4 @@
-"""Reads the ring of one run of a station once, for all pages."""
+"""Reads the ring of one run of a station, only once for all pages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ENDING_TIME = 5.0
 
 
 class Watched:
-    """A run, its last minutes, and its state ten times per second."""
+    """A run with its last minutes, and with its state ten times per second."""
 
     def __init__(self, reader: RunReader) -> None:
         self.reader, self.path = reader, reader.path
@@ -105,7 +105,8 @@ class Watched:
         return None if self.is_elsewhere else place_of(self.reader.layout)
 
     def own_twin(self) -> dict[str, Any] | None:
-        """The description of the twin of this computer. Raises UmoError if its declaration is wrong."""
+        """Return the description of the twin of a station on this computer. Raises UmoError if the twin's declaration
+        is wrong."""
         return None if self.twin_place is None else twin_of(self.reader.layout, self.twin_place)
 
     def read(self) -> None:
@@ -129,7 +130,7 @@ class Watched:
         return Extremes(len(self.reader.layout.objects), len(self.reader.layout.signals))
 
     def extremes_for(self, anew: bool) -> Extremes:
-        """Return the extremes since this server has followed the run; with `anew`, extremes from now on, until
+        """Return the extremes since this server has followed the run. With `anew` return extremes from now on, until
         `end_extremes`."""
         if not anew:
             return self.extremes
@@ -141,7 +142,7 @@ class Watched:
             self._more_extremes.remove(extremes)
 
     def look_around(self) -> None:
-        """Read the files of this run: its newest black box, and how it ended. To be called in a thread."""
+        """Read the files of this run: its newest black box, and how it ended. Call this in a thread."""
         self.box = newest_box(self.reader.about, self.box)
         self.changed = "" if self.over else changed_text(changed_files(self.reader.about))
         if self.over:
@@ -153,7 +154,7 @@ class Watched:
     # What pages are told -------------------------------------------------------------------------------
 
     def description(self) -> dict[str, Any]:
-        """Message with all that does not change during the run."""
+        """Return a message with all data that do not change during the run."""
         told: dict[str, Any] = {"type": "description", "name": self.name, "run": self.run}
         told |= {name: self.about[name] for name in PAGE_FACTS}
         layout, (objects, signals, tunables) = self.reader.layout, self.reader.layout.described
@@ -182,7 +183,8 @@ class Watched:
         self._new_misses, self._missed = now.missed != self._missed, now.missed
 
     def state(self, full: bool) -> str:
-        """The state as JSON: all values, or those that have changed since the last number. Made once for all pages."""
+        """Return the state as JSON: all values, or those that have changed since the last number. It is made only once
+        for all pages."""
         if self._taken != self.number:
             self._take_state()
         if full not in self._texts:
@@ -273,7 +275,8 @@ class Watched:
 
     @property
     def utc(self) -> float | None:
-        """s since 1970 at the cycle's time 0; None for a run that does not keep the pace of the wall clock."""
+        """The UTC in s since 1970 at which the cycle's time was 0; None for a run that does not keep the pace of the
+        wall clock."""
         frame = self._frame
         if frame is None or not self.reader.about.get("realtime"):
             return None
@@ -281,7 +284,7 @@ class Watched:
 
     @property
     def now(self) -> float:
-        """The newest time that pages show, s on the cycle's clock."""
+        """The newest time that pages show, in s on the cycle's clock."""
         return self.history.stop
 
     @property
@@ -293,8 +296,8 @@ class Watched:
 
 
 def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None] | None) -> dict[str, Any] | None:
-    """The twin of a station, or the mistake in its declaration as `error`, or None if the station declares none. `ask`:
-    function that requests it from a station on another computer, by name."""
+    """Return the twin of a station, or the error in its declaration as `error`, or None if the station declares no
+    twin. `ask`: function that requests the twin of a station on another computer by the station's name."""
     try:
         elsewhere = ask if watched.is_elsewhere else None
         found = watched.own_twin() if elsewhere is None else elsewhere(watched.station)

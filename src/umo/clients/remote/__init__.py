@@ -1,4 +1,4 @@
-"""Commanding a running machine from another program: `umo.attach`, and the queue of commands."""
+"""Commands a running machine from another program: `umo.attach`, and the queue of commands."""
 
 from umo.clients.remote.attached import RemoteStation, attach
 from umo.clients.remote.commander import HeldLease

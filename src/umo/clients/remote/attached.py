@@ -1,4 +1,4 @@
-"""A running station, seen from another program: values, actions, tunable numbers."""
+"""A running station as seen from another program: its values, actions and tunable numbers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from umo.recording.scope.svg import Scope
 
 
 def attach(station: str | int | None = None) -> RemoteStation:
-    """A station that runs in real time on this computer, by name or pid; default: the only one.
+    """Return a station that runs in real time on this computer, by name or pid; default: the only one.
 
         station = umo.attach("ztheta")
         station.z.encoder.read()
@@ -45,15 +45,16 @@ def attach(station: str | int | None = None) -> RemoteStation:
             station.z.move_to(100_000)
             station.z.servo.gain = 0.004
 
-    FramesError, with the running stations, if none or several run. Reading disturbs nothing. Commands need the lease,
-    and pass the same guards as the program's.
+    Raises FramesError, which lists the running stations, if no such station runs, or if no name is given and several
+    run. Reading does not disturb the station. Commands need the lease, and pass the same guards as the commands of the
+    program.
     """
     return RemoteStation(find_running(None if station is None else str(station)))
 
 
 class RemoteStation(Commander, RemotePart):
-    """A running station. Its objects, compounds, actions and tunable numbers are attributes, as in its declaration; if
-    one has the name of a member of this class, use its path: `station["stop"]`."""
+    """A running station. Its objects, compounds, actions and tunable numbers are attributes, with the names in its
+    declaration. If one has the name of a member of this class, use its path: `station["stop"]`."""
 
     def __init__(self, reader: Reader) -> None:
         vars(self).update(vars(Commander(reader)))  # past `__setattr__`, which tunes a number
@@ -61,7 +62,7 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def mode(self) -> str:
-        """ "automatic" or "manual"; "" if the station takes no commands. It is set under the lease."""
+        """The mode: "automatic" or "manual"; "" if the station takes no commands. Setting it needs the lease."""
         return "" if (mode := self.reader.now().mode) is None else str(mode)
 
     @mode.setter
@@ -70,22 +71,24 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def progress(self) -> Progress:
-        """The progress of its work that the machine reported last."""
+        """The last progress that the machine has reported for its work."""
         return progress_of(self.reader.latest())
 
     @property
     def events(self) -> list[Event]:
-        """The last events, oldest first: commands with their answers, actions of guards."""
+        """The last events, oldest first: commands with their answers, and interventions of guards."""
         return [each.event for each in self.reader.events()]
 
     @property
     def tuned(self) -> dict[str, float]:
-        """The tunable numbers that differ from their values at the start of the run, by path, in their units. The next
-        run has those that are kept (`reader.kept`); the others need a line under `[parameters]` of the wiring."""
+        """The tunable numbers that differ from their values at the start of the run, by path, in their units. Numbers
+        that are kept (`reader.kept`) are the same in the next run. For the others, add a line under `[parameters]` of
+        the wiring."""
         return self.reader.tuned()
 
     def frames(self, seconds: float) -> dict[str, npt.NDArray[np.float64]]:
-        """The last frames in memory, as arrays: "time" in s, objects and signals by path, NaN where BAD."""
+        """Return the last frames in memory as arrays: "time" in s, objects and signals by path. A value of quality BAD
+        is NaN."""
         reader = self.reader
         period = reader.about["period"] or 0.01
         rows = reader.last(max(1, round(seconds / period)))
@@ -95,26 +98,27 @@ class RemoteStation(Commander, RemotePart):
     # In a notebook -------------------------------------------------------------------------------------
 
     def live(self, *paths: str) -> LiveView:
-        """Show a table of the values here in the notebook, and keep it up to date. `paths`: of objects, compounds,
-        signals, or patterns such as "zones.*.heater"; default: all.
+        """Show a table of the values here in the notebook, and keep the table up to date. `paths`: the paths of
+        objects, compounds or signals, or patterns such as "zones.*.heater"; default: all.
 
-        It ends with the station, with its `stop()`, or with this program. Raises PathError for an unknown path;
-        FramesError outside of a notebook, or if the station has ended.
+        The updates end with the station, with a call of `stop()` of the result, or with this program. Raises PathError
+        for an unknown path, and FramesError outside of a notebook or if the station has ended.
         """
         return LiveView(self.reader, lambda own: partial(own.html, paths))
 
     def scope(self, *paths: str, seconds: float = 10.0) -> LiveView:
         """Show objects and signals against time here in the notebook, as they change. `seconds` is the span, up to 300.
 
-        Numbers of one unit share a lane; binary objects are bars. No peak is lost: least and greatest value are drawn
-        for each pixel. It ends, and fails, like `live`. Raises RangeError for another span. At most 16 traces.
+        Numbers of one unit share a lane; binary objects are bars. No peak is lost, because the smallest and the largest
+        value are drawn for each pixel. At most 16 traces are possible. The updates end as with `live`, which also has
+        the same errors. Raises RangeError for a `seconds` out of range.
         """
         return LiveView(self.reader, lambda own: Scope(own, paths, seconds).draw)
 
     def acknowledge(self, path: str = "") -> bool:
         """Acknowledge latched interlocks of an object or compound, or, with "", of the machine, so that the actuators
-        they inhibit can be written again. Returns False if none was latched. CommandRefused while the condition of one
-        still holds. Needs the lease; possible in any mode."""
+        they inhibit can be written again. Returns False if none was latched. Raises CommandRefused while the condition
+        of one still holds. Needs the lease; possible in any mode."""
         return self.carry_out(ACKNOWLEDGE, path) is None
 
     @property
@@ -124,26 +128,27 @@ class RemoteStation(Commander, RemotePart):
 
     def clear(self, path: str = "") -> str:
         """End the fault of the equipment that contains an object or compound, or, with "", of all equipment. Returns a
-        text such as "cleared: reactors.1", or "nothing was in fault"; followed by the interlocks that still inhibit its
-        actuators. EquipmentFault while one of its sensors cannot be read, TaskFailed if an object cannot be
-        initialised: then it stays in fault. Needs the lease; possible in any mode."""
+        text such as "cleared: reactors.1" or "nothing was in fault", followed by the interlocks that still inhibit
+        actuators. Raises EquipmentFault while a sensor of the equipment cannot be read, and TaskFailed if an object
+        cannot be initialised. The equipment then stays in fault. Needs the lease; possible in any mode."""
         return str(self.carry_out(CLEAR, path))
 
     @property
     def alarms(self) -> list[AlarmRow]:
-        """Return the alarms that are not normal: unacknowledged ones first, then by priority."""
+        """The alarms that are not normal: unacknowledged ones first, then by priority."""
         return self.reader.alarms(self.reader.latest())
 
     @property
     def raised_alarms(self) -> list[AlarmRow]:
-        """Return the same, followed by the alarms that are normal and were raised in this run, with their number and
-        their first and last time."""
+        """The alarms in `alarms`, followed by the alarms that are normal and were raised in this run. Each has the
+        number of times that it was raised, and the first and last time."""
         return self.reader.alarms(self.reader.latest(), raised=True)
 
     def acknowledge_alarm(self, path: str = "") -> str:
-        """Acknowledge an alarm, or the alarms of an object or compound, of a pattern, or, with "", all. Returns a text
-        such as "acknowledged: tank.overfill". Raises CommandRefused if a single alarm needs no acknowledgement,
-        PathError if there is none. This and the following methods need the lease, and are possible in any mode."""
+        """Acknowledge an alarm, the alarms of an object or compound, those that match a pattern, or, with "", all
+        alarms. Returns a text such as "acknowledged: tank.overfill". Raises CommandRefused if a single alarm needs no
+        acknowledgement, and PathError if there is no such alarm. This and the following methods need the lease, and are
+        possible in any mode."""
         return str(self.carry_out(ACKNOWLEDGE_ALARM, path))
 
     def reset_alarm(self, path: str = "") -> str:
@@ -151,11 +156,12 @@ class RemoteStation(Commander, RemotePart):
         return str(self.carry_out(RESET_ALARM, path))
 
     def shelve(self, path: str, time: str | float) -> str:
-        """Shelve alarms for a time in s, or such as "10 min"; at most 7 days. Raises RangeError for another time."""
+        """Shelve alarms for a time in s, or a time such as "10 min", of at most 7 days. Raises RangeError for another
+        time."""
         return str(self.carry_out(SHELVE, path, {"time": time}))
 
     def unshelve(self, path: str) -> str:
-        """End the shelving of alarms before its time."""
+        """End the shelving of alarms before its time is over."""
         return str(self.carry_out(UNSHELVE, path))
 
     def remove_from_service(self, path: str) -> str:
@@ -168,7 +174,7 @@ class RemoteStation(Commander, RemotePart):
 
     @property
     def verbs(self) -> VerbTable:
-        """Return all verbs of the station, with their effect and the required role. A notebook shows it as a table."""
+        """All verbs of the station, with their effects and the required roles. A notebook shows it as a table."""
         return VerbTable(VERBS)
 
     def __getattr__(self, name: str) -> Any:

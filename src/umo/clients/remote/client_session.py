@@ -1,8 +1,8 @@
 """One client of a running machine: its requests, its lease, and what it holds under the lease.
 
-Nothing here waits for the machine or starts a thread. The owner of a session reads the answers (`PendingCommand`), and
-calls `keep` as long as the client is alive: a thread (`umo.clients.remote.commander`), the loop of a page, of a face or
-of a fleet's gateway."""
+This module neither waits for the machine nor starts a thread. The owner of a session reads the answers
+(`PendingCommand`), and calls `keep` as long as the client is alive. The owner is a thread
+(`umo.clients.remote.commander`), or the loop of a page, of a face or of a fleet's gateway."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from umo.process.frames.command_queue import Sender
 LEASE_TIME = 2.0
 """Time in s for which a lease lasts without a sign of life."""
 ANSWER_TIMEOUT = 5.0
-"""Time in s within which the machine must take a command, or five periods if they are longer."""
+"""Time in s within which the machine must accept a command; five periods if they are longer."""
 SIGNS_OF_LIFE = 5
 """Number of signs of life that a client gives within the dead-man time of a hold."""
 CHANGE_NOTHING = RangeError, StateError
-"""Errors of a refused command, after which the earlier hold continues."""
+"""Errors of a refused command after which an earlier hold continues."""
 
 
 @dataclass
@@ -45,18 +45,18 @@ class Hold:
     lasts: float
     """Time in s without a sign of life after which the machine ends the hold."""
     next: int
-    """Number of the next event that may report its end."""
+    """Number of the next event that may report the end of the hold."""
     is_alive: Callable[[], bool]
     command: int = 0
-    """Number of the command that began it, or 0 if it is not sent yet."""
+    """Number of the command that began the hold, or 0 if the command is not sent yet."""
     why: str = ""
-    """The reason why it has ended, as the machine reports it; "" while it lasts."""
+    """The reason why the hold has ended, as the machine reports it; "" while the hold lasts."""
 
 
 class ClientSession:
-    """A client of the run that `reader` reads, which it closes at its end. `wake` is called when something is held, as
-    `pause` may be shorter then; `clock` is CLOCK_MONOTONIC, ns. One thread gives commands; another one may call
-    `keep`."""
+    """A client of the run that `reader` reads. The session closes the reader at its end. `wake` is called when a hold
+    begins, because `pause` may then be shorter. `clock` is CLOCK_MONOTONIC in ns. One thread gives commands; a
+    different one may call `keep`."""
 
     def __init__(
         self, reader: Reader, wake: Callable[[], object] = lambda: None, clock: Callable[[], int] = time.monotonic_ns
@@ -80,8 +80,8 @@ class ClientSession:
 
     @property
     def has_lease(self) -> bool:
-        """True while its lease lasts: neither the lease nor the run has ended, and no other client has taken it
-        over."""
+        """True while the client's lease lasts: neither the lease nor the run has ended, and no other client has taken
+        it over."""
         if not self.running:
             return False
         now = self.reader.now()
@@ -92,8 +92,8 @@ class ClientSession:
     def asking(
         self, do: str, path: str = "", *, who: str, is_alive: Callable[[], bool] = lambda: True, **fields: Any
     ) -> PendingCommand:
-        """Return a command to send. Its holds exist from now on, as long as `is_alive` returns True; the holds that it
-        ends do not."""
+        """Return a command to send. The holds that the command begins exist from now on, as long as `is_alive` returns
+        True. The holds that it ends no longer exist."""
         if do in VERBS and VERBS[do].ends:
             self.held.pop(path, None)
         start, before, lasts = self.reader.now().next_event, self.held.get(path), self.lasts(do, path)
@@ -110,12 +110,13 @@ class ClientSession:
         return PendingCommand(self, command, hold, before)
 
     def stop(self, who: str) -> None:
-        """Ask the run to end safely, by a level in shared memory that no queue delays. It needs no lease."""
+        """Ask the run to end safely. The request is a level in shared memory, which no queue delays. It needs no
+        lease."""
         self._open_cells().ask_to_stop(signal.SIGTERM, who)
 
     def lasts(self, do: str, path: str) -> float | None:
-        """Return the time in s for which the effect of a command lasts without a sign of life; None if it needs
-        none."""
+        """Return the time in s for which the effect of a command lasts without a sign of life, or None if the effect
+        needs none."""
         verb = VERBS.get(do)
         if verb is None or not (verb.is_kept_up or (verb.of_action and path in self._dead_man)):
             return None
@@ -142,7 +143,7 @@ class ClientSession:
     # Life ----------------------------------------------------------------------------------------------
 
     def keep(self) -> None:
-        """Give signs of life for the lease, and for the holds of living clients. To be called once in `pause`."""
+        """Give signs of life for the lease, and for the holds of living clients. Call this at least once in `pause`."""
         if self.has_lease:
             held = list(self.held.items())
             self.sign(LEASE, *(path for path, hold in held if not self.ended(path) and hold.is_alive()))
@@ -153,15 +154,16 @@ class ClientSession:
         return min([DEAD_MAN_TIME, self._seconds, *(hold.lasts for hold in list(self.held.values()))]) / SIGNS_OF_LIFE
 
     def sign(self, *paths: str) -> None:
-        """Give a sign of life for the holds at these paths ("" for the lease). A run that has just ended needs none."""
+        """Give a sign of life for the holds at these paths ("" for the lease). A run that has just ended does not need
+        it."""
         with suppress(FramesError):
             cells, now = self._open_cells(), self.clock()
             for path in paths:
                 cells.sign(path, self.lease, now)
 
     def ended(self, path: str) -> str:
-        """Return why the hold on this path has ended by itself, as the machine reports it; "" if it lasts or does not
-        exist."""
+        """Return the reason why the hold on this path has ended by itself, as the machine reports it; "" if the hold
+        lasts or does not exist."""
         hold = self.held.get(path)
         if hold is None:
             return ""
@@ -184,14 +186,14 @@ class ClientSession:
 
 
 class LoopSession(ClientSession):
-    """A session in an event loop."""
+    """A client session in an event loop."""
 
     def __init__(self, reader: Reader) -> None:
         self._woken = asyncio.Event()
         super().__init__(reader, self._woken.set)
 
     async def pass_pause(self) -> None:
-        """Wait until the next sign of life is due, or something is held."""
+        """Wait until the next sign of life is due, or a hold begins."""
         with suppress(TimeoutError):
             async with asyncio.timeout(self.pause):
                 await self._woken.wait()
@@ -199,7 +201,7 @@ class LoopSession(ClientSession):
 
 
 class PendingCommand:
-    """A command of a session: it is sent, and has answers, the last of which is its end."""
+    """A command of a session. It is sent, and receives answers. The last answer is the command's end."""
 
     def __init__(self, session: ClientSession, command: dict[str, Any], hold: Hold | None, before: Hold | None) -> None:
         self.number = 0
@@ -227,8 +229,8 @@ class PendingCommand:
             self._hold.command = self.number
 
     def look(self) -> list[Event]:
-        """Return new answers. Raises CommandRefused if none has arrived in time, FramesError if none can arrive any
-        more."""
+        """Return new answers. Raises CommandRefused if no answer has arrived in time, and FramesError if none can
+        arrive any more."""
         reader = self._session.reader
         ended = reader.state is Stage.ENDED  # before the events: the last of them may be the answer
         events = reader.events(self._next)
@@ -249,14 +251,14 @@ class PendingCommand:
     async def follow(
         self, looked: Callable[[], Awaitable[float]], is_over: Callable[[list[Event], float], Awaitable[bool]]
     ) -> None:
-        """Pass new answers to `is_over` at each look at the frames, until that returns True. `looked` waits for the
-        next look; its result is passed with the answers, minus infinity with the first ones."""
+        """Pass new answers to `is_over` at each look at the frames, until `is_over` returns True. `looked` waits for
+        the next look. Its result is passed together with the answers; minus infinity is passed with the first ones."""
         seen = -inf
         while not await is_over(self.look(), seen):
             seen = await looked()
 
     def outcome(self) -> Any:
-        """Return its result. The machine's error is raised if it was refused or has failed."""
+        """Return the result of the command. Raises the machine's error if the command was refused or has failed."""
         assert self.end is not None
         if self.end.state is not CommandState.DONE:
             raise error_of(self.end)
@@ -284,9 +286,10 @@ class PendingCommand:
 
 
 def has_ended(event: Event, path: str, reader: RunReader, command: int = 0) -> bool:
-    """True if an event reports that the hold of a command at this path has ended: with its command, by itself, or as
-    one of several actuators for one reason. The text of an event for several actuators names the first one; an actuator
-    that a client still holds has not ended. The end of an action always has its own event."""
+    """True if an event reports that the hold of a command at this path has ended. A hold ends with its command, by
+    itself, or together with those of other actuators for one reason. An event for several actuators names only the
+    first one in its text, and the hold of an actuator that a client still holds has not ended. The end of an action
+    always has a separate event."""
     if event.state is not CommandState.CANCELLED:
         return False
     if event.command:
@@ -302,7 +305,7 @@ def is_beside(path: str, around: str) -> bool:
 
 
 def error_of(event: Event) -> Exception:
-    """Return the machine's error, of its own type if that is a type of umo."""
+    """Return the machine's error. It has the original type if that is a type of umo."""
     if event.state is CommandState.CANCELLED:
         return TaskFailed(f"{event.path or event.asked} was cancelled: {event.text}")
     name, _, text = event.text.partition(": ")

@@ -1,4 +1,4 @@
-"""Commands to a running machine by a program that waits for their answers, and the lease in a `with` block."""
+"""Commands of a program that waits for the answers of a running machine, and the lease in a `with` block."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EVENT_DELAY = 0.05
 
 
 class Commander:
-    """A client of a running station: its frames, and the commands to it."""
+    """A client of a running station: the frames of the station, and the commands to it."""
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
@@ -41,23 +41,23 @@ class Commander:
         return self.session.running
 
     def lease(self, who: str = "", *, seconds: float = LEASE_TIME, over: bool = False) -> HeldLease:
-        """The right to command, for a `with` block. `who` is shown to all clients; default: user and program.
+        """Return the right to command, for a `with` block. `who` is shown to all clients; default: user and program.
 
-        CommandRefused while another client has it, unless it is deliberately taken over (`over`). The lease is renewed
-        during the block, and ends `seconds` (0.2 to 60) after this process has died or hangs.
+        Raises CommandRefused while another client has the lease, unless it is deliberately taken over (`over`). The
+        lease is renewed during the block, and ends `seconds` (0.2 to 60) after this process has died or hangs.
         """
         return HeldLease(self, who or _myself(), seconds, over)
 
     def stop(self, who: str = "") -> None:
-        """Ask the run to end safely: every actuator goes to its default. Returns at once; it needs no lease, and no
+        """Ask the run to end safely: every actuator goes to its default. Returns immediately. It needs no lease, and no
         queue of commands delays it. `who` is named in the report of the end; default: user and program."""
         self.session.stop(who or _myself())
 
     def do(self, verb: str, path: str = "", /, **arguments: Any) -> Any:
-        """Give any verb of docs/verbs.md by its name, such as `station.do("shelve", "tank.overfill", time="10 min")`,
-        and return its result. A hold lasts until `do("let go", path)`, or until the lease ends. Raises CommandRefused
-        for a name that is not a verb, RangeError for wrong arguments, otherwise the error that the machine answers
-        with. The row of the verb tells whether it needs the lease."""
+        """Give any verb of docs/verbs.md by name, such as `station.do("shelve", "tank.overfill", time="10 min")`, and
+        return its result. A hold lasts until `do("let go", path)`, or until the lease ends. Raises CommandRefused for a
+        name that is not a verb, RangeError for wrong arguments, and otherwise the error with which the machine answers.
+        The row of the verb in docs/verbs.md says whether it needs the lease."""
         found = verb_of(verb)
         if found is None:
             raise CommandRefused(f"there is no command {verb!r}{did_you_mean(verb, VERBS)}")
@@ -70,7 +70,7 @@ class Commander:
         arguments: Mapping[str, Any] | None = None,
         while_running: Callable[[], object] = lambda: None,
     ) -> Any:
-        """Give a verb, and return its result when it has ended (`do`)."""
+        """Give a verb, and return its result when it has ended (see `do`)."""
         if verb.is_level:
             return self.stop()
         if verb.is_of_lease:
@@ -105,11 +105,11 @@ class Commander:
 
 
 class HeldLease:
-    """`with station.lease("commissioning"):`. Only its holder commands the station.
+    """`with station.lease("commissioning"):`. Only the holder of the lease commands the station.
 
-    A thread renews it and the holds (`ClientSession.keep`), until the block ends. If this process dies, the lease ends
-    after `seconds`, and the actuators that it held go to their defaults. Raises RangeError for other `seconds` than a
-    lease may last.
+    A thread renews the lease and the holds (`ClientSession.keep`), until the block ends. If this process dies, the
+    lease ends after `seconds`, and the actuators that it held go to their defaults. Raises RangeError for a number of
+    `seconds` that a lease may not last.
     """
 
     def __init__(self, station: Commander, who: str, seconds: float, over: bool) -> None:
@@ -123,12 +123,12 @@ class HeldLease:
 
     @property
     def lost(self) -> bool:
-        """True if the lease has ended, by itself or with the station, or if another client has taken it over."""
+        """True if the lease has ended by itself or with the station, or if another client has taken it over."""
         return not self._station.session.has_lease
 
     @property
     def held(self) -> Mapping[str, object]:
-        """Return the holds, by path."""
+        """The holds, by path."""
         return self._station.session.held
 
     def __enter__(self) -> HeldLease:
@@ -165,7 +165,8 @@ class HeldLease:
             self._station.session.held.clear()
 
     def ended(self, path: str) -> str:
-        """Return why the hold on this path has ended, as the machine reports it; "" if it lasts or does not exist."""
+        """Return the reason why the hold on this path has ended, as the machine reports it; "" if the hold lasts or
+        does not exist."""
         session, lost = self._station.session, self.lost  # before the events: the last of them may tell why
         if not (told := session.ended(path)) and lost and session.running:
             time.sleep(EVENT_DELAY)

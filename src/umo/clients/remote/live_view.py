@@ -1,4 +1,5 @@
-"""Live tables and scopes of a running station in a notebook. IPython is imported when one is requested."""
+"""Live tables and scopes of a running station in a notebook. IPython is imported only when a table or scope is
+requested."""
 
 from __future__ import annotations
 
@@ -17,14 +18,15 @@ from umo.system.packages import how_to_install
 MAX_RATE = 4.0
 """Largest number of pictures per second."""
 PAUSE_RATIO = 9
-"""Pause after a picture, as a multiple of the time to draw it, because the computer must have time for the station."""
+"""Pause after a picture, as a multiple of the time to draw that picture. The pause leaves the computer time for the
+station."""
 Draw = Callable[[dict[str, str]], str]
-"""Function that returns the HTML of a picture, with more facts for its heading."""
+"""Function that returns the HTML of a picture, and further facts for its heading."""
 
 
 class LiveView:
-    """A picture in a notebook, displayed where it was made. A thread draws it again until the station has ended, until
-    `stop()`, or until this program ends."""
+    """A picture in a notebook, displayed in the cell that created it. A thread draws it again until the station has
+    ended, until `stop()`, or until this program ends."""
 
     def __init__(self, reader: Reader, make: Callable[[Reader], Draw]) -> None:
         """`make` is called with a reader of its own, which the thread uses and closes."""
@@ -56,7 +58,7 @@ class LiveView:
         self._thread.join()
 
     def wait(self, timeout: float | None = None) -> None:
-        """Wait until the station has ended and its last picture is shown; TimeoutError after `timeout` s."""
+        """Wait until the station has ended and its last picture is shown. Raises TimeoutError after `timeout` s."""
         self._thread.join(timeout)
         if self.live:
             raise TimeoutError(f"{self.station} is still running after {timeout:g} s")

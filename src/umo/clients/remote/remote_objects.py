@@ -22,7 +22,7 @@ from umo.text import did_you_mean
 
 
 class Tree:
-    """The items that a station's description names, by path."""
+    """The items in a station's description, by path."""
 
     def __init__(self, reader: RunReader) -> None:
         layout = reader.layout
@@ -36,7 +36,7 @@ class Tree:
             self.parts |= {".".join(names[:count]) for count in range(1, len(names))}
 
     def below(self, path: str) -> list[str]:
-        """The names of the members directly below a part."""
+        """Return the names of the members directly below a part."""
         start = f"{path}." if path else ""
         tables = (self.objects, self.actions, self.tunables, self.signals, self.parts)
         found = (each for table in tables for each in table if each.startswith(start))
@@ -44,7 +44,8 @@ class Tree:
         return sorted(names)
 
     def keys(self, path: str) -> list[str | int]:
-        """Keys for the brackets of a part: its names and numbers, and the paths of the objects below."""
+        """Return the keys that are possible in the brackets of a part: its names and numbers, and the paths of the
+        objects below it."""
         start = f"{path}." if path else ""
         paths = [each.removeprefix(start) for each in self.objects if each.startswith(start)]
         return [int(key) if key.isdigit() else key for key in dict.fromkeys([*self.below(path), *paths])]
@@ -129,8 +130,8 @@ class RemoteObject:
         return frame
 
     def read(self, unit: str | None = None) -> float | str:
-        """Return a number in `unit` (default: its own), or the name of a state. If it was not read yet, NaN for a
-        number and BadInput for a state."""
+        """Return a number in `unit` (default: the unit of the object), or the name of a state. If the object was not
+        read yet, a number is NaN, and a state raises BadInput."""
         value = float(self._frame()["values"][self._number])
         if self._about.is_number:
             return value if unit is None else convert(value, self.units, unit)
@@ -153,33 +154,33 @@ class RemoteObject:
 
     @property
     def units(self) -> str:
-        """ "" for an object that has states."""
+        """The unit; "" for an object that has states."""
         return self._about.unit
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The names of its states; empty for a number."""
+        """The names of the object's states; empty for a number."""
         return tuple(self._about.states.values())
 
     @property
     def inhibited(self) -> str | None:
-        """Reason why only the default is sent to this actuator, or the client that has taken it, or None if it is
-        free."""
+        """The reason why only the default is sent to this actuator, or the client that has taken the actuator, or None
+        if it is free."""
         return self._station.reader.inhibited(self._frame(), self._number)
 
     @property
     def claim(self) -> Claim:
-        """Return who drives this actuator, and what comes next."""
+        """The claim: who drives this actuator, and who drives it next."""
         return self._station.reader.claim(self._frame(), self._number)
 
     def write(self, value: Any) -> None:
-        """Take the actuator and write it: a number in its unit, or the name of a state. Needs the lease and manual
-        mode. The hold lasts until `release`, or until the lease ends."""
+        """Take the actuator and write a number in its unit, or the name of a state. Needs the lease and manual mode.
+        The hold lasts until `release`, or until the lease ends."""
         text = getattr(value, "name", value)  # a state of the declaration
         self._station.carry_out(WRITE, self.path, {"value": text})
 
     def release(self) -> None:
-        """Release the actuator: its default is sent, and the program may write it again."""
+        """Release the actuator. Its default is sent, and the program may write it again."""
         self._station.carry_out(LET_GO, self.path)
 
     @never_raises

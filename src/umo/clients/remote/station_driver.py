@@ -1,12 +1,13 @@
-"""Driver of another station's values: the values that it publishes in its frames, read-only.
+"""A driver whose channels are the values that another station publishes in its frames. They are read-only.
 
     [wire]
     force = { driver = "station:press", channel = "ram.force:0.1" }
 
-A part that computes for longer than a fast period allows is a station of its own; this way its values come back. It is
-off the cycle: a worker process looks at the frames, and no period waits. Every value has the age of its period there,
-so a value that the other station no longer renews becomes old, for whatever reason. (A value that the station itself
-reads off the cycle may be older by the `max_age` that it allows.)
+A part that computes for longer than a fast period allows becomes a separate station, and this driver brings its values
+back. The driver is off the cycle: a worker process looks at the frames, and no period waits. The age of a value is the
+age of its period in the other station, so a value becomes old if the other station no longer renews it, for whatever
+reason. (A value that the other station itself reads off the cycle may be older by the `max_age` that its wiring
+allows.)
 """
 
 from __future__ import annotations
@@ -27,26 +28,29 @@ from umo.process.frames.search import find_running
 from umo.text import did_you_mean
 
 NUMBER_BITS = 48
-"""Bits of the raw integer of a number, with its sign: after multiplying by its scale and dividing by it, each integer
-is unchanged."""
+"""Number of bits, including the sign, of the raw integer of a number. Each such integer is unchanged after it is
+multiplied by its scale and divided by it again."""
 SEARCH_INTERVAL = 0.2
 """Time in s from one search for the station to the next."""
 DEFAULT_PERIOD, DEFAULT_MAX_AGE = "5 ms", "500 ms"
-"""Time from one look at the frames to the next, and largest age of a value, for the short form of the wiring."""
+"""Default time from one look at the frames to the next, and default largest age of a value, for the short form of the
+wiring."""
 READABLE = (Quality.GOOD, Quality.OUT_OF_RANGE)
-"""Qualities with which a value is read. A value of any other quality is older than its frame, or has no meaning yet."""
+"""The qualities with which a value is read. A value of another quality is older than its frame, or has no meaning
+yet."""
 
 
 @dataclass(frozen=True)
 class Published(Channel):
-    """A path of the other station. `scale`: the value of one bit, or None if it has two states."""
+    """A path of the other station. `scale`: the value of one bit, or None if the object has two states."""
 
     path: str = ""
     scale: float | None = None
 
 
 class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortForm):
-    """`station`: the other station, named as for `umo show values`: by its name, its folder or the pid of its run."""
+    """Reads another station. `station`: the other station's name, its folder or the pid of its run, as for `umo show
+    values`."""
 
     forms = ("PATH (of an object with two states)", "PATH:SCALE (of a number; SCALE: the value of one bit)")
     only_off_cycle = True
@@ -78,7 +82,7 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
         return Published(text, Direction.INPUT, NUMBER_BITS, signed=True, path=path, scale=scale)
 
     def physical_scale(self, channel: Published) -> PhysicalScale | None:
-        """Return the scale that the running station declares; None while it does not run."""
+        """Return the scale that the running station declares, or None while it does not run."""
         reader = self._found()
         if reader is None or channel.scale is None:
             return None
@@ -89,7 +93,7 @@ class StationDriver(Driver[Published], Looks, KnowsAges, KnowsScale, HasShortFor
         return None if found is None else PhysicalScale(channel.scale, 0.0, found.unit)
 
     def open(self) -> None:
-        """Open the driver; the station may start later."""
+        """Open the driver. The other station may start later."""
 
     def close(self) -> None:
         self._let_go()

@@ -22,7 +22,8 @@ QUOTED = re.compile(r"'([^']+)'")
 
 
 def with_nearest(event: Event, layout: Layout) -> Event:
-    """Return an answer; to a refusal because of an unknown name, add the nearest known one."""
+    """Return an answer of the machine. If it is a refusal because of an unknown name, the nearest known name is
+    added."""
     if event.state is not CommandState.REFUSED or not UNKNOWN.match(event.text) or "did you mean" in event.text:
         return event
     quoted = QUOTED.search(event.text)

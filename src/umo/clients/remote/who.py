@@ -1,4 +1,4 @@
-"""The user who gives a command: the name in events and leases."""
+"""The name of the user who gives a command, as events and leases show it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from umo.process.frames.layout import NAME
 from umo.text import printable
 
 UNVERIFIED = ", unverified"
-"""Suffix of a name that is not proved, before the way in brackets."""
+"""The suffix of a name that is not proved. It stands before the brackets that say by which way the command came."""
 
 
 def is_unverified(who: str) -> bool:
@@ -15,7 +15,7 @@ def is_unverified(who: str) -> bool:
 
 
 def who_text(name: str, ending: str) -> str:
-    """A user as shown in events and leases, in at most `NAME` bytes. The name is cut, but never the ending, which shows
-    by which way the command came and whether the name is proved."""
+    """Return a user as shown in events and leases, in at most `NAME` bytes. A long name is cut, but never its ending,
+    which shows by which way the command came and whether the name is proved."""
     given = printable(" ".join(name.split())) or "nobody"
     return given.encode()[: max(0, NAME - len(ending.encode()))].decode(errors="ignore") + ending

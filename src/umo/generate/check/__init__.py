@@ -1,1 +1,1 @@
-"""Analyses and simplifies the form: effects, ways out of statements, and code without effect."""
+"""Analyses and simplifies the form. It finds effects and ways out of statements, and removes code without effect."""

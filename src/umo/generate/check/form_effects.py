@@ -43,7 +43,7 @@ from umo.generate.form import (
 )
 
 ASSIGNS = "an attribute is assigned"
-"""One of the effects of a function."""
+"""The effect of a function that assigns fields."""
 JUMPS = Return, Fail, Leave, NextTurn
 
 
@@ -82,7 +82,7 @@ def leaves(label: str, body: Iterable[Statement]) -> bool:
 
 
 def may_fail(body: Iterable[Statement]) -> bool:
-    """True if a failure may leave these statements. A failure that is caught continues if it has no handler."""
+    """True if a failure may leave these statements. A failure inside `try` also leaves them if no handler matches."""
     return any(isinstance(each, Fail | CallStatement | CheckedArithmetic | TextStatement) for each in statements(*body))
 
 
@@ -117,12 +117,12 @@ def _goes_on(statement: Statement) -> bool:
 
 
 def own_values(statement: Statement) -> Iterator[Value]:
-    """The values in a statement, without those of the statements inside it."""
+    """Return the values in a statement, without those of the statements inside it."""
     return (each for each in statement.children if isinstance(each, Value))
 
 
 def indices(place: Value) -> Iterator[Value]:
-    """The values that are computed to find a place."""
+    """Return the values that are computed to find a place."""
     while isinstance(place, Member | Element):
         if isinstance(place, Element):
             yield place.index
@@ -130,7 +130,7 @@ def indices(place: Value) -> Iterator[Value]:
 
 
 def read_values(statement: Statement) -> Iterator[Value]:
-    """The values that a statement itself reads."""
+    """Return the values that a statement itself reads."""
     if isinstance(statement, Assign):
         yield from (statement.value, *indices(statement.place))
     elif isinstance(statement, CheckedArithmetic):
@@ -144,8 +144,8 @@ def read_values(statement: Statement) -> Iterator[Value]:
 
 
 def written(statement: Statement) -> set[Value]:
-    """The variables and fields that a statement, or a statement inside it, writes itself. A called function may write
-    any field."""
+    """Return the variables and fields that a statement, or a statement inside it, writes itself. A called function may
+    write any field."""
     return {root(place) for each in walk(statement) for place in _places(each)}
 
 
@@ -163,8 +163,9 @@ def _places(node: FormNode) -> Iterator[Value]:
 
 
 def effects_of(program: MachineForm) -> dict[str, set[str | int]]:
-    """Return the effects of each function and of those that it calls: the functions of the runtime it calls, the
-    members of objects it reads, ASSIGNS, and the numbers of the texts it makes."""
+    """Return the effects of each function, including those of the functions that it calls. The effects are the
+    functions of the runtime that are called, the members of objects that are read, ASSIGNS, and the numbers of the
+    texts that are made."""
     forms = {each.name: each for each in program.functions}
     found: dict[str, set[str | int]] = {}
 

@@ -44,8 +44,8 @@ OPPOSITES = {"==": "!=", "!=": "=="}
 
 
 def shaped(program: MachineForm, entry: Iterable[str]) -> MachineForm:
-    """Return the program without code that has no effect, and without functions that none of these entry functions
-    calls: because compilers warn about both."""
+    """Return the program without code that has no effect, and without functions that none of the entry functions calls.
+    Compilers would warn about both."""
     functions = _called([_shaped(each) for each in program.functions], entry)
     used = list(walk(*functions))
     tables = {each.table for each in used if isinstance(each, ObjectOf)}

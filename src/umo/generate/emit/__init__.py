@@ -1,1 +1,1 @@
-"""Prints the form as C, with the files around it. C is written here only."""
+"""Prints the form as C, together with the other files. Only this package writes C."""

@@ -14,7 +14,7 @@ PER_LINE = 8
 
 
 def real(number: float, target: ControllerTarget) -> str:
-    """Return a number of the target's real type; it reads back as the same number."""
+    """Return a number of the target's real type. C reads the text as the same number."""
     if isnan(number):
         return "(umo_real)NAN"
     if isinf(number):
@@ -39,12 +39,12 @@ def truth(value: object) -> str:
 
 
 def comment(text: str) -> str:
-    """Return a text that may stand in a comment."""
+    """Return the text in a form that may stand in a comment."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").split())
 
 
 def array(kind: str, name: str, numbers: Sequence[str]) -> str:
-    """Return a constant array; with one element 0 if it is empty, as C has no empty arrays."""
+    """Return a constant array. If it is empty, it gets one element 0, because C has no empty arrays."""
     rows = [numbers[i : i + PER_LINE] for i in range(0, len(numbers), PER_LINE)] or [["0"]]
     body = "".join(f"    {', '.join(row)},\n" for row in rows)
     return f"static const UMO_FLASH {kind} {name}[] = {{\n{body}}};\n"

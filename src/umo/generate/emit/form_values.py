@@ -37,7 +37,7 @@ from umo.generate.names import member_name
 from umo.generate.translation import ControllerTarget
 
 RANKS = {"*": 6, "/": 6, "+": 5, "-": 5, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4, "&&": 3, "||": 2}
-"""The precedence of operators. Others stand in parentheses, and so do their operands."""
+"""The precedence of operators. Other operators stand in parentheses, and so do their operands."""
 LEAST_INT = -(2**31)
 
 

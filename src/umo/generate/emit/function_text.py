@@ -52,9 +52,9 @@ from umo.generate.translation import ControllerTarget
 
 INDENT = "    "
 OVERFLOWS = {name: f"__builtin_{name}_overflow" for name in ("add", "sub", "mul")} | {"shift_left": "!umo_shift_left"}
-"""Conditions that are true if the result leaves 32 bits, and otherwise store the result."""
+"""Conditions in C. Each is true if the result exceeds 32 bits, and otherwise stores the result."""
 OF_MACHINE = WholeMachine, Field, Object, ObjectOf, OfObject
-"""Values that name the machine in C."""
+"""Classes of values whose text in C names the machine."""
 
 
 @dataclass
@@ -65,7 +65,7 @@ class FaultTarget:
     variable: str
     """The variable that keeps the fault."""
     returning: str = ""
-    """The variable that keeps the return; "" if nothing is done on the way out."""
+    """The variable that records a return; "" if nothing is done on the way out."""
 
 
 @dataclass
@@ -79,7 +79,7 @@ class FunctionText:
     depth: int = 1
     ways: list[FaultTarget] = field(default_factory=list)
     loops: list[str] = field(default_factory=list)
-    """The labels of the loops around the statement."""
+    """The labels of the loops that contain the statement."""
     leads_to: set[str] = field(default_factory=set)
     """The labels to which a `goto` leads."""
     has_fault: bool = False
@@ -88,7 +88,7 @@ class FunctionText:
     shown: int = 0
     """The line printed last."""
     records_places: bool = False
-    """True if Python needs the place of a fault of the runtime."""
+    """True if Python needs the place at which a fault of the runtime occurred."""
 
     def text(self) -> str:
         """Return the whole function."""
@@ -240,7 +240,7 @@ class FunctionText:
         return self.tries
 
     tries: int = 0
-    """The number of `try` so far."""
+    """The number of `try` statements so far."""
 
     # Statements ----------------------------------------------------------------------------------------
 

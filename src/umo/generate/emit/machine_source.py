@@ -158,7 +158,7 @@ bool machine_moves(umo_machine *m)
 
 
 def header_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
-    """The text of machine.h."""
+    """Return the text of machine.h."""
     conditioned = [one for one in model.objects if one.conditioned]
     inputs, outputs = model.objects[: model.inputs], [model.objects[slot] for slot in model.outputs]
     return HEADER.format(
@@ -206,7 +206,7 @@ def _equipment_names(model: ControllerModel) -> str:
 
 
 def source_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
-    """The text of machine.c."""
+    """Return the text of machine.c."""
     parts = [
         f"/* machine.c: the controller of {model.name}. Made by umo new controller; do not edit it. */\n",
         '#include "machine.h"\n#include "machine_faults.h"\n\n',

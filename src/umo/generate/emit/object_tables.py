@@ -46,7 +46,8 @@ def _curves(objects: Iterable[ControllerObject]) -> dict[int, _Curve]:
 
 
 def large_tables(model: ControllerModel, target: ControllerTarget) -> Iterator[NotGenerated]:
-    """The linearizations whose table is too large for the target; of equal ones only the first."""
+    """Return the linearizations whose table is too large for the target. Of equal linearizations only the first is
+    returned."""
     if target.table_bytes is None or model.problems:
         return
     for slot, curve in _curves(model.objects).items():

@@ -21,9 +21,9 @@ OF_ELEMENTS: dict[Any, tuple[str, CType, CType]] = {
     np.isnan: ("umo_is_nan", REAL, BOOL),
     np.logical_not: ("!", BOOL, BOOL),
 }
-"""Element-wise functions: the runtime function or operator, the type it takes and the type it returns."""
+"""Element-wise functions: the runtime function or operator, the type that it takes and the type that it returns."""
 WHOLE_BEFORE = np.floor, np.ceil, np.trunc
-"""Functions that return integers for integers in some versions of numpy, and reals in others."""
+"""Functions that return integers for integers in some versions of numpy, and reals in other versions."""
 BINARY: dict[Any, ast.operator | str] = {
     np.add: ast.Add(),
     np.subtract: ast.Sub(),
@@ -36,7 +36,7 @@ BINARY: dict[Any, ast.operator | str] = {
     np.minimum: "umo_np_min",
     np.maximum: "umo_np_max",
 }
-"""Functions of two arguments: an operator or a function of the runtime."""
+"""Functions of two arguments, each with an operator or a function of the runtime."""
 REDUCED: dict[Any, str] = {
     np.any: "any",
     np.all: "all",
@@ -55,7 +55,8 @@ CREATED: dict[Any, tuple[float | None, bool]] = {
     np.ones_like: (1.0, True),
     np.full_like: (None, True),
 }
-"""New arrays: the fill value (None: an argument), and True if the length is that of another array."""
+"""Functions that create arrays, each with the fill value (None if it is an argument), and True if the length is that of
+another array."""
 DTYPES: dict[Any, CType] = {
     float: REAL,
     np.float64: REAL,

@@ -1,5 +1,5 @@
-"""Bit operators and shifts of integers and bools with the results of Python: `& | ^` of two bools give a bool; integers
-are in two's complement, with 32 bits on a controller."""
+"""Bit operators and shifts of integers and bools, with the same results as in Python. `& | ^` of two bools give a bool.
+Integers are in two's complement, with 32 bits on a controller."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def of_bits(
 
 
 def inverted(f: FunctionBuilder, term: Term, code: Code, node: ast.AST) -> Code:
-    """Return `~` of a number. C's `~` is not used, as compilers warn of it on truth values. For a numpy bool it is
-    `not`, for a Python bool a number."""
+    """Return `~` of a number. C's `~` is not used, because compilers warn of it on truth values. For a numpy bool the
+    result is `not`, for a Python bool it is a number."""
     _check_whole(f, [term, code], node)
     of = plain(term.type) if isinstance(term, Code) else None
     if isinstance(of, NumpyNumber) and code.type == BOOL:

@@ -1,5 +1,5 @@
-"""The functions of one machine while they are translated, once for each object and each combination of types they are
-called with."""
+"""The functions of one machine while they are translated, once for each object and each combination of argument
+types."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ from umo.generate.translation import (
 
 
 class TranslatedFunction:
-    """A function of the form and the result of a call of it."""
+    """A function of the form, and the result of a call of this function."""
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class CodeWorld:
         return isinstance(statement, TextStatement) or statement == Return()
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
-        """Return a result as a value, or None if there is none."""
+        """Return a result as a value, or None if there is no result."""
         of = scope.values.type_of(term)
         if isinstance(term, NullTest | TruthTest):
             raise scope.refused(node, *only_asked(term))
@@ -202,7 +202,7 @@ class CodeWorld:
         return Code(found.result, result)
 
     def changed_by(self, functions: Set[str]) -> set[Value]:
-        """The arrays that these C functions change in place."""
+        """Return the arrays that these C functions change in place."""
         return set[Value]().union(*(each.changes for each in self.functions.values() if each.name in functions))
 
     def _parameter(
@@ -351,7 +351,7 @@ class CodeWorld:
         return name
 
     def forget_stale(self) -> None:
-        """Forget the functions whose lowering may give a different result now."""
+        """Forget the functions whose lowering may now give a different result."""
         for key in [key for key, learner in self._learners.items() if learner.is_stale]:
             del self.functions[key], self._learners[key]
 
@@ -361,7 +361,7 @@ class CodeWorld:
         return self._tables.setdefault(tuple(slots), f"vector_{len(self._tables)}")
 
     def program(self) -> MachineForm:
-        """Return the form of all functions."""
+        """Return the functions of the machine, in the form."""
         functions = [each.form for each in self.functions.values() if each.form is not None]
         names = {each.number: each.name for each in self.faults}
         handled = dict.fromkeys(each.kinds for each in statements(*functions) if isinstance(each, ErrorHandler))

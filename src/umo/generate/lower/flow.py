@@ -11,8 +11,8 @@ from umo.generate.form import Field, inside, root
 from umo.generate.lower.terms import Code, Term
 
 Names: TypeAlias = dict[str, CType | Term]
-"""Local names: the type of a variable, or the meaning of any other name: a live object, one or some of several, the
-array of another name."""
+"""The local names. Each has the type of a variable, or another meaning: a live object, one or some of several objects,
+or the array of another name."""
 
 
 class FlowState(NamedTuple):
@@ -37,25 +37,26 @@ class KnownFlow:
     # What is known at a place ----------------------------------------------------------------------------
 
     def way(self) -> FlowState:
-        """Return what is known at this point."""
+        """Return the known facts at this point."""
         return FlowState(dict(self.names), set(self.known))
 
     def go_on_from(self, ways: Sequence[FlowState]) -> None:
-        """Continue where these branches meet: names that have the same meaning in all of them stay known."""
+        """Continue where these branches meet. A name that has the same meaning in all of them stays known."""
         first, *rest = ways
         self.names = common([each.names for each in ways])
         self.known = first.known.intersection(*(way.known for way in rest))
 
     def forget(self, target: ast.AST) -> None:
-        """Forget what is known of a name or an attribute that is assigned, and of everything found through it."""
+        """Forget the facts about a name or an attribute that is assigned, and about everything that is found through
+        it."""
         if isinstance(target, ast.Name):
             self.known = without_name(self.known, target.id)
         elif isinstance(target, ast.Attribute):
             self.known = {each for each in self.known if f"attr='{target.attr}'" not in each}
 
     def proved(self, term: Term, node: ast.AST) -> Term:
-        """Return an optional term as its value if it is proved not to be None here; any other term unchanged. A
-        property may return something else each time."""
+        """Return an optional term as its value if it is proved not to be None here. Return any other term unchanged. A
+        property is never proved, because it may return another value each time."""
         if not (isinstance(term, Code) and isinstance(term.type, OptionalType)):
             return term
         lasting = isinstance(node, ast.Name) or (
@@ -68,14 +69,14 @@ class KnownFlow:
         self.names = common([names, self.names])
 
     def forget_fields(self) -> None:
-        """Forget what is known of fields: each may have changed."""
+        """Forget the facts about fields, because each may have changed."""
         self.known = {each for each in self.known if each.startswith("Name(")}
 
     # Names that a condition gives a value (`:=`) ----------------------------------------------------------
 
     def decide(self, node: ast.BoolOp, both: bool, early: Sequence[Names], last: tuple[Names, Names]) -> None:
-        """Record the names after `and` (`both`) or `or`: those where an operand decided `early`, and those where the
-        last operand is true or false."""
+        """Record the known names after `and` (`both`) or `or`. `early` are the names where an operand before the last
+        one has decided the result; the others are those where the last operand is true or false."""
         when_true, when_false = last
         if both:
             when_false = common([*early, when_false])
@@ -85,7 +86,8 @@ class KnownFlow:
         self.names = common([when_true, when_false])
 
     def names_if(self, test: ast.AST) -> tuple[Names, Names]:
-        """Return the names if a condition, which must be the last one lowered, is true, and if it is false."""
+        """Return the known names for the case that a condition is true, and for the case that it is false. The
+        condition must be the last one that was lowered."""
         if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
             when_true, when_false = self.names_if(test.operand)
             return when_false, when_true
@@ -94,7 +96,7 @@ class KnownFlow:
 
 
 def proved_by(test: ast.AST) -> set[str]:
-    """The expressions that are not None if a condition holds, as written by `expression_text`."""
+    """Return the expressions that are not None if a condition holds, in the notation of `expression_text`."""
     if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And):
         return set().union(*map(proved_by, test.values))
     if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
@@ -105,7 +107,7 @@ def proved_by(test: ast.AST) -> set[str]:
 
 
 def disproved_by(test: ast.AST) -> set[str]:
-    """The expressions that are not None if a condition does not hold."""
+    """Return the expressions that are not None if a condition does not hold."""
     if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
         return set().union(*map(disproved_by, test.values))
     if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
@@ -123,12 +125,12 @@ def expression_text(node: ast.AST) -> str:
 
 
 def without_name(known: Set[str], name: str) -> set[str]:
-    """The expressions that do not contain this name."""
+    """Return the expressions that do not contain this name."""
     return {each for each in known if f"id='{name}'" not in each}
 
 
 def common(ways: Sequence[Names]) -> Names:
-    """The names that have the same meaning at all of these points."""
+    """Return the names that have the same meaning at all of these points."""
     first, *rest = ways
     return {name: each for name, each in first.items() if all(way.get(name) == each for way in rest)}
 

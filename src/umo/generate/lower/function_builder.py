@@ -59,11 +59,11 @@ UNEXPECTED_ERRORS = (
     TypeError,
     ValueError,
 )
-"""Errors that lowering a statement may raise unexpectedly."""
+"""Errors that the lowering of a statement may raise unexpectedly."""
 
 
 class NoTranslation(Exception):
-    """A piece of Python cannot be translated."""
+    """Raised if a piece of Python cannot be translated."""
 
     def __init__(self, node: ast.AST, reason: str, nearest: str = "") -> None:
         super().__init__(reason)
@@ -71,7 +71,7 @@ class NoTranslation(Exception):
 
 
 class FunctionBuilder:
-    """Collects the statements of one function while it is lowered, and has the subjects of its lowering."""
+    """Collects the statements of one function while it is lowered. It has the subjects of the lowering."""
 
     values: AskedOfValues
     aliases: AskedOfAliases
@@ -117,13 +117,13 @@ class FunctionBuilder:
         self.statements.append(statement.at(self.line))
 
     def changed_since(self, at: int) -> bool:
-        """True if the statements from this index of the body on may change the value of an expression computed
-        before."""
+        """True if the statements of the body from this index on may change the value of an expression that was computed
+        before them."""
         return any(map(changes, self.statements[at:]))
 
     @contextmanager
     def body_of(self) -> Iterator[list[Statement]]:
-        """Return a context for the body of a branch or a loop. What is proved inside holds only inside."""
+        """Return a context for the body of a branch or a loop. Facts that are proved inside hold only inside."""
         known = set(self.flow.known)
         with self.one_of_two() as found:
             yield found
@@ -131,7 +131,7 @@ class FunctionBuilder:
 
     @contextmanager
     def gathered(self) -> Iterator[list[Statement]]:
-        """Return a context whose statements are collected and not added here. They may be added later."""
+        """Return a context that collects statements without adding them here. They may be added later."""
         around, self.statements = self.statements, []
         try:
             yield self.statements
@@ -140,7 +140,7 @@ class FunctionBuilder:
 
     @contextmanager
     def one_of_two(self) -> Iterator[list[Statement]]:
-        """Return a context whose statements are collected, for one of two branches."""
+        """Return a context that collects the statements of one of two branches."""
         self.depth += 1
         try:
             with self.gathered() as found:
@@ -170,8 +170,8 @@ class FunctionBuilder:
         return [self.local(name) for name in self.parameters]
 
     def local(self, name: str) -> Local:
-        """Return the variable of a local name. The name is unique: only names of locals have an underscore after
-        `v`."""
+        """Return the variable of a local name. The name is unique, because only names of locals have an underscore
+        after `v`."""
         found = self._locals.get(name)
         if found is None:
             text, others = f"v_{identifier(name)}", {each.name for each in self._locals.values()}
@@ -181,7 +181,8 @@ class FunctionBuilder:
         return found
 
     def add_parameter(self, name: str, given: CType, of: CType) -> None:
-        """Add a parameter. If the function assigns a wider type to it, it gets a variable of that type inside."""
+        """Add a parameter. If the function assigns a wider type to the parameter, the parameter gets a variable of that
+        type inside the function."""
         self.parameters[name] = self.flow.names[name] = of
         local = self.local(name)
         if of == given:
@@ -193,7 +194,8 @@ class FunctionBuilder:
         self.assign(local, self.values.as_type(Code(given, before), of, self.source.tree))
 
     def term(self, node: ast.AST) -> Term:
-        """Return the term of an expression, without None if that is proved. Statements that it needs are added."""
+        """Return the term of an expression. If the expression is proved not to be None, the term is not optional.
+        Statements that the term needs are added."""
         lower = self.of_expressions.get(type(node))
         if lower is None:
             raise self.refused(
@@ -202,7 +204,7 @@ class FunctionBuilder:
         return self.flow.proved(lower(node), node)
 
     def ordered(self, nodes: Sequence[ast.AST], lower: Callable[[ast.AST], Term] | None = None) -> list[Term]:
-        """Return the terms of several expressions, each computed after those before it."""
+        """Return the terms of several expressions, computed in this order."""
         terms: list[Term] = []
         for each in nodes:
             with self.gathered() as rest:
@@ -214,7 +216,7 @@ class FunctionBuilder:
         return terms
 
     def body(self, statements: Sequence[ast.stmt]) -> bool:
-        """Lower statements in order. Return False if the end is not reached."""
+        """Lower statements in order. Return False if the end of the statements is not reached."""
         for each in statements:
             lower = self.of_statements.get(type(each))
             if lower is None:
@@ -264,7 +266,7 @@ class FunctionBuilder:
         self._taken(partial(self.world.known.variable, self.source.function, name), node)
 
     def takes_class(self, owner: Any, name: str, node: ast.AST) -> None:
-        """Record that a tracked number may be an attribute of the class of its object."""
+        """Record that a tracked number may be an attribute of its object's class."""
         self._taken(partial(self.world.known.tracked, owner, name), node)
 
     def _taken(self, take: Callable[[tuple[str, int]], None], node: ast.AST) -> None:
@@ -286,7 +288,7 @@ class CodeContext(Protocol):
     """The values that are taken as known."""
     target: ControllerTarget
     on_host: list[Untranslatable]
-    """Code that works on this computer only."""
+    """Code that works only on this computer."""
 
     def table(self, slots: Sequence[int]) -> str:
         """Return the name of a table of slots."""
@@ -298,7 +300,7 @@ class CodeContext(Protocol):
         """Add a note about the generated C for the user."""
 
     def note_inexact(self, name: str) -> None:
-        """Note that the results of this function may differ from Python's."""
+        """Add a note that the results of this function may differ from those of Python."""
 
     def host_call(self, owner: Any, name: str) -> int:
         """Return the number of a request to the host."""
@@ -310,7 +312,7 @@ class CodeContext(Protocol):
         """True if these statements only make texts."""
 
     def result_of(self, scope: FunctionBuilder, term: Term, node: ast.AST) -> Value | None:
-        """Return a result as a value, or None if there is none."""
+        """Return a result as a value, or None if there is no result."""
 
     def invoke(
         self, caller: FunctionBuilder, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST
@@ -318,4 +320,4 @@ class CodeContext(Protocol):
         """Return the result of a call of a function."""
 
     def changed_by(self, functions: Set[str]) -> set[Value]:
-        """The arrays that these C functions change in place."""
+        """Return the arrays that these C functions change in place."""

@@ -1,4 +1,4 @@
-"""Lowers one function: assigns each expression and statement of Python to the subject that lowers it."""
+"""Lowers one function. It assigns each expression and statement of Python to the subject that lowers it."""
 
 from __future__ import annotations
 

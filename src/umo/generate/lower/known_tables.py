@@ -19,7 +19,7 @@ OF_OBJECTS = (
     "the object is chosen at run time",
     "for n, each in enumerate(...): if n == place: ...",
 )
-"""Why a choice of one of several objects does not translate."""
+"""The reason why a choice of one of several objects cannot be translated."""
 
 
 def is_table(value: Any) -> bool:
@@ -36,13 +36,13 @@ def element_of(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.
 
 
 def element_place(f: FunctionBuilder, table: Sequence[Any], index: Term, node: ast.AST) -> Value:
-    """Return the index into the table. Raises IndexError beyond the ends."""
+    """Return an index as an index into the table. Raises IndexError beyond the ends."""
     f.world.memory.place_known(table)
     return _place(f, index, len(table), node)
 
 
 def element_of_terms(f: FunctionBuilder, terms: Sequence[Term], index: Term, node: ast.AST) -> Code:
-    """Return an element of a tuple of computed values, which all have one type."""
+    """Return an element of a tuple of computed values that all have the same type."""
     codes = [f.values.code(each, node) for each in terms]
     of = codes[0].type
     if any(each.type != of for each in codes) or not (is_number(of) or isinstance(of, StateType)):

@@ -47,9 +47,9 @@ from umo.objects import Node, Quality
 
 MOST_INT = 2**31 - 1
 ACCEPTED = "_accept"
-"""Attributes of this name are accepted qualities, one or several."""
+"""The name of attributes that have one or several accepted qualities."""
 DTYPES = (np.float64, np.int64, np.bool_)
-"""Types of numbers in arrays. Smaller types are rounded and cut by numpy."""
+"""The accepted types of numbers in arrays. numpy rounds and cuts numbers of smaller types."""
 PLAIN: dict[Any, CType] = {float: REAL, int: INT, bool: BOOL}
 
 
@@ -60,10 +60,10 @@ class LiveStruct:
     owner: Any
     path: str
     member: str
-    """The member of the machine's struct."""
+    """The name of the member in the machine's struct."""
     fields: dict[str, CType] = field(default_factory=dict)
     kinds: dict[str, CType] = field(default_factory=dict)
-    """The types of the fields in Python, if the class of a number differs from that in C."""
+    """The types in Python of those fields whose class of numbers differs from that in C."""
 
 
 class LiveFields:
@@ -80,7 +80,7 @@ class LiveFields:
         """Lists that translated code makes."""
 
     def known(self, owner: Any, path: str) -> LiveStruct:
-        """Return the struct of an object. `path` is its path if it is new."""
+        """Return the struct of an object. `path` is the path for a new struct."""
         found = self.structs.get(id(owner))
         if found is None:
             path = owner._path if isinstance(owner, Node) else path
@@ -140,7 +140,7 @@ class LiveFields:
         return None
 
     def record_type(self, value: Any) -> TupleType | None:
-        """Return the type of a frozen dataclass as a value, or None if it has none."""
+        """Return the type of a frozen dataclass as a value, or None if there is no such type."""
         if not is_plain_dataclass(type(value)):
             return None
         return self._type_of_parts(parts_of(value), tuple(each.name for each in fields(value)), type(value))
@@ -152,8 +152,8 @@ class LiveFields:
         return found if found is not None and [of for _, of in found.members] == types else None
 
     def tuple_type(self, types: list[CType | None], names: tuple[str, ...], kind: Any) -> TupleType | None:
-        """Return the type of a tuple of numbers, or None if it has other elements. The types of a NamedTuple are those
-        it declares."""
+        """Return the type of a tuple of numbers, or None if the tuple has other elements. The types in a NamedTuple are
+        those that it declares."""
         if names:
             types = [self._hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
         if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
@@ -194,7 +194,7 @@ class LiveFields:
             self.lists |= {of} if of.listed else set()
 
     def records(self) -> list[CType]:
-        """The types of arrays and tuples, each after the types of its parts."""
+        """Return the types of arrays and tuples, each after the types of its parts."""
         arrays = self._arrays()
         of_numbers = [each for each in arrays if not isinstance(each.of, TupleType)]
         return [*of_numbers, *self.tuples.values(), *(each for each in arrays if each not in of_numbers)]
@@ -212,7 +212,7 @@ class LiveFields:
         return [*{each.name: each for each in (*others, *lists, *of_numbers)}.values()]
 
     def begin(self) -> list[Statement]:
-        """The statements that give each field the value of its live object."""
+        """Return the statements that give each field the value of its live object."""
         return [
             line
             for each in self.filled

@@ -1,5 +1,5 @@
-"""Functions inside a function that only it calls. The values that they use from it are passed at each call, as Python
-looks them up then."""
+"""Functions that are defined in a function and called only there. The values that they use from the outer function are
+passed at each call, because Python looks them up at that time."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def local_function(f: FunctionBuilder, node: ast.FunctionDef) -> Known:
 
 
 def terms_around(f: FunctionBuilder, local: LocalFunction, node: ast.AST) -> dict[str, Term]:
-    """Return the current values that a nested function uses from this one."""
+    """Return the current values of this function that a nested function uses."""
     if local.home != f.key:
         raise f.refused(node, "a function that was defined inside another one is called", "a method")
     found = {}

@@ -1,4 +1,5 @@
-"""Tracks names and fields that may refer to the same list or array: it is changed in place only if it has one name."""
+"""Tracks names and fields that may refer to the same list or array. A list or array is changed in place only if it has
+one name."""
 
 from __future__ import annotations
 
@@ -72,7 +73,7 @@ class LoweredAliases(LoweredSubject):
         return isinstance(term, Code) and isinstance(term.value, Temporary) and not self.shares(term.value)
 
     def share(self, term: Term) -> None:
-        """Note that an array gets another name: from now on it is not changed in place."""
+        """Note that an array gets another name. From now on the array is not changed in place."""
         if isinstance(term, TupleTerm):
             for each in term.terms:
                 self.share(each)

@@ -1,8 +1,8 @@
 """Arrays of numbers in C: element-wise operations become loops.
 
 An array is a struct in C, so that it is assigned, passed and returned as a value. In Python it is shared: a change in
-place is seen through all references. So only an array without other references is changed in place; any other change is
-refused."""
+place is seen through all references. So an array is changed in place only if it has no other references; any other
+change is refused."""
 
 from __future__ import annotations
 
@@ -82,7 +82,8 @@ class LoweredArrays(LoweredSubject):
         return isinstance(of, ArrayType) and not of.listed
 
     def array(self, term: Term, node: ast.AST) -> Code:
-        """Return an array or a number. For numpy None is NaN, an object, or an error."""
+        """Return an array or a number. None is refused, because numpy takes it as NaN or an object, or raises an
+        error."""
         if isinstance(term, Known) and isinstance(term.value, int) and not isinstance(term.value, bool):
             term = Known(int(term.value))  # a Quality beside numbers of qualities
         code = self.f.values.code(term, node)
@@ -109,7 +110,7 @@ class LoweredArrays(LoweredSubject):
         return length if strict else MaybeScalar(length)
 
     def length_of(self, code: Code, node: ast.AST) -> int:
-        """Return the length of one array, which is known."""
+        """Return the known length of an array."""
         assert isinstance(code.type, ArrayType)
         self.check_length(code.type, node)
         return code.type.length
@@ -139,8 +140,8 @@ class LoweredArrays(LoweredSubject):
         )
 
     def fill(self, place: Value, code: Elementwise, test: Value | None = None) -> None:
-        """Add a loop that sets the elements of an array for which the condition holds. Elements of the same array that
-        are read at another index are copied first."""
+        """Add a loop that sets the elements of an array for which the condition holds. If elements of the same array
+        are read at another index, they are copied first."""
         assert isinstance(code.type, ArrayType)
         length = code.type.length
         if _reads_elsewhere(place, code.value):
@@ -174,7 +175,7 @@ class LoweredArrays(LoweredSubject):
     # Slices --------------------------------------------------------------------------------------------
 
     def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
-        """Return a slice of an array: its elements under other indices."""
+        """Return a slice of an array: the elements of the array under other indices."""
         if isinstance(term, Known):
             self.f.world.memory.place_known(term.value)
             return Known(term.value[part])
@@ -264,7 +265,7 @@ class LoweredArrays(LoweredSubject):
         return Elementwise(array(INT, n), Runtime(function, (a, b)))
 
     def of(self, code: Code) -> CType:
-        """Return the type of the elements."""
+        """Return the type of the elements of an array."""
         return code.type.of if isinstance(code.type, ArrayType) else code.type
 
     def _power(self, base: Code, power: Term, n: int, node: ast.AST) -> Code:
@@ -318,7 +319,8 @@ class LoweredArrays(LoweredSubject):
     # Functions of numpy, methods -----------------------------------------------------------------------
 
     def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """Return the result of a numpy function, or None if it is not one or cannot be translated."""
+        """Return the result of a numpy function, or None if the function is not one of numpy, or cannot be
+        translated."""
         others = {name: each for name, each in named.items() if name != "out"}
         out, found = named.get("out"), self._of_numpy(target, arguments, others, node)
         if found is None or out is None:
@@ -462,7 +464,7 @@ class LoweredArrays(LoweredSubject):
         return Code(kind, result)
 
     def counted(self, code: Code, node: ast.AST) -> Term:
-        """Return np.count_nonzero. If an array may have one element, only the truth of the result can be used."""
+        """Return np.count_nonzero. If the array may have only one element, only the truth of the result can be used."""
         found = self.reduced("count", code, node)
         loose = isinstance(code.type, ArrayType) and code.type.loose
         return TruthTest(differs(found.value)) if loose else found
@@ -545,7 +547,7 @@ class LoweredArrays(LoweredSubject):
     def overwrite(
         self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
     ) -> None:
-        """Replace the elements of an array, all or those that a mask selects, each by the value at its index."""
+        """Replace all elements of an array, or those that a mask selects, each by the value at its index."""
         self.f.aliases.check_sole(place, node)
         self.f.aliases.changes.add(place.value)
         assert isinstance(place.type, ArrayType)

@@ -34,9 +34,9 @@ from umo.generate.value_kinds import attribute_kind, is_plain_dataclass, is_ring
 from umo.objects import Quality
 
 WHOLE_LIST = "a list is assigned as a whole", "its elements, one by one: x[:] = ..."
-"""Why a list cannot be assigned to an attribute."""
+"""The reason why a list cannot be assigned to an attribute."""
 CHOSEN = ast.Name("the chosen object", ast.Load())
-"""The chosen object of which an attribute is changed."""
+"""The name for the chosen object whose attribute is changed."""
 
 
 class LoweredAssignments(LoweredSubject):

@@ -1,4 +1,4 @@
-"""Attributes of live objects: fields of structs, what is known, and what the runtime gives."""
+"""Attributes of live objects: fields of structs, known values, and results of the runtime."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from umo.objects.link import Cycle
 DROPPED = ("progress", "say")
 """Names of methods that only make texts."""
 OF_THE_HOST = ("sample", "update", "reset", "acknowledge", "control")
-"""Names of methods of a whole part that only the host calls."""
+"""Names of methods of a part that only the host calls."""
 OF_CLOCK = {"dt": REAL, "now": REAL, "period": REAL, "ticks": INT}
 """The attributes of a clock, with their types."""
 
@@ -199,7 +199,7 @@ class LoweredAttributes(LoweredSubject):
         return self._known(owner, name, node)
 
     def check_in_c(self, name: str, node: ast.AST) -> None:
-        """Refuse an attribute of an object that Python evaluates where laws are compiled."""
+        """Refuse an attribute of an object if Python evaluates it when laws are compiled."""
         if self.f.world.target.makes_texts:
             raise self.f.refused(
                 node,
@@ -208,7 +208,7 @@ class LoweredAttributes(LoweredSubject):
             )
 
     def object(self, owner: Atomic, node: ast.AST) -> Value:
-        """Return the object. An asynchronous sensor is noted, as a controller does not read it."""
+        """Return the object. A note is added for an asynchronous sensor, because a controller does not read it."""
         if not isinstance(owner, Binary | Digital):
             raise self.f.refused(
                 node, f"a {type(owner).__name__} cannot be translated", "a binary object, or a digital one"
@@ -245,9 +245,9 @@ def _is_of_cycle(owner: Any) -> bool:
 
 
 def asks_host(owner: Any, name: str) -> bool:
-    """True if this attribute is a function that only the host can call, because it plans motions."""
+    """True if this attribute is a function that only the host can call, because the function plans motions."""
     return isinstance(owner, Axis) and name == "_replan"
 
 
 def dropped(*_: object) -> None:
-    """Add nothing: the statement only makes a text."""
+    """Add nothing, because the statement only makes a text."""

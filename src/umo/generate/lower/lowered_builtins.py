@@ -79,7 +79,7 @@ class LoweredBuiltins(LoweredSubject):
     """Lowers the calls of min, max, abs, round, len, any, math and others."""
 
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """Return the result of a built-in function or of one of math, or None for other functions."""
+        """Return the result of a built-in function or of a function of math, or None for other functions."""
         if target in (min, max) and len(arguments) == 1 and named.keys() == {"default"}:
             return self._extreme(target, arguments, node, named["default"])
         if target is sum and named.keys() == {"start"}:
@@ -235,7 +235,7 @@ class LoweredBuiltins(LoweredSubject):
         return Code(reduce(joined_type, kinds), found)
 
     def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
-        """Return the first element with the least (`min`) or greatest key. A key is a number or an ordered state."""
+        """Return the first element with the smallest (`min`) or largest key. A key is a number or an ordered state."""
         if len(terms) == 1:
             return terms[0]
         found = [number_of(self.f, each, node) for each in keys]
@@ -335,7 +335,7 @@ class LoweredBuiltins(LoweredSubject):
 
     def added(self, terms: Iterable[Term], node: ast.Call, start: Term = KNOWN_ZERO) -> Term:
         """Return the sum in the order of the terms. From Python 3.12 on `sum` compensates the rounding of Python floats
-        (Neumaier), but not of numpy's, nor of terms after one of numpy."""
+        (Neumaier), but not that of numpy numbers, nor that of terms after a numpy number."""
         total, makes_up = self.f.values.number(start, node), SUM_COMPENSATES and not is_of_numpy(start)
         lost: Value | None = None
         of_numpy = is_of_numpy(start)

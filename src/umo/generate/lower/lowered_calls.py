@@ -70,7 +70,7 @@ from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
 MOST_NUMBERS = 256
-"""Maximum number of elements of a list in one expression, each written out."""
+"""Maximum number of elements of a list in one expression. Each element is written out."""
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
 """Functions that only the host can carry out, because they plan motions."""
 
@@ -131,7 +131,7 @@ class LoweredCalls(LoweredSubject):
         return terms[:count], {str(each.arg): term for each, term in zip(keywords, terms[count:], strict=True)}
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
-        """The elements of a tuple or of a list of numbers."""
+        """Return the elements of a tuple or of a list of numbers."""
         self.f.expressions.check_elements(term, node)
         return self.members(term, node)
 
@@ -150,7 +150,7 @@ class LoweredCalls(LoweredSubject):
         raise self.f.refused(node, "the number of its elements is not known")
 
     def numbers_of(self, code: Code, node: ast.AST) -> list[Term]:
-        """The elements of an array or a list of numbers, each as an expression of its own."""
+        """Return the elements of an array or a list of numbers, each as a separate expression."""
         assert isinstance(code.type, ArrayType)
         self.f.arrays.check_length(code.type, node)
         if code.type.length > MOST_NUMBERS:

@@ -1,4 +1,4 @@
-"""Choices of one of several live objects at run time: code that uses the object is written out for each."""
+"""Choices of one of several live objects at run time. The code that uses the object is written out for each of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.generate.lower.terms import Code, Known, OneOf, Term
 from umo.generate.value_kinds import SCALARS
 
 MOST_OPTIONS = 32
-"""Maximum number of objects of which one is chosen. Each has its own statements in C."""
+"""Maximum number of objects from which one is chosen. The statements in C are written out for each object."""
 Branch = tuple[Term, list[Statement]]
 
 
@@ -24,7 +24,7 @@ class LoweredChoices(LoweredSubject):
     """Lowers the use of objects that are chosen at run time."""
 
     def of_table(self, table: Any, index: Term, node: ast.AST) -> OneOf | None:
-        """Return the object at a computed index or key, or None if the table has numbers, states or nothing."""
+        """Return the object at a computed index or key, or None if the table has numbers or states, or is empty."""
         if not (is_table(table) or is_dict(table)) or len(table) > MOST_OPTIONS:
             return None
         options = list(table.values() if is_dict(table) else table)

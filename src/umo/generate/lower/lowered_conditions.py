@@ -1,4 +1,4 @@
-"""Conditions: comparisons, and, or, conditional expressions, and what they prove."""
+"""Conditions: comparisons, and, or, conditional expressions, and the facts that they prove."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ from umo.generate.value_kinds import (
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
 ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
-"""Containers whose elements are found by Python itself; of deques only those without a `maxlen`."""
+"""Containers whose elements Python itself finds. A deque is among them only if it has no `maxlen`."""
 
 
 def _elements_of(sign: ast.cmpop, node: ast.expr) -> ast.expr:

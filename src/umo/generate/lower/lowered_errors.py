@@ -1,4 +1,4 @@
-"""Errors: how they are raised and caught, and what is carried out on the way out."""
+"""Errors: their raising and catching, and the statements that are carried out on the way out."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class LoweredErrors(LoweredSubject):
         return tuple(kinds)
 
     def lower_with(self, node: ast.With) -> bool | None:
-        """`with suppress(...)`."""
+        """Lower `with suppress(...)`."""
         call = node.items[0].context_expr
         if len(node.items) == 1 and node.items[0].optional_vars is None and isinstance(call, ast.Call):
             func = self.f.term(call.func)
@@ -174,7 +174,7 @@ def _lets_go_on(setting: ast.keyword) -> bool:
 
 
 def error_arguments(error: ast.expr) -> list[ast.expr]:
-    """The expressions in the message of an error."""
+    """Return the expressions in the message of an error."""
     return [*error.args, *(each.value for each in error.keywords)] if isinstance(error, ast.Call) else []
 
 

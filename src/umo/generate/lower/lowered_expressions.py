@@ -1,4 +1,4 @@
-"""Expressions of Python, computed in the order of Python."""
+"""Expressions of Python. They are computed in the same order as in Python."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ class LoweredExpressions(LoweredSubject):
         )
 
     def place(self, code: Code) -> Code:
-        """Return the value as one whose members can be read."""
+        """Return the value in a form whose members can be read."""
         return code if is_named(code.value) else self.f.values.kept(code)
 
     def lower_tuple(self, node: ast.Tuple) -> Term:
@@ -190,7 +190,7 @@ class LoweredExpressions(LoweredSubject):
         return TupleTerm(tuple(self.f.sequences.spread(node.elts)), kind=list)
 
     def lower_dict(self, node: ast.Dict) -> Term:
-        """Return a table that is written out."""
+        """Return the table for a dict that is written out."""
         keys = [each for each in node.keys if each is not None]
         terms = [self.f.term(each) for pair in zip(keys, node.values, strict=False) for each in pair]
         known = [each.value for each in terms if isinstance(each, Known) and is_immutable(each.value)]
@@ -221,7 +221,8 @@ class LoweredExpressions(LoweredSubject):
         return base, self.f.sequences.part_of(terms, node)
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
-        """Return the term that has the element, not copied, and the index. A tuple is computed before its index."""
+        """Return the term that has the element, without copying it, and the index. A tuple is computed before its
+        index."""
         with self.f.gathered() as of_base:
             base = self.f.term(node.value)
         with self.f.gathered() as of_index:
@@ -373,7 +374,7 @@ class LoweredExpressions(LoweredSubject):
     def of_numbers(
         self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
     ) -> Code:
-        """Return the result of an operator between numbers. Operators between numpy numbers raise nothing."""
+        """Return the result of an operator on numbers. Operators on numpy numbers raise nothing."""
         a, b = self.f.values.number(left, nodes[0]), self.f.values.number(right, nodes[1])
         if not isinstance(sign, ast.Div):
             self.check_sure([left, right], node)
@@ -397,7 +398,7 @@ class LoweredExpressions(LoweredSubject):
         return replace(found, type=numpy_number(found.type, sure))
 
     def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
-        """Refuse arithmetic whose result is a real in C and might not be a float in Python, or not be exact."""
+        """Refuse arithmetic whose result is a real in C but, in Python, might not be a float or might not be exact."""
         if any(map(_is_mixed, terms)) and not any(map(is_float, terms)):
             told = "the number may be an int or a float"
             raise self.f.refused(node, told, "0.0 instead of 0, float(...)")
@@ -496,7 +497,7 @@ def _is_mixed(term: Term) -> bool:
 
 
 def is_float(term: Term) -> bool:
-    """True if it is a float in Python, too."""
+    """True if the value is also a float in Python."""
     if isinstance(term, Code):
         return plain_number(plain(term.type)) == REAL and not _is_mixed(term)
     return isinstance(term, Known) and isinstance(term.value, float)

@@ -1,5 +1,5 @@
-"""Functions of generators: any, all and others, and generators with conditions, if the number of elements is not known.
-They become the loop that Python would run."""
+"""Functions that take a generator, such as any and all, and generators with conditions, if the number of elements is
+not known. They become the loop that Python would run."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from umo.generate.value_kinds import is_ring
 
 Generator = ast.GeneratorExp | ast.ListComp
 Act = Callable[[Term, ast.AST], None]
-"""Handles an element, with its expression."""
+"""Function that handles an element, given as an expression."""
 ELEMENTS = "the number of elements is not known, and the elements are of several classes or of numpy"
 OVER = any, all, sum, min, max, len, next
 
@@ -71,8 +71,8 @@ class LoweredGenerators(LoweredSubject):
     """Lowers generators that are passed directly to a function."""
 
     def over(self, target: Any, node: ast.Call) -> Term | None:
-        """Return any, all, sum, min, max, len or next of a generator; None for other calls, or if the number of
-        elements is known."""
+        """Return the result of any, all, sum, min, max, len or next of a generator. Return None for other calls, or if
+        the number of elements is known."""
         generator = node.args[0] if node.args else None
         if target not in OVER or generator is None:
             return None

@@ -1,4 +1,4 @@
-"""Loops: with a count, over arrays, and over objects (each turn is written out)."""
+"""Loops with a count, loops over arrays, and loops over objects, whose turns are written out."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ from umo.generate.lower.lowered_subject import LoweredSubject
 from umo.generate.lower.terms import Code, Known, Term, TupleTerm, Turns
 
 MOST_UNROLLED = 256
-"""Maximum number of turns of a loop over objects, each written out."""
+"""Maximum number of turns of a loop over objects. Each turn is written out."""
 
 
 @dataclass(frozen=True)
 class LoopAround:
-    """A loop that is being lowered: the labels for `continue` and `break`, and the depth of `try` around it."""
+    """A loop that is being lowered: the labels for `continue` and `break`, and the number of `try` statements that
+    contain it."""
 
     again: str
     out: str

@@ -1,8 +1,8 @@
-"""Deques of numbers with a `maxlen`: in C an object with a list of that length, and a count.
+"""Deques of numbers with a `maxlen`. In C a deque is an object with a list of that length, and a count.
 
-The deque itself is known when the code is generated, as a part of the machine is, and it stays the same object under
-all its names. Its elements are stored in order from the first place on: an element that does not fit is removed at the
-other end, and the rest is moved. Unused places are 0."""
+The deque itself is known when the code is generated, like a part of the machine, and it stays the same object under all
+its names. Its elements are stored in order, beginning at the first place. If a new element does not fit, an element is
+removed at the other end, and the remaining ones are moved. Unused places are 0."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from umo.generate.lower.terms import Code, Known, RingMethod, Selection, Term, T
 MOST_ELEMENTS = 4096
 METHODS = "append", "appendleft", "pop", "popleft", "clear", "extend", "rotate", "maxlen"
 TAKES = {"append": 1, "appendleft": 1, "extend": 1, "rotate": 1}
-"""The number of arguments of methods; other methods have none."""
+"""The number of arguments of each method. Methods that are not listed have none."""
 
 
 class DequeFields:
@@ -50,7 +50,7 @@ class DequeFields:
 
     @property
     def at(self) -> list[Any]:
-        """The elements, and `zero` in unused places."""
+        """The elements, with `zero` in unused places."""
         return [*self.held, *[self.zero] * ((self.held.maxlen or 0) - len(self.held))]
 
     @property
@@ -106,7 +106,7 @@ class LoweredRings(LoweredSubject):
         return found
 
     def count(self, term: Term, node: ast.AST) -> Code:
-        """`len` of a deque."""
+        """Return `len` of a deque."""
         return Code(INT, self.of(term, node).count)
 
     def turns(self, term: Term, node: ast.AST) -> Turns:
@@ -121,8 +121,8 @@ class LoweredRings(LoweredSubject):
 
     @contextmanager
     def held(self, turns: Turns, node: ast.AST) -> Iterator[None]:
-        """Return a context for a loop over a deque, in which the deque must not be changed: Python raises an error
-        there."""
+        """Return a context for a loop over a deque. In the loop the deque must not be changed, because Python raises an
+        error there."""
         before, self.f.aliases.changes = self.f.aliases.changes, set()
         yield
         changed = self.f.aliases.changes

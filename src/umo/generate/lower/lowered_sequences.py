@@ -1,5 +1,5 @@
 """Iterables of loops, comprehensions and functions with a known number of turns: tuples, lists, arrays, ranges, and
-`zip`, `enumerate` and `reversed` of these. An element of a list or an array is read in its turn."""
+`zip`, `enumerate` and `reversed` of these. An element of a list or an array is read in the turn that uses it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from umo.generate.lower.terms import Code, Elementwise, Known, Selection, SliceV
 from umo.generate.value_kinds import is_container, is_ring
 
 ITERATORS = zip, enumerate, reversed
-"""Functions whose result can be iterated once: it must be iterated where it is made."""
+"""Functions whose result can be iterated only once. It must be iterated where it is made."""
 CONSUMERS = any, all, sum, min, max, sorted, list, tuple
 """Functions that iterate over their argument."""
 MOST_TURNS = 256
-"""Maximum number of turns in one expression, each written out."""
+"""Maximum number of turns in one expression. Each turn is written out."""
 MOST_START = 2**30
 
 
@@ -164,8 +164,8 @@ class LoweredSequences(LoweredSubject):
         )
 
     def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
-        """Check that arrays are not replaced during a loop: Python iterates over those from the beginning. `rebound`:
-        the number of assignments before."""
+        """Check that arrays are not replaced during a loop, because Python iterates over the arrays that existed at the
+        beginning. `rebound`: the number of assignments before the loop."""
         later, told = self.f.aliases.rebound[rebound:], "the loop assigns the name that it iterates over"
         for each in turns.arrays:
             if each in later or (calls(body) and each in self.f.world.memory.rebound):
@@ -174,7 +174,7 @@ class LoweredSequences(LoweredSubject):
     # Tuples and lists as wholes ------------------------------------------------------------------------
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
-        """The elements or arguments that are written out, including those after a `*`."""
+        """Return the elements or arguments that are written out, including those after a `*`."""
         found: list[Term] = []
         for each, term in zip(nodes, self.f.ordered(nodes, self._unpacked), strict=True):
             found += term.terms if isinstance(each, ast.Starred) else [term]  # type: ignore[union-attr]
@@ -209,7 +209,7 @@ class LoweredSequences(LoweredSubject):
         return TupleTerm(tuple(self.f.calls.parts(base, node)[part]), kind=kind)
 
     def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
-        """Return tuples or lists joined by `+` or repeated by `*`; None for other operators."""
+        """Return tuples or lists joined by `+` or repeated by `*`. Return None for other operators."""
         if isinstance(sign, ast.Add) and is_sequence(left) and is_sequence(right):
             if _is_list(left) != _is_list(right):
                 raise self.f.refused(node, "a list and a tuple are added", "two lists, two tuples")
@@ -247,7 +247,7 @@ class LoweredSequences(LoweredSubject):
         return found
 
     def gone_through(self, node: ast.expr) -> list[Term]:
-        """The values of a comprehension, a generator or an iterator, computed in order."""
+        """Return the values of a comprehension, a generator or an iterator, computed in order."""
         if not isinstance(node, ast.ListComp | ast.GeneratorExp):
             turns = self.over(node)
             self._check_count(turns, node)
@@ -259,7 +259,7 @@ class LoweredSequences(LoweredSubject):
         return found
 
     def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
-        """Return a comprehension or generator with names of its own, and its turns."""
+        """Return a comprehension or generator whose names differ from those of the function, and its turns."""
         if len(node.generators) != 1 or node.generators[0].is_async:
             raise self.f.refused(node, "the expression has two loops", "a loop for each")
         node = with_own_names(node)
@@ -276,7 +276,7 @@ class LoweredSequences(LoweredSubject):
             raise self.f.refused(node, told, f"at most {MOST_TURNS}, or a loop")
 
     def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
-        """The values of the expression of a generator, for each turn in which its conditions hold."""
+        """Return the values of a generator's expression for each turn in which the conditions hold."""
         first = node.generators[0]
         for number in range(turns.count):
             with self.f.loops.bound_to(first.target, turns.find(number)):
@@ -301,7 +301,7 @@ class LoweredSequences(LoweredSubject):
 
 
 def is_sequence(term: Term) -> bool:
-    """True if it is a tuple or a list of Python."""
+    """True if the value is a tuple or a list of Python."""
     if isinstance(term, Code):
         return isinstance(term.type, TupleType) or (isinstance(term.type, ArrayType) and term.type.listed)
     if isinstance(term, Known):
@@ -327,7 +327,7 @@ def _numbered(turns: Turns, first: int) -> Turns:
 
 
 def mark_of(generator: ast.ListComp | ast.GeneratorExp) -> str:
-    """Return the suffix for the names of a generator, which no name of the function has."""
+    """Return a suffix for the names of a generator. No name of the function has this suffix."""
     return f" {generator.lineno} {generator.col_offset}"
 
 

@@ -6,7 +6,8 @@ from umo.generate.lower.function_builder import FunctionBuilder
 
 
 class LoweredSubject:
-    """One subject of the lowering of a function, such as its loops. `f` is the function, with the other subjects."""
+    """One subject of the lowering of a function, such as its loops. `f` is the function, which has the other
+    subjects."""
 
     def __init__(self, f: FunctionBuilder) -> None:
         self.f = f

@@ -1,4 +1,4 @@
-"""Texts that are only shown or logged: they are left out if it is proved that making them has no other effect."""
+"""Texts that are only shown or logged. They are left out if it is proved that making them has no other effect."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from umo.generate.lower.text_proofs import MAKERS, METHODS, ProofQueries, TextPr
 from umo.generate.translation import TextMaker
 
 DEPENDS_ON_TEXT = "this depends on a text made at run time, or on a caught error"
-"""Why a condition on a text does not translate."""
+"""The reason why a condition on a text cannot be translated."""
 NOT_OF_PYTHON = ArrayMethod | LocalFunction | TruePlaces | StateMethod
 """Meanings of a local name that do not exist in Python."""
 Made: TypeAlias = tuple[Callable[..., Any], Sequence[tuple[CType, Value]]]
@@ -52,8 +52,8 @@ class LoweredTexts(LoweredSubject):
         return True
 
     def check_decided(self, term: Term, node: ast.AST) -> None:
-        """Refuse a condition that depends on a text made at run time. The text of an attribute may become a state in
-        the next pass."""
+        """Refuse a condition that depends on a text made at run time. In the next pass the text of an attribute may
+        have become a state."""
         if isinstance(term, Known) and isinstance(term.value, UnknownText):
             self.f.world.memory.ask_text(term.value)
             raise self.f.refused(node, DEPENDS_ON_TEXT, "a state of an Enum, an `except` for each error")
@@ -100,8 +100,8 @@ class LoweredTexts(LoweredSubject):
     # Texts that Python makes ---------------------------------------------------------------------------
 
     def python_makes_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
-        """Let Python make the error of a fault if Python runs beside. An error that needs a text made at run time, or a
-        number of uncertain class, gets the message as written in the code."""
+        """Let Python make the error of a fault if Python calls the code. An error that needs a text made at run time,
+        or a number of uncertain class, gets the message as written in the code."""
         if not self.f.world.target.makes_texts:
             return
         made = self._made(node)

@@ -65,14 +65,14 @@ NO_ELEMENTS = (
     "this is an element of something that is not a list or an array in C",
     "a list of floats or of ints, np.zeros(n)",
 )
-"""Why an element cannot be translated."""
+"""The reason why an element cannot be translated."""
 
 
 class LoweredValues(LoweredSubject):
     """Lowers the values of a function."""
 
     def type_of(self, term: Term) -> CType | None:
-        """Return the type of a term, or None if it is not a value of a controller."""
+        """Return the type of a term, or None if the term is not a value that a controller can have."""
         if isinstance(term, Code):
             return term.type
         if isinstance(term, TupleTerm):
@@ -84,7 +84,7 @@ class LoweredValues(LoweredSubject):
         return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
 
     def kept(self, code: Code, what: str = "t") -> Code:
-        """Return the value under a name of its own."""
+        """Return the value under a new name, if it has none."""
         if not isinstance(code, Elementwise) and is_settled(code.value):
             return code
         name = self.f.temporary(code.type, what)
@@ -101,13 +101,13 @@ class LoweredValues(LoweredSubject):
         return Code(code.type, name)
 
     def is_list_itself(self, term: Term) -> bool:
-        """True if it is the list of an attribute itself, so that changes of the list are seen here."""
+        """True if the term is the list of an attribute itself, so that changes of the list are seen here."""
         if not (isinstance(term, Code) and isinstance(term.type, ArrayType)):
             return False
         return term.type.listed and isinstance(term.value, Field) and term.value not in self.f.world.memory.rebound
 
     def settled(self, term: Term) -> Term:
-        """Return the term with values that later statements cannot change."""
+        """Return the term with its values stored such that later statements cannot change them."""
         if isinstance(term, Code):
             if isinstance(plain(term.type), ArrayType):
                 self.f.aliases.share(term)
@@ -152,7 +152,7 @@ class LoweredValues(LoweredSubject):
         raise self.f.refused(node, *only_asked(term))
 
     def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
-        """Return a new list with these numbers, or None if they are of several classes or there are none."""
+        """Return a new list with these numbers, or None if the numbers have different classes, or if there are none."""
         codes = [self.code(each, node) for each in terms]
         if len({each.type for each in codes}) != 1 or not is_number(codes[0].type):
             return None
@@ -239,7 +239,7 @@ class LoweredValues(LoweredSubject):
         return code
 
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
-        """Return a condition; a bool if it is already known."""
+        """Return the truth of a term as a condition; as a bool if it is already known."""
         if isinstance(term, Known):
             self.f.texts.check_decided(term, node)
             if is_ring(term.value):
@@ -288,7 +288,7 @@ def _widens(one: CType, other: CType) -> bool:
 
 
 def only_asked(term: NullTest | TruthTest | OneOf | Selection) -> tuple[str, str]:
-    """Return why this is not a value, and the nearest alternative."""
+    """Return the reason why this is not a value, and the nearest alternative."""
     if isinstance(term, Selection):
         return OF_UNKNOWN_LENGTH
     if isinstance(term, OneOf):

@@ -1,4 +1,4 @@
-"""Vectors of objects in C: read and written as a whole, by slots."""
+"""Vectors of objects in C. They are read and written as a whole, by slots."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class LoweredVectors(LoweredSubject):
         return Elements(self.f.arrays.kept_place(self._mask(vector, where, node)))
 
     def values_of(self, vector: Vector[Any], more: list[Term], named: dict[str, Term], node: ast.AST) -> Code:
-        """`value_of` of a Vector."""
+        """Return `value_of` of a Vector."""
         accept = more[0] if more else named.get("accept", Known(()))
         mask, chosen = (
             self.f.values.as_type(accept, MASK, node),

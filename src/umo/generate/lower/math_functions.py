@@ -14,7 +14,7 @@ from umo.generate.lower.lowered_expressions import is_of_numpy
 from umo.generate.lower.terms import Code, Known, Term
 
 DIGITS = range(23)
-"""The numbers of digits for which `round` is exact: 10 to their power is exact as a float."""
+"""The numbers of digits n for which `round` is exact, because 10**n is exact as a float."""
 IN_DEGREES = {math.degrees: 180.0 / math.pi, math.radians: math.pi / 180.0}
 OF_MATH = (math.hypot, math.fmod, *IN_DEGREES)
 

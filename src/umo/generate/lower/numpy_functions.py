@@ -29,7 +29,8 @@ from umo.generate.lower.terms import Code, Elementwise, Known, Term, TupleTerm
 
 
 def of_numbers(f: FunctionBuilder, target: Any, arguments: Sequence[Term], node: ast.Call) -> Code | None:
-    """Return an element-wise function of Python numbers, as for an array of one element; None for other functions."""
+    """Return the result of an element-wise function of Python numbers, computed as for an array of one element. Return
+    None for other functions."""
     if not (target in OF_ELEMENTS or target in BINARY or target is np.clip) or not all(map(_is_number, arguments)):
         return None
     f.expressions.check_sure(arguments, node)
@@ -56,7 +57,7 @@ def sign_of(value: Value) -> Value:
 
 
 def one_after_the_other(f: FunctionBuilder, parts: Sequence[Term], node: ast.AST) -> Code:
-    """Return a new array with the elements of these in order."""
+    """Return a new array with the elements of these arrays in order."""
     codes = [
         f.arrays.array(f.arrays.listed(each, node) if isinstance(each, TupleTerm) else each, node) for each in parts
     ]
@@ -76,7 +77,7 @@ def one_after_the_other(f: FunctionBuilder, parts: Sequence[Term], node: ast.AST
 
 
 def rolled(f: FunctionBuilder, term: Term, by: Term, node: ast.AST) -> Code:
-    """Return `np.roll` by a known number."""
+    """Return `np.roll` by a known number of places."""
     if not (isinstance(by, Known) and type(by.value) is int):
         raise f.refused(node, "`np.roll` moves by an unknown number", "np.roll(x, 1)")
     code = f.arrays.array(term, node)

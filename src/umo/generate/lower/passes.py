@@ -42,8 +42,8 @@ def lowered(
     steps: Sequence[Callable[[], Any]],
     target: ControllerTarget,
 ) -> Lowered:
-    """Return the form of the conditions of a machine, which return a bool, and its steps, whose results are ignored.
-    Passes are repeated until all facts looked up are still valid."""
+    """Return the conditions and steps of a machine, in the form. Conditions return a bool; the results of steps are
+    ignored. Passes are repeated until all facts that a pass has looked up are still valid at its end."""
     memory, entries = TranslationMemory(), [*conditions, *steps]
     for _ in range(MOST_PASSES):
         world = CodeWorld(memory, target)

@@ -1,4 +1,4 @@
-"""`sorted` of a known number of numbers, stable as in Python. A NaN is refused."""
+"""`sorted` of a known number of numbers. The order is stable as in Python. A NaN is refused."""
 
 from __future__ import annotations
 

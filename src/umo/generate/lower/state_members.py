@@ -34,7 +34,7 @@ class StateMethod:
 
 
 def value_of_state(f: FunctionBuilder, code: Code, node: ast.AST) -> Code:
-    """Return `.value`, if the values of all members are numbers of one class."""
+    """Return `.value` of a state, if the values of all members are numbers of the same class."""
     assert isinstance(code.type, StateType)
     return value_of_each(f, [each.value for each in code.type.kind], code.value, node)
 
@@ -58,8 +58,8 @@ def number_of(f: FunctionBuilder, term: Term, node: ast.AST) -> Term | None:
 
 
 def as_number(f: FunctionBuilder, term: Term, node: ast.AST) -> Term:
-    """Return a member of an IntEnum as its number and a known numpy number as a value of its type, for arithmetic or an
-    index; other terms unchanged."""
+    """Return a term for arithmetic or an index. A member of an IntEnum becomes its number, a known numpy number becomes
+    a value of its type. Other terms are returned unchanged."""
     if isinstance(term, Known) and _is_number(type(term.value)):
         return Known(int(term.value))
     if isinstance(term, Known) and isinstance(term.value, np.generic):

@@ -29,24 +29,24 @@ class AskedOfValues(Protocol):
     """Lowers the values of a function."""
 
     def type_of(self, term: Term) -> CType | None:
-        """Return the type of a term, or None if it is not a value of a controller."""
+        """Return the type of a term, or None if the term is not a value that a controller can have."""
 
     def kept(self, code: Code, what: str = "t") -> Code:
-        """Return the value under a name of its own."""
+        """Return the value under a new name, if it has none."""
 
     def copied(self, code: Code) -> Code:
         """Return the value copied to a new name."""
 
     def new_list(self, terms: Sequence[Term], node: ast.AST) -> Code | None:
-        """Return a new list with these numbers, or None if they are of several classes or there are none."""
+        """Return a new list with these numbers, or None if the numbers have different classes, or if there are none."""
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> Value: ...
 
     def is_list_itself(self, term: Term) -> bool:
-        """True if it is the list of an attribute itself, so that changes of the list are seen here."""
+        """True if the term is the list of an attribute itself, so that changes of the list are seen here."""
 
     def settled(self, term: Term) -> Term:
-        """Return the term with values that later statements cannot change."""
+        """Return the term with its values stored such that later statements cannot change them."""
 
     def code(self, term: Term, node: ast.AST) -> Code:
         """Return a term as a value in C."""
@@ -63,7 +63,7 @@ class AskedOfValues(Protocol):
     def number(self, term: Term, node: ast.AST) -> Code: ...
 
     def truth(self, term: Term, node: ast.AST) -> Value | bool:
-        """Return a condition; a bool if it is already known."""
+        """Return the truth of a term as a condition; as a bool if it is already known."""
 
 
 class AskedOfAliases(Protocol):
@@ -92,7 +92,7 @@ class AskedOfAliases(Protocol):
         """True if an array was made here and has no name yet."""
 
     def share(self, term: Term) -> None:
-        """Note that an array gets another name: from now on it is not changed in place."""
+        """Note that an array gets another name. From now on the array is not changed in place."""
 
 
 class AskedOfTexts(Protocol):
@@ -111,13 +111,13 @@ class AskedOfTexts(Protocol):
         """True if an expression makes a text at run time."""
 
     def python_makes_error(self, node: ast.expr, kind: type[BaseException], said: str, fault: int) -> None:
-        """Let Python make the error of a fault if Python runs beside."""
+        """Let Python make the error of a fault if Python calls the code."""
 
     def python_sets_field(self, term: Term, node: ast.AST, target: ast.Attribute, owner: Any) -> bool:
-        """Let Python assign a text made at run time, and return True; False if it is left out."""
+        """Let Python assign a text made at run time, and return True. Return False if the assignment is left out."""
 
     def python_calls(self, node: ast.Call) -> bool:
-        """Let Python call a function that only makes texts, and return True; False if it is left out."""
+        """Let Python call a function that only makes texts, and return True. Return False if the call is left out."""
 
     def text(self, node: ast.expr) -> Known:
         """Return the text that an expression makes at run time."""
@@ -129,7 +129,7 @@ class AskedOfExpressions(Protocol):
     def lower_name(self, node: ast.Name) -> Term: ...
 
     def place(self, code: Code) -> Code:
-        """Return the value as one whose members can be read."""
+        """Return the value in a form whose members can be read."""
 
     def check_elements(self, term: Term, node: ast.AST) -> None:
         """Refuse a term without elements."""
@@ -138,7 +138,7 @@ class AskedOfExpressions(Protocol):
         """Return the term that has the elements, and the slice."""
 
     def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
-        """Return the term that has the element, not copied, and the index."""
+        """Return the term that has the element, without copying it, and the index."""
 
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """Return one element of a tuple, a list, an array or a known value."""
@@ -153,10 +153,10 @@ class AskedOfExpressions(Protocol):
     def of_numbers(
         self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
     ) -> Code:
-        """Return the result of an operator between numbers. Operators between numpy numbers raise nothing."""
+        """Return the result of an operator on numbers. Operators on numpy numbers raise nothing."""
 
     def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
-        """Refuse arithmetic whose result is a real in C and might not be a float in Python, or not be exact."""
+        """Refuse arithmetic whose result is a real in C but, in Python, might not be a float or might not be exact."""
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code: ...
 
@@ -167,13 +167,13 @@ class AskedOfArrays(Protocol):
     def is_array(self, term: Term) -> bool: ...
 
     def array(self, term: Term, node: ast.AST) -> Code:
-        """Return an array or a number. Raises TypeError if it is None."""
+        """Return an array or a number. Raises TypeError for None."""
 
     def check_length(self, of: ArrayType, node: ast.AST) -> None:
         """Refuse an array whose length is not known."""
 
     def length_of(self, code: Code, node: ast.AST) -> int:
-        """Return the length of one array, which is known."""
+        """Return the known length of an array."""
 
     def each_place(self, length: int) -> AbstractContextManager[Value]:
         """Return a context for a loop over the indices of an array."""
@@ -194,7 +194,7 @@ class AskedOfArrays(Protocol):
         """Return the result of an operator between arrays, or an array and a number."""
 
     def of(self, code: Code) -> CType:
-        """Return the type of the elements."""
+        """Return the type of the elements of an array."""
 
     def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
         """Return the result of a unary operator on an array."""
@@ -202,7 +202,7 @@ class AskedOfArrays(Protocol):
     def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code: ...
 
     def of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """Return the result of a numpy function, or None if it cannot be translated."""
+        """Return the result of a numpy function, or None if the function cannot be translated."""
 
     def listed(self, term: TupleTerm, node: ast.AST) -> Code: ...
 
@@ -214,7 +214,7 @@ class AskedOfArrays(Protocol):
     def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code: ...
 
     def sliced(self, term: Term, part: slice, node: ast.AST) -> Term:
-        """Return a slice of an array: its elements under other indices."""
+        """Return a slice of an array: the elements of the array under other indices."""
 
     def set_slice(self, base: Code, part: slice, value: Term, node: ast.AST) -> None:
         """Set the elements of a slice to values that are computed first."""
@@ -222,7 +222,7 @@ class AskedOfArrays(Protocol):
     def overwrite(
         self, place: Code, value: Term, node: ast.AST, where: Code | None = None, by_place: bool = False
     ) -> None:
-        """Replace the elements of an array, all or those that a mask selects, each by the value at its index."""
+        """Replace all elements of an array, or those that a mask selects, each by the value at its index."""
 
 
 class AskedOfVectors(Protocol):
@@ -235,7 +235,7 @@ class AskedOfVectors(Protocol):
     ) -> Term: ...
 
     def values_of(self, vector: Vector[Any], more: list[Term], named: dict[str, Term], node: ast.AST) -> Code:
-        """`value_of` of a Vector."""
+        """Return `value_of` of a Vector."""
 
 
 class AskedOfAttributes(Protocol):
@@ -247,10 +247,10 @@ class AskedOfAttributes(Protocol):
         """Return a field if the attribute is a number, otherwise a known value."""
 
     def check_in_c(self, name: str, node: ast.AST) -> None:
-        """Refuse an attribute of an object that Python evaluates where laws are compiled."""
+        """Refuse an attribute of an object if Python evaluates it when laws are compiled."""
 
     def object(self, owner: Atomic, node: ast.AST) -> Value:
-        """Return the object. An asynchronous sensor is noted, as a controller does not read it."""
+        """Return the object. A note is added for an asynchronous sensor, because a controller does not read it."""
 
     def got_by(self, function: str, *arguments: Value, of: CType) -> Code:
         """Return the result of a runtime function that may fail."""
@@ -266,7 +266,7 @@ class AskedOfCalls(Protocol):
         """Return a method, a property or a value of a base class."""
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
-        """The elements of a tuple or of a list of numbers."""
+        """Return the elements of a tuple or of a list of numbers."""
 
     def members(self, term: Term, node: ast.AST) -> list[Term]:
         """Return the members of a value, and the values of the fields of a dataclass."""
@@ -280,17 +280,17 @@ class AskedOfBuiltins(Protocol):
     """Lowers the calls of min, max, abs, round, len, any, math and others."""
 
     def of_python(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
-        """Return the result of a built-in function or of one of math, or None for other functions."""
+        """Return the result of a built-in function or of a function of math, or None for other functions."""
 
     def first_of(self, target: Any, terms: Sequence[Term], keys: Sequence[Term], node: ast.Call) -> Term:
-        """Return the first element with the least (`min`) or greatest key. A key is a number or an ordered state."""
+        """Return the first element with the smallest (`min`) or largest key. A key is a number or an ordered state."""
 
 
 class AskedOfChoices(Protocol):
     """Lowers the use of objects that are chosen at run time."""
 
     def of_table(self, table: Any, index: Term, node: ast.AST) -> OneOf | None:
-        """Return the object at a computed index or key, or None if the table has numbers, states or nothing."""
+        """Return the object at a computed index or key, or None if the table has numbers or states, or is empty."""
 
     def each(self, choice: OneOf, what: Callable[[Known], Term], node: ast.AST) -> Term:
         """Return the result of `what` for the object that is chosen at run time."""
@@ -300,8 +300,8 @@ class AskedOfGenerators(Protocol):
     """Lowers generators that are passed directly to a function."""
 
     def over(self, target: Any, node: ast.Call) -> Term | None:
-        """Return any, all, sum, min, max, len or next of a generator; None for other calls, or if the number of
-        elements is known."""
+        """Return the result of any, all, sum, min, max, len or next of a generator. Return None for other calls, or if
+        the number of elements is known."""
 
     def chosen(self, generator: ast.ListComp) -> Selection:
         """Return a list of the numbers for which the conditions hold."""
@@ -318,7 +318,7 @@ class AskedOfLoops(Protocol):
 
     @property
     def around(self) -> Sequence[object]:
-        """The loops around the statement that is being lowered."""
+        """The loops that contain the statement that is being lowered."""
 
     def is_range(self, node: ast.AST) -> bool:
         """True if this is a call of `range`."""
@@ -337,10 +337,11 @@ class AskedOfSequences(Protocol):
         """True if this is a call of `zip`, `enumerate` or `reversed`."""
 
     def check_same(self, turns: Turns, body: Sequence[Statement], rebound: int, node: ast.AST) -> None:
-        """Check that arrays are not replaced during a loop: Python iterates over those from the beginning."""
+        """Check that arrays are not replaced during a loop, because Python iterates over the arrays that existed at the
+        beginning."""
 
     def spread(self, nodes: Sequence[ast.expr]) -> list[Term]:
-        """The elements or arguments that are written out, including those after a `*`."""
+        """Return the elements or arguments that are written out, including those after a `*`."""
 
     def part_of(self, terms: Sequence[Term], node: ast.AST) -> slice:
         """Return the ends and the step of a slice."""
@@ -349,16 +350,16 @@ class AskedOfSequences(Protocol):
         """Return a part of a tuple or a list, as a copy."""
 
     def of_sequences(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Term | None:
-        """Return tuples or lists joined by `+` or repeated by `*`; None for other operators."""
+        """Return tuples or lists joined by `+` or repeated by `*`. Return None for other operators."""
 
     def gone_through(self, node: ast.expr) -> list[Term]:
-        """The values of a comprehension, a generator or an iterator, computed in order."""
+        """Return the values of a comprehension, a generator or an iterator, computed in order."""
 
     def opened(self, node: ast.ListComp | ast.GeneratorExp) -> tuple[ast.ListComp | ast.GeneratorExp, Turns]:
-        """Return a comprehension or generator with names of its own, and its turns."""
+        """Return a comprehension or generator whose names differ from those of the function, and its turns."""
 
     def terms_of(self, node: ast.ListComp | ast.GeneratorExp, turns: Turns) -> Iterator[Term]:
-        """The values of the expression of a generator, for each turn."""
+        """Return the values of a generator's expression for each turn."""
 
     def check_unchanged(self, turns: Turns, body: Sequence[Statement], node: ast.AST) -> None:
         """Refuse a call in an expression that changes what the expression iterates over."""
@@ -368,14 +369,14 @@ class AskedOfRings(Protocol):
     """The deques of a function."""
 
     def count(self, term: Term, node: ast.AST) -> Code:
-        """`len` of a deque."""
+        """Return `len` of a deque."""
 
     def turns(self, term: Term, node: ast.AST) -> Turns:
         """Return the turns of a loop over a deque."""
 
     def held(self, turns: Turns, node: ast.AST) -> AbstractContextManager[None]:
-        """Return a context for a loop over a deque, in which the deque must not be changed: Python raises an error
-        there."""
+        """Return a context for a loop over a deque. In the loop the deque must not be changed, because Python raises an
+        error there."""
 
     def element(self, term: Term, index: Term, node: ast.AST) -> Code:
         """Return an element. Raises IndexError beyond the ends."""

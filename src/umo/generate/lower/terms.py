@@ -1,5 +1,5 @@
-"""The meaning of an expression while it is translated: a value of the form, a live object or several of them, or an
-iterable."""
+"""Terms: the meanings of expressions during translation. A term is a value of the form, a live object or several of
+them, or an iterable."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Code:
 
     @property
     def as_plain(self) -> Code:
-        """Return the number in C, without the mark that it is one of numpy or of Python."""
+        """The number in C, without the mark that it is a number of numpy or of Python."""
         of = plain_number(self.type)
         return self if of is self.type else replace(self, type=of)
 
@@ -32,11 +32,11 @@ class Elementwise(Code):
 
 @dataclass(frozen=True)
 class SliceView(Elementwise):
-    """A slice of an array: its elements under other indices."""
+    """A slice of an array: the elements of the array under other indices."""
 
     base: Value
     place: Callable[[Value], Value]
-    """The place of an element in the array."""
+    """Function that returns the place of an element in the array."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Known:
 
     value: Any
     owner: Any = None
-    """The live object that has the attribute."""
+    """The live object that has the value as an attribute."""
     name: str = ""
 
     def __eq__(self, other: object) -> bool:
@@ -90,11 +90,11 @@ NO_VALUE = "on some branches it has no value or another object", "give it a valu
 
 
 class UnknownText(str):
-    """A text that is made at run time, which a controller does not have. It may be the message of an error."""
+    """A text that is made at run time. A controller does not have such texts. It may be the message of an error."""
 
     __slots__ = ("field",)
     field: tuple[int, str] | None
-    """The attribute that it is read from, by the id of its object; None if it is not from one."""
+    """The attribute from which the text is read, by the id of its object; None if it is not read from an attribute."""
 
     @classmethod
     def of(cls, field: tuple[int, str] | None) -> UnknownText:
@@ -120,7 +120,7 @@ class NullTest:
     """A value that is only compared with None, such as the reason of an inhibition."""
 
     test: Value
-    """The condition that it is not None."""
+    """The condition that the value is not None."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class OneOf:
     """One of several live objects, chosen at run time."""
 
     place: Value
-    """The number of the object, which does not change any more."""
+    """The number of the object. It does not change any more."""
     options: tuple[Known, ...]
 
 
@@ -158,10 +158,10 @@ class Turns:
 
     count: int
     find: Callable[[int], Term]
-    """Returns the values of the turn with this number."""
+    """Function that returns the values of the turn with this number."""
     find_at: Callable[[Value], Term] | None = None
-    """Return the turn for a computed number; None if the turns differ in more than their values."""
+    """Function that returns the turn for a computed number; None if the turns differ in more than their values."""
     arrays: tuple[Value, ...] = ()
     """The lists and arrays whose elements are read."""
     until: Value | None = None
-    """The number of turns if it varies. `count` is then the maximum."""
+    """The number of turns if it varies. `count` is then the maximum number."""

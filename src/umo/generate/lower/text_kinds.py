@@ -1,4 +1,4 @@
-"""The known facts about the values in a text: the live object, or the classes that a value may have."""
+"""The known facts about the values in a text: the live object that a value is, or the classes that it may have."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ PLAIN = NUMBERS | {str, bytes, NoneType, complex}
 
 @dataclass(frozen=True)
 class LiveKind:
-    """An object of the machine, or the value of a name of a module."""
+    """A live object: an object of the machine, or the value of a name of a module."""
 
     value: Any
 
@@ -55,7 +55,7 @@ class ClassKind:
 
 @dataclass(frozen=True)
 class RowKind:
-    """An array or a list of numbers. `count` is their number, None if not known."""
+    """An array or a list of numbers. `count` is the number of the elements, or None if it is not known."""
 
     of: type
     count: int | None
@@ -112,21 +112,21 @@ def kind_of_term(term: Term) -> Kind:
 
 
 def is_plain(value: Any) -> bool:
-    """True if this is a number, a text, a state, None, or a tuple of these."""
+    """True if this is a number, a string, a state, None, or a tuple of these."""
     if type(value) is tuple:
         return all(map(is_plain, value))
     return type(value) in PLAIN or isinstance(value, np.generic | Enum)
 
 
 def plain_kinds(kind: Kind) -> frozenset[type] | None:
-    """The classes that a plain value has; None if it is an object."""
+    """Return the classes of a plain value, or None if the value is an object."""
     if isinstance(kind, ClassKind):
         return kind.kinds
     return frozenset({type(kind.value)}) if isinstance(kind, LiveKind) and is_plain(kind.value) else None
 
 
 def is_bare(kind: type) -> bool:
-    """True if Python itself decides if an object of this class is true."""
+    """True if Python itself, and not the class, decides whether an object of this class is true."""
     return not own_methods(kind, ("__bool__", "__len__"))
 
 

@@ -28,7 +28,7 @@ def evaluated(
 
 
 def error_as_written(kind: type[BaseException], text: str) -> BaseException:
-    """Return an error with the text in the code; a RuntimeError for a class that takes no text."""
+    """Return an error with the text as written in the code. If its class takes no text, return a RuntimeError."""
     try:
         return kind(text)
     except TypeError:
@@ -36,7 +36,7 @@ def error_as_written(kind: type[BaseException], text: str) -> BaseException:
 
 
 def is_certain(of: CType) -> bool:
-    """True if a value of this type has one known Python class."""
+    """True if all values of this type have the same known class in Python."""
     if isinstance(of, MixedNumber) or (isinstance(of, NumpyNumber) and not of.sure):
         return False
     if isinstance(of, ArrayType):

@@ -1,7 +1,8 @@
-"""Proofs that a text may be left out: making it has no effect and cannot fail. They follow its parts into the
-functions, properties and methods that it calls, including the user's. What is not proved raises `Unproved`.
+"""Proofs that a text may be left out: making it has no effect and cannot fail. The proofs follow the parts of a text
+into the functions, properties and methods that are called, including those of the user. Parts that cannot be proved
+raise `Unproved`.
 
-The live objects of the machine are known, and for all other values the classes that they may have."""
+The proofs know the live objects of the machine, and for all other values the classes that these may have."""
 
 from __future__ import annotations
 
@@ -52,23 +53,23 @@ from umo.text import cut_repr
 SHOWING = ("__str__", "__repr__", "__format__")
 """Methods that show an object in a text."""
 OF_UMO = (Atomic.__repr__, Compound.__repr__, Vector.__repr__)
-"""The methods of umo's own objects."""
+"""The methods of umo's objects that have no effect."""
 MAKERS = (str, repr, cut_repr)
-"""Functions that make a text of any value."""
+"""Functions that make a text from any value."""
 OF_NUMBERS = (number_text, setting_text, measure, span, duration, lasting)
 """Functions of umo that make a text from numbers and units."""
 METHODS = ("upper", "lower", "strip", "rstrip", "lstrip", "title", "capitalize", "removeprefix", "removesuffix",
            "replace")  # fmt: skip
-"""Methods of a text that return a text and whose arguments are texts."""
+"""Methods of a string that take and return strings."""
 REDUCING = {"max": float, "min": float, "sum": float, "any": bool, "all": bool, "argmax": int, "argmin": int}
-"""Methods of an array that is not empty, with the class of their result."""
+"""Methods of an array that is not empty, each with the class of its result."""
 PROPERTIES: Mapping[Any, tuple[type, ...]] = {
     Node._path: (str,),
     Cycle.fault: (str, NoneType),
     Procedure.state: (ProcedureState,),
     PackML.state: (PackMLState,),
 }
-"""Properties of umo without an effect, with the classes of their values."""
+"""Properties of umo without an effect, each with the classes of its values."""
 OF_ATOMIC: Mapping[str, tuple[type, ...]] = {
     "path": (str,),
     "units": (str,),
@@ -79,13 +80,13 @@ OF_ATOMIC: Mapping[str, tuple[type, ...]] = {
     "resolution": (float,),
 }
 FORMATS = {float: "fFeEgG%", int: "fFeEgG%dxob", bool: "d"}
-"""The types at the end of a number's format."""
+"""The letters for the type at the end of a number's format."""
 DEEPEST = 12
-"""Maximum depth of calls."""
+"""Maximum depth of nested calls."""
 
 
 class Unproved(Exception):
-    """A part of a text may have an effect or fail."""
+    """Raised if a part of a text may have an effect or fail."""
 
     def __init__(self, node: ast.AST, source: SourcedFunction, why: str) -> None:
         super().__init__(why)
@@ -93,18 +94,18 @@ class Unproved(Exception):
 
 
 class ProofQueries(NamedTuple):
-    """The questions of a proof to the translation."""
+    """The queries of a proof to the translation."""
 
     field: Callable[[Any, str], CType | None]
-    """Returns the type of an attribute that is a number or a state, or None."""
+    """Function that returns the type of an attribute that is a number or a state, or None."""
     take: Callable[[Any, str, tuple[str, int]], None]
-    """Records that an attribute of a live object is taken as known."""
+    """Function that records that an attribute of a live object is taken as known."""
     term: Callable[[str], Term | None]
-    """Returns the term of a local name of the enclosing function, or None."""
+    """Function that returns the term of a local name of the enclosing function, or None."""
 
 
 class TextProof:
-    """The proof for expressions of one function, whose names are of these kinds."""
+    """The proof for expressions of one function whose names have these kinds."""
 
     def __init__(self, source: SourcedFunction, names: Mapping[str, Kind], ways: ProofQueries, depth: int = 0) -> None:
         self._source, self._names, self._ways, self._depth = source, dict(names), ways, depth
@@ -117,7 +118,7 @@ class TextProof:
     # Expressions ---------------------------------------------------------------------------------------
 
     def of(self, node: ast.AST) -> Kind:
-        """Return the kind of an expression."""
+        """Return the kind of an expression after proving that evaluating it has no effect and cannot fail."""
         found = EXPRESSIONS.get(type(node))
         if found is None:
             raise self.unproved(node)
@@ -127,12 +128,12 @@ class TextProof:
         return kind
 
     def shown(self, node: ast.AST) -> ClassKind:
-        """Prove that a text may show this."""
+        """Prove that a text may show this value."""
         self._show(self.of(node), node)
         return TEXT
 
     def text(self, node: ast.AST) -> ClassKind:
-        """Prove that this is a text."""
+        """Prove that this value is a string."""
         kind = self.of(node)
         if kind != TEXT and not (isinstance(kind, LiveKind) and type(kind.value) is str):
             raise self.unproved(node, "it is not always a text")
@@ -336,7 +337,7 @@ class TextProof:
         return kind
 
     def asked(self, node: ast.AST) -> ClassKind:
-        """Prove that the truth of this can be evaluated."""
+        """Prove that the truth of this expression can be evaluated."""
         kind = self.of(node)
         if isinstance(kind, TupleKind):
             return some(bool)
@@ -684,7 +685,7 @@ class TextProof:
     # Functions -------------------------------------------------------------------------------------------
 
     def function(self) -> Kind:
-        """Return the kind of the result of the function. Its statements may only compute."""
+        """Return the kind of the result of the function. The statements of the function may only compute."""
         assert isinstance(self._source.tree, ast.FunctionDef)
         found: list[Kind] = []
         if self._body(self._source.tree.body, found):

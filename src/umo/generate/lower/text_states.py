@@ -1,5 +1,5 @@
-"""Texts as states: an attribute that is only assigned texts written in the code, and only compared, is a number among
-all texts of the machine."""
+"""Strings as states: an attribute to which only strings written in the code are assigned, and which is only compared,
+becomes a number: an index among all strings of the machine."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from umo.generate.value_kinds import MOST_STATES
 
 
 def is_text_state(term: Term) -> bool:
-    """True if the text is chosen at run time."""
+    """True if a term is a string that is chosen at run time."""
     return isinstance(term, Code) and isinstance(term.type, TextType)
 
 
 def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
-    """Return a text written in the code, or one of several; None for other terms and for texts made at run time."""
+    """Return a term as a string written in the code, or as one of several such strings. Return None for other terms,
+    and for texts that are made at run time."""
     if isinstance(term, Code):
         return term if isinstance(term.type, TextType) else None
     if not (isinstance(term, Known) and type(term.value) is str):
@@ -30,7 +31,7 @@ def as_text(f: FunctionBuilder, term: Term, node: ast.AST) -> Code | None:
 
 
 def compared_texts(f: FunctionBuilder, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
-    """Return whether two texts are equal, at least one of which is chosen at run time."""
+    """Return the condition that two strings are equal. At least one of them is chosen at run time."""
     one, other = as_text(f, left, node), as_text(f, right, node)
     if one is None or other is None or not isinstance(sign, ast.Eq | ast.NotEq):
         raise f.refused(node, "a text is compared with something other than a text, or by order", "==, with a text")
@@ -40,6 +41,6 @@ def compared_texts(f: FunctionBuilder, sign: ast.cmpop, left: Term, right: Term,
 
 
 def truth_of_text(f: FunctionBuilder, code: Code) -> Value:
-    """Return the truth of a text: False for the empty one."""
+    """Return the truth of a string: False for the empty string."""
     empty = f.world.memory.text_type("").kind.index("")
     return Operator("!=", code.value, Literal(empty, INT))

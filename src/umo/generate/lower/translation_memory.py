@@ -1,4 +1,5 @@
-"""The facts on types that are learnt while code is translated, and the translations that a new fact makes invalid."""
+"""The facts about types that are learnt while code is translated, and the translations that a new fact makes
+invalid."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ T = TypeVar("T")
 
 
 class Learner:
-    """One lowering of a condition or a step, which looks facts up."""
+    """One lowering of a condition or a step. It looks facts up."""
 
     def __init__(self) -> None:
         self.is_stale = False
@@ -45,14 +46,14 @@ class Learner:
 
 @dataclass
 class CurrentLearner:
-    """The current lowering."""
+    """Holds the current lowering."""
 
     learner: Learner = field(default_factory=Learner)
 
 
 class Facts(Generic[K, V]):
-    """The facts on one subject, by key. A lowering that has looked up a fact is invalid once the fact changes. A fact
-    that nobody has looked up before it was learnt makes nothing invalid."""
+    """The facts about one subject, by key. A lowering that has looked up a fact is invalid once the fact changes. A
+    fact that was not looked up before it was learnt makes nothing invalid."""
 
     def __init__(self, current: CurrentLearner) -> None:
         self._current = current
@@ -61,7 +62,7 @@ class Facts(Generic[K, V]):
         """The lookups of each key: the question, the answer, and the lowering that asked."""
 
     def look(self, key: K, ask: Callable[[V | None], T]) -> T:
-        """Return a fact on a value. The value itself may change as long as the fact does not."""
+        """Return a fact about a value. The lowering stays valid if the value changes and the fact does not."""
         answer = ask(self._values.get(key))
         self._looks.setdefault(key, []).append((ask, answer, self._current.learner))
         return answer
@@ -73,7 +74,7 @@ class Facts(Generic[K, V]):
         return self.get(key) is not None
 
     def before(self, key: K) -> V | None:
-        """Return the fact so far, to be combined with a new one. This does not count as looking it up."""
+        """Return the fact so far, so that it can be combined with a new one. This does not count as looking it up."""
         return self._values.get(key)
 
     def put(self, key: K, value: V) -> None:
@@ -131,7 +132,7 @@ class TranslationMemory:
         """Fields that are assigned another array."""
 
     def record_name(self, kind: type, members: Any) -> str:
-        """Return the name in C of a NamedTuple. No other NamedTuple or type has it."""
+        """Return the name in C of a NamedTuple. No other NamedTuple or type has this name."""
         key = kind, members
         if key not in self.records:
             name = f"machine_{kind.__name__}"
@@ -141,7 +142,7 @@ class TranslationMemory:
         return self.records[key]
 
     def place_known(self, value: Any) -> None:
-        """Note that the numbers of a list or an array are taken as known when the code is generated: nothing changes
+        """Note that the numbers of a list or an array are taken as known when the code is generated. No code changes
         them."""
         self.place_arrays(("known", id(value)), value)
 
@@ -154,7 +155,8 @@ class TranslationMemory:
                 self.place_arrays((place, number), each)
 
     def place_array(self, place: Hashable, value: Any) -> None:
-        """Note that a field has this array or list. If it is found at another place too, it has several names."""
+        """Note that a field has this array or list. If the same array or list is found in another place too, it has
+        several names."""
         if (place, id(value)) in self.arrays:
             return
         for (each, _), one in self.arrays.items():
@@ -173,30 +175,30 @@ class TranslationMemory:
         self.texts.add((id(owner), name))
 
     def shown_text(self, owner: object, name: str) -> UnknownText:
-        """Return the text of a field that is only shown, as far as is known."""
+        """Return the text of a field that is only shown, as far as it is known."""
         key = id(owner), name
         return self.told.setdefault(key, UnknownText.of(key))
 
     def ask_text(self, text: UnknownText) -> None:
-        """Note that code decides by this text."""
+        """Note that the result of a decision in the code depends on this text."""
         if text.field is not None:
             self.asked.add(text.field)
 
     def take_text(self, owner: object, name: str, text: UnknownText) -> None:
-        """Note that a field is assigned a text that is not a state so far. Then the field is not one either, unless the
-        text becomes one."""
+        """Note that a text that is not yet a state is assigned to a field. The field is then not a state either, unless
+        the text becomes one."""
         if text.field is None or text.field in self.made:
             self.made.add((id(owner), name))
         elif (id(owner), name) in self.asked:
             self.ask_text(text)
 
     def is_text_state(self, owner: object, name: str) -> bool:
-        """True if a field is one of several texts written in the code, and is read."""
+        """True if a field is one of several strings written in the code, and is read."""
         is_one = (id(owner), name) in self.asked and (id(owner), name) not in self.made
         return is_one and type(getattr(owner, name, None)) is str
 
     def text_type(self, *texts: str) -> TextType:
-        """Return the type of a text that is one of these or of the other texts of the machine."""
+        """Return the type of a string that is one of these, or one of the other strings of the machine."""
         self.words.put(None, tuple(dict.fromkeys((*(self.words.before(None) or ()), *texts))))
         return TextType("uint8_t", self.words.get(None) or ())
 
@@ -204,7 +206,7 @@ class TranslationMemory:
         self.shared.add(place)
 
     def learn(self, where: Facts[Any, CType], key: Any, new: CType, refuse: Callable[[], None]) -> CType:
-        """Return the type after this type was added; `refuse` is called if no type holds both."""
+        """Return the type after this type was added. `refuse` is called if no type can hold values of both."""
         before = where.before(key)
         try:
             where.put(key, new if before is None else joined(before, new))

@@ -1,4 +1,4 @@
-"""Powers of integers with a known exponent: products that are each checked."""
+"""Powers of integers with a known exponent. They are computed as products, each of which is checked."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def is_whole_power(sign: ast.AST, base: Code, power: Term) -> bool:
 
 
 def whole_power(f: FunctionBuilder, base: Code, power: int, node: ast.AST) -> Code:
-    """Return the power. Raises ControllerLimit beyond 32 bits; no intermediate product exceeds the power."""
+    """Return the power. Raises ControllerLimit if it exceeds 32 bits. No intermediate product exceeds the power."""
     if not power:
         return Code(INT, ONE)
     number = f.values.kept(Code(INT, f.values.as_type(base, INT, node)))

@@ -1,1 +1,1 @@
-"""Parts of a machine that run on controllers: the link between host and controller, and the part as the host has it."""
+"""Parts of a machine that run on controllers: the link between host and controller, and the host's copy of the part."""

@@ -1,4 +1,4 @@
-"""The driver, on the host, of a controller that runs a part of the machine."""
+"""The driver for a controller that runs a part of the machine. The driver itself runs on the host."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ class Controller(Driver[Channel], Looks, Capability):
         [wire]
         "theta" = { controller = "drive" }
 
-    Channels: any text; it names a circuit of the board. The objects of the part are on this driver without a line of
-    their own; a line may change their scales.
+    A channel is any string, and names a circuit of the board. The objects of the part are on this driver without a
+    separate line in the wiring. A line may change the scale of an object.
 
     Options:
-        host: where the controller is reached over TCP. Default: 127.0.0.1.
-        port: its TCP port. Default: 5327.
+        host: the address of the controller for TCP. Default: 127.0.0.1.
+        port: the TCP port of the controller. Default: 5327.
         serial: the device file of a serial line, in place of host and port.
-        baudrate: of the serial line, in bit/s. Default: 115200.
-        real: the numbers of the controller: "double" or "float".
-        cycle: the controller's own period. Default: that of the part: the machine's, or `every` of its class.
-        host_timeout: when the host was silent for this time, the controller brakes its axes to standstill, and brings
-            its outputs to their defaults; at once where no axis moves.
-        braking_timeout: the braking may take this time, then every output goes to its default. 0: no braking.
+        baudrate: the speed of the serial line in bit/s. Default: 115200.
+        real: the type of the numbers on the controller: "double" or "float".
+        cycle: the period of the controller. Default: that of the part, which is the machine's, or `every` of its class.
+        host_timeout: the time without the host after which the controller brakes its axes to standstill, and then
+            brings its outputs to their defaults. If no axis moves, it does so immediately.
+        braking_timeout: the longest time for braking, after which every output goes to its default. 0: no braking.
     """
 
     forms = ("any text",)
@@ -97,13 +97,13 @@ class Controller(Driver[Channel], Looks, Capability):
         return Channel(text, Direction.BOTH, 32, signed=True)
 
     def devices(self) -> Sequence[str]:
-        """The host's addresses and port, or the device file."""
+        """Return the host's addresses and port, or the device file."""
         return self.place.devices()
 
     # The part ----------------------------------------------------------------------------------------------
 
     def cycle_for(self, part: Compound, wired: Wired) -> float:
-        """The controller's own period in s: by default the period of the part."""
+        """Return the period of the controller in s; by default it is the period of the part."""
         return self._cycle or (wired.period or 0.0) * wired.rates.every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
@@ -118,8 +118,8 @@ class Controller(Driver[Channel], Looks, Capability):
         return plan
 
     def attach(self, machine: ConnectedMachine) -> None:
-        """Keep the attributes of the part equal to those of the controller from now on. The host does not call its
-        laws, whose period is the controller's."""
+        """Keep the attributes of the part equal to those of the controller from now on. The host does not call the laws
+        of the part, because they run on the controller."""
         part = self._part
         assert self._plan is not None and part is not None
         machine.acting_laws.leave_out(part)
@@ -130,14 +130,14 @@ class Controller(Driver[Channel], Looks, Capability):
         self._ends = self._rested = False
 
     def end(self) -> None:
-        """Prepare for the end of the machine, at which the first reset stops the controller."""
+        """Prepare for the end of the machine. The first reset after that stops the controller."""
         self._ends = True
 
     # The driver --------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Connect, and check that the controller has this part. A process that only resets, such as a guardian, has no
-        part, and connects when it resets."""
+        """Connect, and check that the controller has this part. A process that only resets, such as a guardian, does
+        not know the part, and connects only when it resets."""
         if not self._prepared:
             raise DriverError(f"a serial line needs pyserial: {how_to_install('text')}")
         self._rested = False

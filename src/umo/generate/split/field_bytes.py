@@ -1,5 +1,5 @@
-"""The fields of a part as bytes of the link: the numbers of each field, one after the other, as in the memory of the
-controller."""
+"""Converts the fields of a part to bytes on the link. The numbers of each field follow one another as in the memory of
+the controller."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ZEROS = {"?": False}
 
 
 class FieldBytes:
-    """One field of a live object: its bytes, its numbers in C, and the attribute that it stands for."""
+    """One field of a live object: its bytes, its numbers in C, and the attribute for which it stands."""
 
     def __init__(self, live: LiveStruct, name: str, of: CType, changes: bool, real: str) -> None:
         self.owner, self.name, self.type = live.owner, name, of
@@ -34,7 +34,7 @@ class FieldBytes:
         self.size = self._bytes.size
 
     def members(self) -> list[str]:
-        """The numbers in C, as members of the machine's struct."""
+        """Return the numbers in C, as members of the machine's struct."""
         return [f"{self.place}{member}" for member, _ in self._numbers(self.type, "")]
 
     def live(self) -> bytes:

@@ -1,6 +1,6 @@
-"""The bodies of the link's frames: those that a host sends, and those of the controller's answers.
+"""The bodies of the frames on the link: those of the host's requests, and those of the controller's answers.
 
-docs/split-protocol.md describes them; numbers begin with the least significant byte."""
+docs/split-protocol.md describes them. Numbers begin with the least significant byte."""
 
 from __future__ import annotations
 
@@ -53,15 +53,15 @@ HEAD, ITEM, STATE = Struct("<BHH"), Struct("<BH"), Struct("<BHHBhhIHBB")
 
 
 REFUSALS = {1: "it has another host", 2: "this process and the controller's program belong to different users"}
-"""Reasons why a controller closes the line to a host at once."""
+"""Reasons why a controller closes the line to a host immediately."""
 
 
 class HostRefused(DriverError):
-    """The controller has another host, or this one may not be it."""
+    """Raised if the controller has another host, or does not accept this computer as its host."""
 
 
 def check_refused(body: bytes, name: str) -> None:
-    """Raise HostRefused if this is the refusal of a controller of this name."""
+    """Raise HostRefused if this body is a refusal. The error names the controller."""
     if len(body) == 2 and body[0] == FrameKind.REFUSED:
         raise HostRefused(f"the controller {name} refuses: {REFUSALS.get(body[1], f'reason {body[1]}')}")
 
@@ -87,11 +87,11 @@ class ControllerState(NamedTuple):
     fault: int
     fault_object: int
     number: int
-    """The number of its periods since the start, modulo 2**32."""
+    """The number of the controller's periods since the start, modulo 2**32."""
     asks: int
-    """The number of the request to the host to plan a motion, or 0 for none."""
+    """The number of the request by which the controller asks the host to plan a motion, or 0 if there is none."""
     call: int
-    """The index into `Translation.host_calls`."""
+    """The index of the requested call in `Translation.host_calls`."""
     numbers: Sequence[float]
     raws_in: Sequence[int]
     failed: Sequence[bool]
@@ -99,9 +99,9 @@ class ControllerState(NamedTuple):
     raws_out: Sequence[int]
     inhibited: Sequence[bool]
     equipment: Sequence[int]
-    """The fault of each part that fails alone, or 0 if there is none."""
+    """The number of the fault of each equipment, or 0 if it has none."""
     fields: bytes
-    """The fields that the controller changes, one after the other."""
+    """The bytes of the fields that the controller changes, one after the other."""
 
 
 def hello(nonce: int) -> bytes:
@@ -122,7 +122,7 @@ def item(kind: FrameItem, number: int, data: bytes = b"") -> bytes:
 def request(
     kind: FrameKind, session: int, number: int, inhibited: Iterable[bool], items: Iterable[bytes] = ()
 ) -> bytes:
-    """A START, an EXCHANGE or a STOP. STOP has neither bits nor items."""
+    """Return the body of a START, an EXCHANGE or a STOP. A STOP has neither bits nor items."""
     if kind is FrameKind.STOP:
         return HEAD.pack(kind, session, number & 0xFFFF)
     bits = list(inhibited)

@@ -1,5 +1,5 @@
-"""Frames of the link between host and controller: a body with its CRC-32, encoded without zeros (COBS), between two
-zeros. `umo_frames.c` has the same in C; docs/split-protocol.md describes it.
+"""Frames of the link between host and controller. A frame is a body with its CRC-32, encoded without zeros (COBS),
+between two zeros. `umo_frames.c` has the same code in C; docs/split-protocol.md describes the frames.
 """
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from __future__ import annotations
 from zlib import crc32
 
 CRC_BYTES = 4
-"""Bytes of the CRC-32 of a body, which follow it, the least first."""
+"""Number of bytes of the CRC-32, which follows a body with the least significant byte first."""
 _LONGEST_RUN = 254
 """Largest number of bytes other than zero that one code of COBS stands for."""
 
@@ -18,7 +18,8 @@ def framed(body: bytes) -> bytes:
 
 
 def without_zeros(data: bytes) -> bytes:
-    """Consistent overhead byte stuffing (Cheshire and Baker, 1999): each zero becomes the distance to the next one."""
+    """Encode by consistent overhead byte stuffing (Cheshire and Baker, 1999): each zero becomes the distance to the
+    next one."""
     out, runs = bytearray(), data.split(b"\0")
     for number, run in enumerate(runs):
         while len(run) > _LONGEST_RUN or (len(run) == _LONGEST_RUN and number < len(runs) - 1):
@@ -29,7 +30,7 @@ def without_zeros(data: bytes) -> bytes:
 
 
 def with_zeros(data: bytes) -> bytes | None:
-    """Return the decoded bytes; None if the distances do not fit."""
+    """Return the decoded bytes, or None if the distances do not fit."""
     out, at = bytearray(), 0
     while at < len(data):
         end = at + data[at]
@@ -54,7 +55,7 @@ class FrameReader:
         """Number of frames that were incomplete, or whose CRC-32 was wrong."""
 
     def take(self, data: bytes) -> list[bytes]:
-        """The bodies of the frames that end in these bytes."""
+        """Take bytes from the line, and return the bodies of the frames that end in them."""
         *ends, rest = data.split(b"\0")
         found = []
         for each in ends:

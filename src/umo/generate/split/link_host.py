@@ -1,4 +1,4 @@
-"""The host's end of the link: greets the controller, sends one request at a time, takes its answers."""
+"""The host's end of the link. It greets the controller, sends one request at a time, and takes the answers."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ PAUSE = 0.001
 
 
 class WrongController(DriverError):
-    """The controller at the other end does not have this part, or not this version of it."""
+    """Raised if the controller at the other end does not have this part, or has another version of it."""
 
 
 class LinkHost:
-    """One link. `state` is the last answer of the session."""
+    """One link. `state` is the controller's last answer in the session."""
 
     def __init__(self, dial: Dial, plan: PartPlan, name: str) -> None:
         self._dial, self._plan, self._name, self._now = dial, plan, name, calls.now
@@ -75,7 +75,7 @@ class LinkHost:
     # Greeting --------------------------------------------------------------------------------------------
 
     def greet(self, deadline: float) -> None:
-        """Connect, and send a greeting until it is answered. Raises DeviceTimeout, DriverError or WrongController."""
+        """Connect, and send greetings until one is answered. Raises DeviceTimeout, DriverError or WrongController."""
         self.close()
         try:
             self._stream = self._dial(deadline)
@@ -95,7 +95,7 @@ class LinkHost:
                     raise
 
     def look(self) -> bool | None:
-        """Do the same, one step per call: None while the result is not known."""
+        """Do the same as `greet`, but one step per call. Return None while the result is not known."""
         try:
             if self._stream is None:
                 self._stream = next(self._dial.without_waiting(self._now()), None)
@@ -140,7 +140,7 @@ class LinkHost:
 
     @property
     def may_send(self) -> bool:
-        """True if the last request was answered, or is given up because its answer is late."""
+        """True if the last request was answered, or was given up because its answer is late."""
         return not self._unsent and (not self.awaited or self._now() - self._sent[self._number] >= self._patience)
 
     @property
@@ -165,12 +165,13 @@ class LinkHost:
             self._lost(error, "no answer")
 
     def start(self, inhibited: Sequence[bool], items: Sequence[bytes], deadline: float) -> ControllerState:
-        """Begin the session that is offered. DeviceTimeout if the controller does not answer before the deadline."""
+        """Begin the session that is offered. Raises DeviceTimeout if the controller does not answer before the
+        deadline."""
         return self._in_a_session(FrameKind.START, inhibited, items, deadline)
 
     def stop(self, deadline: float) -> ControllerState:
-        """Stop the session, or the one that is offered. DeviceTimeout if the controller does not answer before the
-        deadline."""
+        """Stop the session, or the session that is offered. Raises DeviceTimeout if the controller does not answer
+        before the deadline."""
         return self._in_a_session(FrameKind.STOP, (), (), deadline)
 
     def _in_a_session(
@@ -220,7 +221,7 @@ class LinkHost:
 
     @property
     def age(self) -> float:
-        """The largest possible age in s of the data in the last answer, which is the time since its request."""
+        """The largest possible age in s of the data in the last answer: the time since its request."""
         return self._now() - self._asked
 
     def _take(self, data: bytes) -> None:

@@ -1,5 +1,5 @@
-"""Stopping a controller from a process that does not know its part, such as a guardian. STOP needs only the session
-that the answer to a greeting offers."""
+"""Stops a controller from a process that does not know the controller's part, such as a guardian. STOP needs only the
+session that the answer to a greeting offers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from umo.generate.split.link_frames import FrameReader, framed
 from umo.system import calls
 
 LONGEST = 1 << 16
-"""Largest number of bytes of a body that is read, since the part is not known."""
+"""Largest number of bytes of a body that is read. The true length depends on the part, which is not known."""
 
 
 def stop_controller(dial: Dial, name: str, deadline: float, retry: float) -> None:
     """Bring the outputs of a controller to their defaults, for any part, even if another host has started it. Each
-    frame is sent again after `retry` s. Raises DeviceTimeout or DriverError. Raises HostRefused if it has another host
-    for all that time."""
+    frame is sent again after `retry` s. Raises DeviceTimeout or DriverError. Raises HostRefused if the controller has
+    another host all that time."""
     stream: Stream | None = None
     try:
         while True:

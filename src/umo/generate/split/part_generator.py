@@ -1,4 +1,4 @@
-"""The files of a controller that runs a part of a machine (`umo new controller --controller`)."""
+"""Generates the files of a controller that runs a part of a machine (`umo new controller --controller`)."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ output goes to its default, and nothing runs until the host starts it again.
 def part_files(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, name: str, target: ControllerTarget
 ) -> dict[str, str]:
-    """The files by name, for the controller of this name in the wiring. NotTranslated lists all obstacles. No device is
-    opened."""
+    """Return the files by name, for the controller of this name in the wiring. Raises NotTranslated, which lists all
+    obstacles. No device is opened."""
     wired = resolve(root, wiring)
     path = next((each for each, driver in wired.controllers.items() if driver == name), None)
     if path is None:

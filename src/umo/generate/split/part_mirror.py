@@ -1,4 +1,4 @@
-"""A part on the host, kept equal to its controller: attributes, values of actuators, references."""
+"""Keeps a part on the host equal to the part on its controller: attributes, values of actuators, references."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from umo.objects import Compound, Quality, walk
 
 
 class PartMirror:
-    """The values that the controller is known to have, and those that the host has changed since."""
+    """The values that the controller is known to have, and the values that the host has changed since."""
 
     def __init__(self, plan: PartPlan, machine: ConnectedMachine, part: Compound) -> None:
         self._plan, self._machine, self._image = plan, machine, machine.image
@@ -39,16 +39,16 @@ class PartMirror:
         self._given: list[tuple[Any, int, bytes]] = []
         """Values that were sent and not confirmed: the field, its number, and its bytes."""
         self._items: list[bytes] = []
-        """The items that said so, and the number of the frame that had them first."""
+        """The items with these values, and the number of the first frame that had them."""
         self._first = 0
         self._inhibited = [False] * len(self._outputs)
         self._faults = [0] * len(self._equipment)
         self._asked = set[FrameItem]()
-        """CLEAR and ACKNOWLEDGE, if they are to be sent."""
+        """CLEAR and ACKNOWLEDGE, if they must be sent."""
         self._sent = set[FrameItem]()
-        """The items of these in the last frame."""
+        """The items for CLEAR and ACKNOWLEDGE in the last frame."""
         self._planned = 0
-        """The number of what was planned last."""
+        """The number of the last request that was planned."""
 
     # To the controller -----------------------------------------------------------------------------------
 
@@ -60,9 +60,9 @@ class PartMirror:
         return [self._machine.claims.inhibited(slot) is not None for slot in self._outputs]
 
     def changes(self, inhibited: list[bool], frame: int, *, all_of_it: bool = False) -> list[bytes]:
-        """Return the items of the frame with this number, which make the controller's values equal to the host's; at
+        """Return the items of the frame with this number. They make the controller's values equal to the host's, but at
         the start the values of actuators are those of the controller. While a frame is not answered, its items are sent
-        again as items of that frame, because it may have been accepted and only the answer lost."""
+        again as items of that frame, because the frame may have been accepted, and only its answer lost."""
         if self._items:
             return [item(FrameItem.GIVEN, self._first), *self._items]
         found = []
@@ -133,15 +133,15 @@ class PartMirror:
                 self._pending[place] = self._real.pack(value)
 
     def plan(self, state: ControllerState) -> None:
-        """Plan the motion that the controller has requested, once. The attributes that this changes go with the next
-        frame."""
+        """Plan the motion that the controller has requested, once. The attributes that the plan changes are sent with
+        the next frame."""
         if state.asks and state.asks != self._planned:
             self._planned = state.asks
             owner, name = self._calls[state.call]
             getattr(owner, name)(*state.numbers)
 
     def new_faults(self, state: ControllerState) -> Iterator[tuple[Compound, int]]:
-        """Return the equipment that has entered a fault on the controller, and the number of its fault."""
+        """Return the equipment that has entered a fault on the controller, each with the number of its fault."""
         for number, fault in enumerate(state.equipment):
             if fault and not self._faults[number]:
                 yield self._equipment[number], fault

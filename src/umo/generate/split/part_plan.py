@@ -33,9 +33,9 @@ from umo.wiring.rates import NO_RATES
 from umo.wiring.wired import ProcessSettings, Wired
 
 LONGEST_HEAD = 64
-"""Largest number of bytes of a frame, without those that depend on the part."""
+"""Largest number of bytes of a frame, not counting those that depend on the part."""
 MOST_BYTES = 2**16 - 1 - CRC_BYTES
-"""Largest number of bytes of a body: because a controller counts them in 16 bits."""
+"""Largest number of bytes of a body, because a controller counts them in 16 bits."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class PartPlan:
 
     @property
     def longest(self) -> int:
-        """Bytes of the longest body of a frame, which contains everything, so that related data are accepted at
-        once."""
+        """Number of bytes of the longest body of a frame. It contains all data, so that related data are accepted
+        together."""
         inputs, outputs = self.model.inputs, len(self.model.outputs)
         items = sum(3 + each.size for each in self.fields)
         items += outputs * (3 + self.real_size) + inputs * (4 + self.real_size) + 3 * (len(self.model.equipment) + 2)
@@ -82,8 +82,8 @@ class PartPlan:
         return {each.number: each for each in faults_of(self.translation)}
 
     def fault_text(self, number: int, slot: int = -1) -> str:
-        """Return the meaning of a fault of the controller. `slot`: the slot of the object that has failed; below 0 if
-        none has."""
+        """Return the meaning of a fault of the controller. `slot`: the slot of the object that has failed. It is below
+        0 if no object has failed."""
         fault = self.faults.get(number)
         if fault is None:
             return "the controller's watchdog has ended its last run" if number < 0 else f"fault {number}"
@@ -93,8 +93,8 @@ class PartPlan:
 
     @cached_property
     def hash(self) -> int:
-        """Return the hash of all data on which both ends must agree. The initial values of fields are not included: the
-        host sends them."""
+        """The hash of all data on which both ends must agree. The initial values of fields are not included, because
+        the host sends them."""
         any_target = replace(self.target, name="any", exact_libm=False)
         without_init = replace(self.translation, init="")
         code = [header_of(self.model, self.translation, any_target), source_of(self.model, without_init, any_target)]
@@ -119,7 +119,7 @@ class PartPlan:
         )
 
     def files(self) -> dict[str, str]:
-        """Return the files of the controller that are not files of its machine."""
+        """Return the files of the controller in addition to the files of its machine."""
         header = (
             f"/* machine_link.h: what host and controller agree on of {self.path}. Made by umo new controller. */\n"
             '#ifndef MACHINE_LINK_H\n#define MACHINE_LINK_H\n\n#include "machine.h"\n\n'
@@ -141,8 +141,8 @@ class PartPlan:
 
 @contextmanager
 def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -> Iterator[ControllerModel]:
-    """The model of a part alone, on this controller with this period; its calibrations are set to those of the wiring.
-    The machine is not connected."""
+    """Return the model of a part alone, on this controller with this period. The calibrations of the part are set to
+    those of the wiring. The machine is not connected."""
     wires = [each for each in wired.wires if bare(each.driver) is driver or each.item is wired.timer]
     alone = replace(wired, wires=wires, period=period, rates=NO_RATES, process=ProcessSettings())
     image = Image(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
@@ -177,7 +177,7 @@ def plan_of(
     host_timeout: float,
     braking_timeout: float,
 ) -> PartPlan:
-    """Return the plan of a part. NotTranslated with all obstacles."""
+    """Return the plan of a part. Raises NotTranslated with all obstacles."""
     with part_laid_out(part, wired, driver, period) as model:
         translation = translate(part, model.conditions, model.steps, target)
         translation.problems += settings_of(translation.known, root_of(part))
@@ -200,10 +200,10 @@ def plan_of(
 
 
 def share_of(count: int) -> int:
-    """Number of bytes for this number of bits, as LINK_BITS."""
+    """Return the number of bytes for this number of bits, like LINK_BITS in C."""
     return count // 8 + 1
 
 
 def bits_of(count: int) -> int:
-    """Number of bytes for this number of bits in an answer."""
+    """Return the number of bytes for this number of bits in an answer."""
     return ceil(count / 8)

@@ -1,4 +1,5 @@
-"""Replay of a recorded run: the control code of today on the recorded inputs, compared to the bit."""
+"""Replays a recorded run: the control code of today acts on the recorded inputs, and its outputs are compared with the
+recorded ones bit by bit."""
 
 from umo.recording.replay.result import Difference, Replayed
 from umo.recording.replay.tape import NotReplayable, Tape

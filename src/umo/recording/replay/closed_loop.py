@@ -1,5 +1,5 @@
-"""Shrinking a run in closed loop: the fewest faults, options and commands with which a station and its plant still give
-the same error.
+"""Shrinks a run in closed loop: it finds the fewest faults, options and commands with which a station and its plant
+still give the same error.
 
 For each trial the station runs again with its plant, in virtual time, in a separate process. Clients always give signs
 of life.
@@ -31,11 +31,12 @@ from umo.recording.replay.tape import NotReplayable, Tape, events_of
 from umo.system.processes import Child
 
 MORE = 1.25
-"""Factor of the recorded duration after which a trial ends, because the error may come later."""
+"""Multiple of the recorded duration after which a trial ends. It is greater than 1 because the error may come later
+than in the recording."""
 CHILD_TIMEOUT = 120.0
 """Longest wall-clock time in s of a trial."""
 MAX_LEVELS = 50
-"""Largest depth of nested lists and tables in a command, which becomes Python code in a written test."""
+"""Largest depth of nested lists and tables in a command. The command becomes Python code in a generated test."""
 FAULT = "fault"
 """The option that injects faults."""
 
@@ -51,11 +52,11 @@ class Trial:
     commands: Sequence[tuple[int, Mapping[str, Any]]] = ()
     """Commands of clients, each with the number of the tick at which it is taken."""
     fixed: Mapping[str, Any] = field(default_factory=dict)
-    """Facts that are not left out: `seed`, `fault_seed`, `kept`, `alarms`, `manual`, `until` in s."""
+    """Facts that are never left out: `seed`, `fault_seed`, `kept`, `alarms`, `manual`, `until` in s."""
 
     def ending(self) -> ReplayedError | None:
-        """Return the error that ends the trial, or None if there is none. It runs in a separate process; a trial that
-        does not reach its end has no error."""
+        """Return the error that ends the trial, or None if there is none. The trial runs in a separate process. A trial
+        that does not reach its end has no error."""
         ready, told = os.pipe()
         child = os.fork()
         if child == 0:
@@ -83,7 +84,7 @@ class Trial:
             return text_of(error)
 
     def run(self) -> list[str] | None:
-        """Run the trial in this process, and return class, place and text of the error."""
+        """Run the trial in this process, and return the class, place and text of the error."""
         fixed = self.fixed
         options = dict(self.options) | ({FAULT: list(self.faults)} if self.faults else {})
         if self.faults and fixed.get("fault_seed") is not None:
@@ -120,7 +121,7 @@ class Trial:
 
 
 def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
-    """Return the run of a recording as a trial, with the code `given`. Raises NotReplayable if that is not a station,
+    """Return the run of a recording as a trial of the code `given`. Raises NotReplayable if the code is not a station,
     or if the recorded wiring has drivers that no wiring of the station has."""
     job, about = tape.job, tape.layout.about
     made = job_of(job, given, runs=True)

@@ -1,5 +1,5 @@
-"""The code of a replay. A recording is only data. It names its station, but only a station that ships with umo or is
-installed is found by that name. Any other code must be named on the command line, or by the caller."""
+"""Finds the code for a replay. A recording is only data. It names its station, but by that name only a station that
+ships with umo or is installed is found. Any other code must be named on the command line, or by the caller."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class CodeGiven:
     """The code named on the command line."""
 
     station: str | None = None
-    """A station by folder or name, or functions as `FILE.py:MACHINE:APPLICATION` (or `MODULE:...`; without an
-    application `control` is run). None means the station that ships or is installed under the recorded name."""
+    """A station by folder or name, or functions as `FILE.py:MACHINE:APPLICATION` (or `MODULE:...`). Without an
+    application `control` is run. None means the station that ships with umo or is installed under the recorded name."""
     wiring: str | None = None
-    """A wiring of the station by name, or a file; None means the recorded one, as data."""
+    """A wiring of the station by name, or a file. None means the recorded wiring, as data."""
 
     @property
     def is_program(self) -> bool:
@@ -39,13 +39,14 @@ class CodeGiven:
 
 
 NOTHING_GIVEN = CodeGiven()
-"""The station that ships or is installed under the recorded name, with the recorded wiring."""
+"""The code if the command line names none: the station that ships with umo or is installed under the recorded name,
+with the recorded wiring."""
 
 
 def job_of(recorded: Mapping[str, Any], given: CodeGiven, *, runs: bool = False) -> Job:
-    """Return the recorded job with the given code. `runs`: its drivers are run, in closed loop. Raises NotReplayable if
-    no code is given and the recorded station neither ships with umo nor is installed, or if the recording names other
-    code or files."""
+    """Return the recorded job with the given code. `runs`: True if its drivers are run, in closed loop. Raises
+    NotReplayable if no code is given and the recorded station neither ships with umo nor is installed, or if the
+    recording names other code or files."""
     options = recorded.get("options")
     job = Job(options=dict(options.get("given", {})) if isinstance(options, Mapping) else {}, path=[])
     job.options = {name: value for name, value in job.options.items() if name not in WIRING_OPTIONS}
@@ -117,7 +118,7 @@ def _wiring(job: Job, station: Station | None) -> Any:
 
 
 def other_code(recorded: Mapping[str, Any], place: Path) -> str:
-    """Return a remark if the files of the code differ from those of the recorded run, or "" if they are the same."""
+    """Return a remark if the files of the code differ from those of the recorded run, or "" if they do not."""
     others = other_files(recorded, place)
     if others is None:
         return "whether the code is that of the recorded run is not known: it has no hashes of its files"

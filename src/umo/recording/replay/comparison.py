@@ -1,4 +1,4 @@
-"""Comparing each period of a replay with the recorded one: its raw integers, and its journal."""
+"""Compares each period of a replay with the recorded period: the raw integers and the journal."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ WORDS = {
 
 
 class Comparison:
-    """An observer of a replayed run. It keeps the first difference, and counts."""
+    """An observer that compares a replayed run with its recording. It keeps the first difference, and counts the
+    comparisons."""
 
     def __init__(
         self, machine: ConnectedMachine, journal: Journal, player: Player, layout: Layout, result: Replayed
@@ -109,7 +110,8 @@ class Comparison:
             self.on_difference()
 
     def replayed_raws(self) -> Any:
-        """The raw integers of the replay, by recorded slots; a view, valid in this period."""
+        """Return the raw integers of the replay by recorded slots. The result is a view that is valid in this
+        period."""
         raws = self._raws if self._order is None else self._raws[self._order]
         if self._timer >= 0 and self._player.period is not None:  # a tick that ends the replay is in no frame
             raws = raws.copy()

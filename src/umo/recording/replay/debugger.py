@@ -1,7 +1,7 @@
-"""The debugger of a replay: it stops in the control code of a period, with the machine in its state of that time, and
-goes back and forth. It stops after the `sample` of a period: the sensors have the values of the period, and the control
-code is about to act. The prompt opens in the first line of the user's code that follows, in a sequence where one is
-waiting.
+"""The debugger of a replay. It stops in the control code of a period, with the machine in the state of that time, and
+goes back and forth. It stops after the `sample` of a period. The sensors then have the values of the period, and the
+control code is about to act. The prompt opens at the next line of the user's code. If a sequence waits, that line is in
+the sequence.
 """
 
 from __future__ import annotations
@@ -212,7 +212,7 @@ class DebuggedReplay:
 
     @property
     def around(self) -> CodeType:
-        """The file and function that call the program."""
+        """Return the file and the function that call the program."""
         return type(self)._drive.__code__
 
     def in_prompt(self, yes: bool) -> None:
@@ -226,13 +226,13 @@ class DebuggedReplay:
         self.to(str(max(self.replay.player.shown - count, 0)))
 
     def step(self, count: int = 1) -> None:
-        """Go a number of periods forward. OptionError at the end of the recording."""
+        """Go a number of periods forward. Raises OptionError at the end of the recording."""
         if self.replay.player.next is None:
             raise OptionError("the recording ends here")
         self._stop = Stop(period=self.replay.player.shown + max(count, 1))
 
     def to(self, place: str) -> None:
-        """Go to a time, a period, the first difference or the end. Raises OptionError for any other text."""
+        """Go to a time, a period, the first difference or the end. Raises OptionError for any other string."""
         stop, player = Stop.parse(place), self.replay.player
         if stop.difference and self._found is not None:
             stop = Stop(period=self._found.period)

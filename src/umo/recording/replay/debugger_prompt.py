@@ -24,7 +24,7 @@ step [N]      N periods on (1)        continue                              on t
 where         where the sequences stand; m and the names of its parts are known everywhere
 The rest is pdb's: p m.z.encoder.read(), b FILE:LINE, n, s (a line), w (the stack), q"""
 MAX_HISTORY = 500
-"""Number of lines of the history that are passed on to another period."""
+"""Number of lines of the command history that are passed on to another period."""
 
 
 class Debugged(Protocol):
@@ -34,7 +34,7 @@ class Debugged(Protocol):
 
     @property
     def around(self) -> CodeType:
-        """The code that calls the program."""
+        """Return the file and the function that call the program."""
 
     def arrive(self) -> None:
         """Note that the prompt opens."""
@@ -52,15 +52,15 @@ class Debugged(Protocol):
         """Go forward by this number of periods."""
 
     def to(self, place: str) -> None:
-        """Go to a place, given as text."""
+        """Go to a place, given as a string."""
 
     def quit(self) -> None:
         """End the replay."""
 
 
 def stand_in(m: Compound, period: int, time: float, replay: Debugged, begin: Callable[[], object]) -> None:
-    """The function in which a replay stops if no code of the user is running: `m` is the machine, `replay` has `back`,
-    `step` and `to`."""
+    """Do nothing. A replay stops in this function if no code of the user is running. `m` is the machine, `replay` has
+    `back`, `step` and `to`."""
     begin()
 
 
@@ -83,7 +83,7 @@ class ReplayPdb(pdb.Pdb):
     # Where it stops ------------------------------------------------------------------------------------
 
     def seek(self, machine: ConnectedMachine, frame: FrameType | None = None) -> None:
-        """Stop in the next line of the user's code, or in the sequence that is resumed first."""
+        """Stop at the next line of the user's code, or in the sequence that is resumed first."""
         self.seeking = True
         self._waiting = [
             found[-1] for each in machine.sequences.frames if (found := list(filter(self._is_users, each)))
@@ -91,7 +91,7 @@ class ReplayPdb(pdb.Pdb):
         self.set_trace(frame or sys._getframe())
 
     def begin(self) -> None:
-        """Stop in `stand_in`, which calls it."""
+        """Stop in `stand_in`, which calls this method."""
         caller = sys._getframe().f_back
         self.seeking = False
         self.set_trace(caller)
@@ -111,7 +111,7 @@ class ReplayPdb(pdb.Pdb):
             self.interaction(frame, None)
 
     def interaction(self, frame: FrameType | None, traceback: Any) -> None:
-        """Run the prompt; values read in it do not affect the replay."""
+        """Run the prompt. Reading values in the prompt does not affect the replay."""
         self.seeking, self._waiting = False, []
         self._debugged.arrive()
         with self._debugged.replay.paused():
@@ -125,7 +125,7 @@ class ReplayPdb(pdb.Pdb):
             self._debugged.in_prompt(False)
 
     def get_stack(self, f: FrameType | None, t: Any) -> Any:
-        """Return the stack without the frames around the program."""
+        """Return the stack without the frames of the code that calls the program."""
         stack, index = super().get_stack(f, t)
         outer = [number + 1 for number, (each, _) in enumerate(stack) if each.f_code is self._debugged.around]
         first = outer[-1] if outer and outer[-1] <= index else 0
@@ -219,7 +219,7 @@ class ReplayPdb(pdb.Pdb):
     # To another period ---------------------------------------------------------------------------------
 
     def saved(self) -> dict[str, Any]:
-        """Return the state that is passed on to another period: breakpoints, aliases, the history of lines."""
+        """Return the state that is passed on to another period: breakpoints, aliases, and the history of lines."""
         points = [each for each in bdb.Breakpoint.bpbynumber if each is not None]
         breaks = [[each.file, each.line, each.temporary, each.cond, each.enabled] for each in points]
         history: list[str] = []

@@ -1,4 +1,4 @@
-"""Opening a recording for a replay."""
+"""Opens a recording for a replay."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ MAX_HASH_SEED = 4_294_967_295
 
 @contextmanager
 def opened(path: Path | str) -> Iterator[Recording]:
-    """Open a recording. NotReplayable, with a text in one line, if it is not one, or cannot be replayed."""
+    """Open a recording. Raises NotReplayable, with a text in one line, if the file is not a recording or cannot be
+    replayed."""
     try:
         from umo.recording.recording import Recording
     except ImportError as error:
@@ -45,8 +46,8 @@ def opened(path: Path | str) -> Iterator[Recording]:
 
 
 def other_hash_seed(about: Mapping[str, object]) -> str | None:
-    """Return the hash seed of a recorded run if this process has another one, because it can be set only at the start
-    of a process. Raises NotReplayable if Python does not accept it."""
+    """Return the hash seed of a recorded run if this process has a different one. The seed can be set only at the start
+    of a process. Raises NotReplayable if Python does not accept the seed."""
     initial = about.get("initial")
     seed = str(initial.get("hash_seed", "")) if isinstance(initial, dict) else ""
     if seed in ("", "random") or seed == os.environ.get(HASH_SEED):

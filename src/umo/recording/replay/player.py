@@ -1,6 +1,7 @@
-"""The player of a tape: the period and the journal entry at which a replay is, and the recorded values there. A replay
-keeps a journal of its own. As long as nothing differs, its number of entries is the place in the recorded one. Entries
-that the transfer stage makes by itself (a driver that is away, an expiry) need no answer.
+"""The player of a tape. It keeps the period and the journal entry that a replay has reached, and returns the recorded
+values there. A replay writes its own journal. As long as nothing differs, the number of entries in that journal is the
+place in the recorded one. Entries that the transfer stage makes by itself (a driver that is away, an expiry) need no
+answer.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.recording.replay.tape import JournalEntry, Periods, TapedPeriod
 
 CAUSE = "it failed in the recording"
-"""The text of an error of a driver that is replayed."""
+"""The text of a driver's error that is replayed."""
 READS, WRITES = (Kind.READ, Kind.FAILED_READ), (Kind.WRITE, Kind.FAILED_WRITE)
 BROUGHT = Kind.ARRIVED, Kind.CONFIRMED
 
@@ -65,12 +66,12 @@ class Player:
         self.journal, self.period = journal, first
 
     def connected(self, journal: Journal) -> None:
-        """Note that the machine is connected. The periods follow, with this journal of the replay."""
+        """Note that the machine is connected. The periods follow. `journal` is that of the replay."""
         self.journal = journal
         self._begin(None)
 
     def tick(self) -> TapedPeriod:
-        """Read the timer, and return the period that begins. WaitEnded at the end of the tape."""
+        """Read the timer, and return the period that begins. Raises WaitEnded at the end of the tape."""
         if self.journal is None:
             raise WaitEnded
         period, self._begun = self.next, None
@@ -102,23 +103,23 @@ class Player:
 
     @property
     def commands(self) -> dict[int, bytes]:
-        """The accepted commands, by number; the code that passes one on removes it."""
+        """The accepted commands by number. The code that passes a command on removes it."""
         return self._periods.commands
 
     @property
     def ended(self) -> str:
-        """Return why the replay was no longer exact before the end of the tape; "" if it was."""
+        """The reason why the replay stopped being exact before the end of the tape; "" if it did not."""
         return self._periods.ended
 
     # Answers -------------------------------------------------------------------------------------------
 
     @property
     def at(self) -> int:
-        """The place in the recorded journal."""
+        """The present place in the recorded journal."""
         return 0 if self.journal is None else self.journal.count
 
     def read(self, slot: int) -> int:
-        """Return the reading of one sensor now."""
+        """Return the present reading of one sensor."""
         if self.period is None or self.paused:
             return int(self.raws[slot])
         entry = self._entry(slot, READS, "a reading of its own")
@@ -128,14 +129,15 @@ class Player:
         return entry[3]
 
     def write(self, slot: int, raw: int) -> None:
-        """Write one actuator now."""
+        """Write one actuator."""
         if self.period is not None and not self.paused:
             entry = self._entry(slot, WRITES, f"a write of its own (raw {raw})")
             if entry is not None:
                 _raise_if_failed(entry)
 
     def bring_to_default(self, slot: int, kind: Kind) -> None:
-        """`initialize` or `reset` of one object. Their order may differ, as it depends on the wall clock."""
+        """Replay `initialize` or `reset` of one object. The order of objects may differ from the recording, because it
+        depends on the wall clock."""
         if self.period is None or self.paused:
             return
         kinds = kind, Kind.FAILED_RESET
@@ -165,8 +167,8 @@ class Player:
     # Drivers off the cycle -------------------------------------------------------------------------------
 
     def arrivals(self, slots: Collection[int], in_blocks: Collection[int]) -> list[JournalEntry]:
-        """Return the entries of a driver off the cycle at this place: readings of objects in each of its transfers, and
-        repeated initialisations. Called before the tick of the period."""
+        """Return the entries of a driver off the cycle at this place: the readings of objects in each of its transfers,
+        and repeated initialisations. Call this before the tick of the period."""
         period = self.period or self.next
         if period is None or self.journal is None or self.paused:
             return []
@@ -184,7 +186,7 @@ class Player:
         return list(found.values())
 
     def carried_out(self, slot: int) -> JournalEntry | None:
-        """Return the entry of an order that was carried out or refused; None if not yet."""
+        """Return the entry of an order that was carried out or refused, or None if neither has happened yet."""
         if self.period is None or self.paused:
             return None
         if self.lenient:
@@ -225,7 +227,7 @@ class Player:
             _raise_for(found.values(), slots, texts)
 
     def read_block(self, slots: IntArray, texts: Sequence[str], out: IntArray) -> None:
-        """Read the block of a driver for the first time in this period; only failures have entries."""
+        """Read the block of a driver for the first time in this period. Only failures have entries."""
         period = self.period
         if period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots.tolist()]

@@ -33,11 +33,12 @@ class Program:
     """True if the run began in manual mode."""
 
     code: str = ""
-    """A remark if its code is another than that of the recorded run, or "" if it is the same."""
+    """A remark if the code differs from that of the recorded run, or "" if it is the same."""
 
     @classmethod
     def of(cls, tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Program:
-        """Return the recorded run with the code `given`. Raises NotReplayable if it cannot be made."""
+        """Return the program that runs the recorded run with the code `given`. Raises NotReplayable if there is no such
+        program."""
         try:
             job = job_of(tape.job, given)
             plan = Plan(job)
@@ -50,7 +51,7 @@ class Program:
         return cls(plan.machine, plan.wired, loop, plan.name, job.manual, other_code(tape.job, plan.place))
 
     def set(self, settings: Mapping[str, object]) -> None:
-        """Let numbers have other values than in the recording. Raises OptionError for an unknown number, or an invalid
+        """Give numbers other values than in the recording. Raises OptionError for an unknown number, or an invalid
         value."""
         known = {path: each for path, each in numbers_of(self.machine).items() if each.settable}
         parameters = [each for each in self.wired.parameters if each.number.path not in settings]

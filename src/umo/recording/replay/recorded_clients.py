@@ -1,7 +1,7 @@
-"""The clients of a recorded run: their commands arrive in the periods in which they were taken.
+"""The clients of a recorded run. Their commands arrive in the periods in which the recorded run took them.
 
-Signs of life are levels in shared memory and are not recorded; the ends of leases and holds are in the events. A lease
-or a hold that has ended without an event ends by itself in the replay; all other ends have one.
+Signs of life are levels in shared memory and are not recorded, but the ends of leases and holds are in the events. A
+lease or a hold that ended without an event ends by itself in the replay, too. All other ends have an event.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from umo.operation.commands.client_commands import DEAD_MAN_REASON, ClientComman
 from umo.recording.replay.player import Player
 
 LEASE_ENDED = "was not renewed"
-"""The last words in the event for the end of a lease without a sign of life."""
+"""The last words of the event that reports the end of a lease without a sign of life."""
 ALL = "*"
 """A path that stands for all holds."""
 LONG = 1e6
@@ -84,7 +84,7 @@ class TapeLevels:
         return None if who is None else (signal.SIGTERM, who)
 
     def now(self) -> float:
-        """The clock of the signs of life in s. It jumps before a period in which a lease or a hold ends."""
+        """Return the clock of the signs of life in s. It jumps before a period in which a lease or a hold ends."""
         time = self._time
         if time != self._looked:
             self._looked = time

@@ -1,7 +1,7 @@
-"""The wiring of a recording as data: its numbers are taken over, but code and files are those of the present station.
+"""Takes the wiring of a recording as data. Its numbers are used, but code and files are those of the present station.
 
-A driver is imported only if an installed package registers it by this name, or if a wiring of the station that the
-command line names has the same type. A file is opened only if such a wiring names the same one.
+A driver is imported only if an installed package registers it by this name, or if a driver of the same type is in a
+wiring of the station that the command line names. A file is opened only if such a wiring names the same file.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def recorded_wiring(
     job: Mapping[str, Any], station: Station | None, *, runs: bool = False
 ) -> str | dict[str, Any] | None:
     """Return the wiring of a recorded job: a file of the station if one has the recorded text, otherwise the recorded
-    table. `runs`: its drivers will be run, in closed loop, so that they must be those of a wiring of the station.
-    Raises NotReplayable if it names code or files that neither the station nor an installed package has."""
+    table. With `runs` the drivers will be run, in closed loop, so they must be those of a wiring of the station. Raises
+    NotReplayable if the wiring names code or files that neither the station nor an installed package has."""
     wiring = job.get("wiring")
     wiring = wiring if isinstance(wiring, Mapping) else {}
     text, table = wiring.get("text"), wiring.get("table")
@@ -110,7 +110,8 @@ def _absolute(table: Mapping[str, Any], station: Station | None) -> dict[str, An
 
 
 def drivers_in(source: WiringSource) -> Iterator[RecordedDriver]:
-    """The drivers that a wiring declares, and those that only its lines name, as `connect` resolves them."""
+    """Return the drivers that a wiring declares, and those that only its lines name. They are resolved like in
+    `connect`."""
     named = {each.driver for each in source.entries.values()} - source.drivers.keys()
     for table in [*source.drivers.values(), *map(registry.table_of, sorted(named))]:
         if isinstance(kind := table.get("type"), str):
@@ -126,7 +127,7 @@ def _signature(kind: str) -> Mapping[str, inspect.Parameter]:
 
 
 def files_among(signature: Mapping[str, inspect.Parameter], given: Mapping[str, Any]) -> list[str]:
-    """The given options that are files."""
+    """Return the given options that are files."""
     return [
         name for name, each in signature.items() if name in given and name not in RESERVED and _is_path(each.annotation)
     ]

@@ -1,4 +1,5 @@
-"""Replaying a recorded run: a tape replaces its drivers, its clients and its time; the rest is the present program."""
+"""Replays a recorded run. A tape replaces the drivers, the clients and the time; everything else is the present
+program."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from umo.recording.replay.tape_driver import count_as_hardware, taped, watch_blo
 from umo.system.processes import HASH_SEED
 
 MAX_COMPARED = 100
-"""Number of characters of an error's text that are compared."""
+"""Number of compared characters of an error's text."""
 SHORT = 20
 """Number of compared characters if numbers in the text may differ."""
 RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
@@ -211,7 +212,7 @@ class Replay:
 def replay(
     tape: Tape, program: Program | None = None, settings: Mapping[str, object] = MappingProxyType({})
 ) -> Replayed:
-    """Replay a recorded run (`Replay`)."""
+    """Replay a recorded run, and return the result (see `Replay`)."""
     return Replay(tape, program, settings).run()
 
 

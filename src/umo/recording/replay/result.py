@@ -20,14 +20,14 @@ class Difference:
     time: float
     """Time of the difference in s on the cycle's clock."""
     path: str
-    """The object; "" if it is not an object."""
+    """The path of the object; "" if the difference is not in an object."""
     recorded: str
     replayed: str
-    """The recorded and the replayed value as text: with unit and raw integer."""
+    """The recorded and the replayed value as text, each with unit and raw integer."""
     places: Sequence[str] = ()
     """The place of each sequence, as file:line."""
     signals: Sequence[str] = ()
-    """The signals that also differed in this period: path, recorded and replayed value."""
+    """The signals that also differed in this period: each with its path, and the recorded and the replayed value."""
 
     def __str__(self) -> str:
         what = f"{self.path}: " if self.path else ""
@@ -63,13 +63,13 @@ class Replayed:
     hashes: str = ""
     """A remark on the order of hashes, if it was not fixed."""
     code: str = ""
-    """A remark if the code is another than that of the recorded run."""
+    """A remark if the code differs from that of the recorded run."""
     elapsed: float = 0.0
-    """Duration in s."""
+    """Duration of the replay in s."""
 
     @property
     def identical(self) -> bool:
-        """True if all of the recorded run was replayed, without a difference."""
+        """True if the whole recorded run was replayed without a difference."""
         return self.difference is None and not self.inexact
 
     @property

@@ -1,8 +1,8 @@
-"""Shrinking a recording: the fewest of its periods that still give the same error, or the same first difference.
+"""Shrinks a recording: it finds the fewest periods that still give the same error, or the same first difference.
 
 The inputs of the left-out periods are missing, so the remaining replay is in open loop. It proves that the error
-follows from these inputs, not that a machine would produce them. Before a first difference the remaining periods equal
-the recorded ones bit by bit, so that both programs would reach it.
+follows from these inputs, not that a machine would produce these inputs. Up to a first difference the remaining periods
+equal the recorded ones bit by bit, so that both programs would reach that difference.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ShrunkBlock:
 
 @dataclass
 class ShrunkTape:
-    """A recording of which only some periods are left; its time continues without gaps."""
+    """A recording of which only some periods remain. Its time continues without gaps."""
 
     layout: Layout
     job: Mapping[str, Any]
@@ -144,7 +144,7 @@ class ReplayedError:
         return cls(type(error).__name__, place_of(error) or "", text_of(error))
 
     def is_same(self, other: ReplayedError | None) -> bool:
-        """True for the same error at the same line; numbers in its text may differ."""
+        """True for the same error at the same line. Numbers in the text may differ."""
         return other is not None and (self.kind, self.place) == (other.kind, other.place)
 
 
@@ -166,7 +166,7 @@ class ReplayedDifference:
 
 
 class Shrinking:
-    """The search for the fewest periods. `go_on` is called before each replay; the search ends when that returns
+    """The search for the fewest periods. `go_on` is called before each replay. The search ends when `go_on` returns
     False."""
 
     def __init__(
@@ -231,7 +231,7 @@ class Shrinking:
 
 
 def periods_left(places: Sequence[int]) -> str:
-    """Return the periods as text, such as `3 to 17, 40`."""
+    """Return the remaining periods as text, such as `3 to 17, 40`."""
     runs: list[list[int]] = []
     for place in places:
         if runs and place == runs[-1][1] + 1:

@@ -1,8 +1,9 @@
-"""Snapshots of a replay, which are forked processes that wait. To go back, one of them forks, and the copy continues.
+"""Snapshots of a replay. A snapshot is a forked process that waits. To go back, a snapshot forks, and the copy
+continues.
 
-Only a fork carries coroutines, laws and profiles. One process keeps the list (`SnapshotList`) and holds no replay; it
-lets one runner run at a time. A runner forks a snapshot now and then. Each process has one connection to the list: a
-snapshot ends when it is closed, a runner when its snapshot ends (PDEATHSIG).
+Only a fork preserves coroutines, laws and profiles. One process keeps the list (`SnapshotList`) and has no replay
+itself. It lets one runner run at a time. A runner forks a snapshot from time to time. Each process has one connection
+to the list. A snapshot ends when its connection is closed; a runner ends when its snapshot ends (PDEATHSIG).
 """
 
 from __future__ import annotations
@@ -25,22 +26,23 @@ from umo.system.processes import Child, wait_for_any
 from umo.system.realtime import adopt_orphans
 
 POSSIBLE = sys.platform.startswith("linux") and hasattr(os, "fork")
-"""True if this platform supports them: it needs forks, and processes that end with their parents."""
+"""True if this platform supports snapshots: it must have forks, and processes that end with their parents."""
 START = -1
-"""The period of the snapshot before the first one."""
+"""The period number of the snapshot that stands before the first period."""
 EVERY = 2000
 """Number of periods between two snapshots."""
 MOST = 15
-"""Number of snapshots that are kept besides the first one, each of some MB, for the last 30,000 visited periods."""
+"""Number of snapshots that are kept in addition to the first one. They take some MB each, and cover the last 30,000
+visited periods."""
 BEGIN_TIMEOUT = 5.0
 """Timeout in s for a process to register in the list: for a forked snapshot, and for a new connection."""
 CHILD_END_TIMEOUT = 2.0
-"""Time in s for the processes to end."""
+"""Time in s within which the processes must end."""
 Orders = dict[str, Any]
 
 
 class Link:
-    """A connection of a runner or a snapshot to the list; messages are lines of JSON."""
+    """A connection of a runner or a snapshot to the list. Messages are lines of JSON."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -60,7 +62,7 @@ class Link:
             self._connection.sendall(json.dumps(message).encode() + b"\n")
 
     def receive(self) -> Orders | None:
-        """Return the next message; None if the other end has ended."""
+        """Return the next message, or None if the other end has ended."""
         while b"\n" not in self._rest:
             try:
                 data = self._connection.recv(65536)
@@ -78,8 +80,8 @@ class Link:
 
 
 class Runner:
-    """The end of a replay's process: `orders`: the orders that it received; `known`: the times in s of the periods with
-    snapshots."""
+    """The connection in the process of a replay. `orders`: the orders that the process has received; `known`: the times
+    in s of the periods with snapshots."""
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -96,8 +98,9 @@ class Runner:
         return link
 
     def snapshot(self, period: int, time: float) -> None:
-        """Fork a snapshot of this moment, the end of a period. The call returns in the runner, and again, with other
-        orders, in each process that continues from here. If the computer has no memory for it, no snapshot is made."""
+        """Fork a snapshot of the present state, at the end of a period. The call returns in the runner. It returns
+        again, with other orders, in each process that continues from here. If the computer has no memory for the
+        snapshot, none is made."""
         self._children = [each for each in self._children if not each.ended]
         ready, told = os.pipe()
         try:
@@ -148,7 +151,7 @@ class Runner:
                 return
 
     def go(self, **orders: Any) -> NoReturn:
-        """Let a process continue from an earlier snapshot, and end this one."""
+        """Let a process continue from an earlier snapshot, and end this process."""
         self._link.send(kind="go", **orders)
         os._exit(0)
 

@@ -1,4 +1,4 @@
-"""The stops of a replay for its debugger: at a period, a time, the first difference, an expression that becomes
+"""The stops of a replay in the debugger: at a period, at a time, at the first difference, or when an expression becomes
 true."""
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ NAMES: Mapping[str, Any] = {
 } | {"math": math}
 """Names that an expression may use in addition to those of the machine."""
 READING = ("read", "read_in", "startswith", "endswith")
-"""Methods that an expression may call."""
+"""Methods of objects that an expression may call."""
 
 
 class FirstDifference(NamedTuple):
@@ -35,7 +35,7 @@ class Stop:
     """The next place at which a replay stops. A condition that is None is not used."""
 
     period: int | None = None
-    """Number of a period, from 0."""
+    """Number of the period, from 0."""
     time: float | None = None
     """Time in s."""
     difference: bool = False
@@ -58,7 +58,7 @@ class Stop:
             raise OptionError(f"{text!r} is not a place in a replay; write {forms}") from None
 
     def is_at(self, period: int, time: float, last: bool = False) -> bool:
-        """True if a period is at this place or after it. `last`: whether it is the last period."""
+        """True if a period is at this place or after it. `last`: True if it is the last period."""
         return (
             (self.period is not None and period >= self.period)
             or (self.time is not None and time >= self.time - TIME_TOLERANCE)
@@ -66,16 +66,17 @@ class Stop:
         )
 
     def nearest(self, snapshots: Mapping[int, float]) -> int:
-        """Return the number of the last snapshot before this place, or -2 if there is none. `snapshots`: their times in
-        s."""
+        """Return the number of the last snapshot before this place, or -2 if there is none. `snapshots`: the times of
+        the snapshots in s."""
         before = (period for period, time in snapshots.items() if not self.is_at(period, time))
         return max(before, default=-2)
 
 
 class BreakCondition:
-    """An expression over the machine, such as `z.servo.error > 50`: names are its parts, `m`, `period` and `time`.
+    """An expression about the machine, such as `z.servo.error > 50`. Its names are the parts of the machine, `m`,
+    `period` and `time`.
 
-    It only reads: it may call the functions of NAMES and `math`, and READING methods."""
+    An expression only reads: it may call the functions of NAMES and `math`, and the methods in READING."""
 
     def __init__(self, text: str) -> None:
         """Raise OptionError if it is not such an expression."""
@@ -99,8 +100,8 @@ class BreakCondition:
         """The reason why the last evaluation failed; "" if it did not."""
 
     def becomes_true(self, machine: Compound, period: int, time: float) -> bool:
-        """True if it is true now, and was not in the period before. Raises OptionError if it contains an unknown name,
-        at the first evaluation."""
+        """True if the expression is true now, and was not true in the period before. At the first evaluation, raises
+        OptionError if the expression has an unknown name."""
         tried, self._tried = self._tried, True
         try:
             parts = {name: getattr(machine, name) for name in self._parts}

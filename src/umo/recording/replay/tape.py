@@ -15,14 +15,14 @@ from umo.process.frames.layout import ENTRY, Layout
 MOVING = {Kind.READ, Kind.WRITE, Kind.RESET, Kind.INITIALIZE, Kind.ARRIVED, Kind.CONFIRMED}
 """Entries of the journal that change the raw integer of an object."""
 OPEN_LOOP = "open_loop"
-"""The fact that marks a recording from which periods were left out (`umo.recording.replay.shrinking`), so that only its
-error is compared."""
+"""The fact that marks a recording from which periods were left out (`umo.recording.replay.shrinking`). Only the error
+of such a recording is compared."""
 JournalEntry = tuple[int, int, int, int, int, float]
-"""Slot, kind, error, raw, raw before, time."""
+"""An entry of a journal: slot, kind, error, raw, raw before, time."""
 
 
 class NotReplayable(UmoError):
-    """A recording cannot be replayed; the text has one line."""
+    """Raised if a recording cannot be replayed. The text has one line."""
 
 
 class TapeCommand(Protocol):
@@ -45,7 +45,7 @@ class TapeBlock(Protocol):
 
     @property
     def entries(self) -> npt.NDArray[Any]:
-        """The entries of their journal (`umo.process.frames.layout.ENTRY`)."""
+        """The entries of the frames' journal (`umo.process.frames.layout.ENTRY`)."""
 
     @property
     def commands(self) -> Sequence[TapeCommand]:
@@ -57,7 +57,7 @@ class TapeBlock(Protocol):
 
     @property
     def entries_lost(self) -> int:
-        """Number of missing entries of its journal."""
+        """Number of missing entries of the journal."""
 
     @property
     def commands_lost(self) -> int:
@@ -69,13 +69,13 @@ class TapeBlock(Protocol):
 
 
 class Tape(Protocol):
-    """A recorded run. `umo.recording.Recording` is one."""
+    """The interface of a recorded run. `umo.recording.Recording` implements it."""
 
     layout: Layout
 
     @property
     def job(self) -> Mapping[str, Any]:
-        """Return the job: station, wiring, options (`umo.process.job_facts`)."""
+        """The job: station, wiring, options (`umo.process.job_facts`)."""
 
     @property
     def events(self) -> Iterable[Any]:
@@ -83,11 +83,11 @@ class Tape(Protocol):
         `umo.process.frames.reader.NumberedEvent`."""
 
     def blocks(self) -> Iterator[TapeBlock]:
-        """The blocks from the first period on."""
+        """Return the blocks from the first period on."""
 
 
 def events_of(tape: Tape) -> list[Any]:
-    """The events without their numbers."""
+    """Return the events without their numbers."""
     return [getattr(each, "event", each) for each in tape.events]
 
 
@@ -124,31 +124,31 @@ class TapedPeriod:
 
     @property
     def entries(self) -> list[JournalEntry]:
-        """The entries of its journal."""
+        """The entries of the period's journal."""
         if self._entries is None:
             self._entries = self._rows.tolist()
         return self._entries
 
     @property
     def count(self) -> int:
-        """Number of its entries."""
+        """Number of the period's entries."""
         return len(self._rows)
 
     @property
     def signals(self) -> list[float]:
-        """The values of its signals; none if they were not recorded."""
+        """The values of the period's signals; empty if they were not recorded."""
         frames, number = self._place
         signals: list[float] = frames["signals"][number].tolist() if self._full else []
         return signals
 
     @property
     def journal(self) -> bytes:
-        """Return the entries as stored in the journal."""
+        """The entries as stored in the journal."""
         data: bytes = self._rows.tobytes()
         return data
 
     def moved(self, slot: int, since: int) -> int:
-        """The raw integer that an object had before the entries from this number on."""
+        """Return the raw integer that an object had before the entry with this number."""
         for entry in self.entries[since:]:
             if entry[0] == slot and entry[1] in MOVING:
                 return entry[4]
@@ -156,7 +156,7 @@ class TapedPeriod:
 
 
 def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> TapedPeriod:
-    """The first sample, which was made while connecting, in the form of a period."""
+    """Return the first sample, which was made while connecting, in the form of a period."""
     entries = np.frombuffer(bytes.fromhex(initial.get("entries", "")), ENTRY)
     return TapedPeriod(
         (0, 0.0, 0, 0, NO_TRANSFER, NO_TRANSFER), np.array(raws, np.int64), entries, (np.empty(0), 0), False
@@ -164,8 +164,8 @@ def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> TapedPeriod
 
 
 class Periods:
-    """The periods of a tape one after another; `ended` is the reason why the replay is no longer exact, or "" if the
-    record is complete."""
+    """The periods of a tape one after another; `ended` is the reason why the replay is no longer exact, or "" while it
+    is exact."""
 
     def __init__(self, tape: Tape) -> None:
         self._tape = tape

@@ -23,7 +23,7 @@ from umo.wiring.wired import Wired
 
 
 class TapeDriver(Driver[Any], Looks):
-    """Answers the calls for one driver with the recorded answers. Like a driver with injected faults, it always has
+    """A driver that returns the recorded answers of another driver. Like a driver with injected faults, it always has
     `look`."""
 
     def __init__(self, driver: Driver[Any], player: Player, slots: Mapping[int, int]) -> None:
@@ -97,8 +97,8 @@ class TapeTimer(TapeDriver):
 
 
 class TapeInjection(Injection):
-    """Replaces injected faults; none is active. At the end of the recorded run the actuators may have been reset once
-    more because of them."""
+    """Replaces the injection of faults. No fault is active. At the end of the recorded run the actuators may have been
+    reset once more because of injected faults."""
 
     def __init__(self, texts: Sequence[str], player: Player) -> None:
         super().__init__(texts, 0, False)
@@ -110,8 +110,8 @@ class TapeInjection(Injection):
 
 
 def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Sequence[str] = ()) -> Wired:
-    """The wiring with tapes instead of its drivers; no device is used. `recorded`: the slot of each path; `faults`: the
-    injected faults of the recorded run."""
+    """Return the wiring with tapes in place of its drivers, so that no device is used. `recorded`: the slot of each
+    path; `faults`: the injected faults of the recorded run."""
     timer = wired.timer_wire
     slots = {id(wire.channel): recorded[wire.path] for wire in wired.wires}
     tapes: dict[int, TapeDriver | TapeOffCycle] = {}
@@ -136,8 +136,8 @@ def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Seq
 
 
 def count_as_hardware(transfer: Transfer, wired: Wired, tapes: Mapping[str, Driver[Any]]) -> None:
-    """Let drivers that used devices in the recorded run count as hardware, whose failed writes may be carried out
-    later, so that everything is reset twice."""
+    """Let drivers that used devices in the recorded run count as hardware. Failed writes to hardware may be carried out
+    later, so everything is reset twice."""
     transfer._real = {id(tapes[name]) for name in wired.hardware}
 
 
@@ -150,8 +150,8 @@ def _tape_of(
 
 
 def watch_blocks(transfer: Transfer, player: Player) -> None:
-    """Let the player know which transfer is the first one of a block in a period, because this one has no entries of
-    its own."""
+    """Report to the player which transfer of a block is the first one in a period, because that transfer has no
+    entries."""
     inner = transfer.callees.watched
 
     def watched(block: Block, call: BlockTransfer) -> BlockTransfer:

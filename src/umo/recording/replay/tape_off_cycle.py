@@ -1,7 +1,9 @@
-"""Replaces a driver off the cycle in a replay: its values arrive in the recorded periods, without a worker.
+"""Replaces a driver off the cycle in a replay. The driver's values arrive in the recorded periods, without a worker
+process.
 
-The image works as usual: it posts, orders and checks ages. The journal has the decisions of the worker process: which
-values have arrived and when they were read, when outputs were initialised again, and which orders were carried out.
+The image works as usual: it posts values, gives orders and checks ages. The journal has the decisions of the worker
+process: which values arrived and when they were read, when outputs were initialised again, and which orders were
+carried out.
 """
 
 from __future__ import annotations
@@ -23,8 +25,8 @@ from umo.recording.replay.player import CAUSE, Player
 
 
 class TapeOffCycle(OffCycle, Looks):
-    """Answers for one driver off the cycle as in the recording. Stamps are consecutive numbers here, for exactly the
-    times of the recording."""
+    """Returns the recorded answers of one driver off the cycle. Stamps are consecutive numbers here. They stand for
+    exactly the times in the recording."""
 
     shared = False  # a snapshot of the debugger keeps the values of its moment
 

@@ -1,4 +1,4 @@
-"""The commands of a replay with other settings together with the recorded ones, period by period."""
+"""Collects the commands of a replay with other settings, together with the recorded commands, period by period."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from umo.recording.replay.replaying import Replay
 from umo.recording.scope.history import ThinnedHistory
 
 MAX_POINTS, MAX_NUMBERS = 20_000, 1 << 25
-"""Largest numbers of points, and of numbers in them, that are kept; beyond these every second point is dropped."""
+"""Largest numbers of points, and of numbers in them, that are kept. Above these limits every second point is
+dropped."""
 
 
 @dataclass
@@ -23,7 +24,7 @@ class TwoCurves:
     path: str
     unit: str
     times: FloatArray
-    """Times in s."""
+    """Times of the points in s."""
     recorded: FloatArray
     replayed: FloatArray
 
@@ -48,7 +49,7 @@ class RawCurves:
             history.add(time, raws[np.newaxis, comparison.outputs])
 
     def different(self) -> list[TwoCurves]:
-        """The actuators with other commands than recorded, those that differ most often first."""
+        """Return the actuators whose commands differ from the recorded ones, those that differ most often first."""
         if self._histories is None:
             return []
         outputs = self._replay.comparison.outputs

@@ -1,1 +1,2 @@
-"""Samples of a run against time: kept, reduced to pixels, measured, and drawn for notebooks."""
+"""Samples of a run against time: the room stores them, reduces them to pixels, measures them, and draws them for
+notebooks."""

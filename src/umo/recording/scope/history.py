@@ -23,21 +23,21 @@ MAX_BYTES = 128 << 20
 MIN_SAMPLES = 1024
 """Number of samples that are kept even for the largest station."""
 BLOCKS = 64
-"""Number of blocks in which the samples are kept; the oldest block is dropped as a whole."""
+"""Number of blocks in which the samples are kept. The oldest block is dropped as a whole."""
 
 
 class KeptSamples(NamedTuple):
     """Consecutive samples."""
 
     times: FloatArray
-    """Times in s."""
+    """Times of the samples in s."""
     values: FloatArray
     """One row per column."""
 
 
 class ValueHistory(ABC):
-    """Columns of samples, oldest first; for a run one column for each object, then one for each signal. NaN if the
-    value was BAD, or if there is none. Times are in s on the cycle's clock."""
+    """The interface of histories: columns of samples, oldest first. A run has one column for each object, then one for
+    each signal. A sample is NaN if the value was BAD, or if there is none. Times are in s on the cycle's clock."""
 
     def __init__(self, columns: int) -> None:
         self._columns = columns
@@ -54,8 +54,8 @@ class ValueHistory(ABC):
 
     @abstractmethod
     def parts(self, start: float, stop: float) -> Iterator[KeptSamples]:
-        """The samples from `start` to `stop`, both included, of all columns, in parts. The samples that exist at the
-        call remain until the parts are read."""
+        """Yield the samples of all columns from `start` to `stop`, both included, in parts. The samples that exist at
+        the call remain until the parts are read."""
 
     def between(self, start: float, stop: float, columns: Sequence[int]) -> KeptSamples:
         """Return the samples from `start` to `stop`, both included: times, and one row for each of these columns."""
@@ -68,11 +68,11 @@ class ValueHistory(ABC):
         return KeptSamples(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
 
     def points(self, start: float, stop: float, columns: Sequence[int], step: float, period: float) -> Points:
-        """The samples of `between`, reduced to one point per `step` s."""
+        """Return the samples of `between`, reduced to one point per `step` s."""
         return reduced(*self.between(start, stop, columns), step, period)
 
     def is_short(self, start: float, stop: float) -> bool:
-        """True if `between` is quick."""
+        """True if `between` takes little time."""
         return True
 
 
@@ -81,7 +81,7 @@ class MemoryHistory(ValueHistory):
 
     @abstractmethod
     def add(self, times: FloatArray, rows: FloatArray) -> None:
-        """Add samples: for each a time in s, not before the last one, and a row of values."""
+        """Add samples. Each has a time in s, which must not be before that of the last sample, and a row of values."""
 
     def add_frames(self, frames: Frames, columns: Sequence[int] | None = None) -> None:
         """Add the `samples` of some frames, or these columns of them."""
@@ -90,8 +90,8 @@ class MemoryHistory(ValueHistory):
 
 
 class History(MemoryHistory):
-    """The last minutes: it holds at least `capacity` samples, then drops the oldest. Any thread may read, because
-    samples do not move or change once they are added."""
+    """The last minutes of a run. The history keeps at least `capacity` samples, and drops older ones. Any thread may
+    read, because samples do not move or change once they are added."""
 
     def __init__(self, columns: int, period: float, seconds: float = MAX_SECONDS, most: int = MAX_BYTES) -> None:
         super().__init__(columns)
@@ -134,7 +134,8 @@ class History(MemoryHistory):
 
 
 class ThinnedHistory(MemoryHistory):
-    """The whole run, thinned: above `most` samples, every second one is removed. Only one thread may add and read."""
+    """The whole run with reduced density. Whenever there are more than `most` samples, every second one is removed.
+    Only one thread may add and read."""
 
     def __init__(self, columns: int, most: int) -> None:
         super().__init__(columns)
@@ -172,15 +173,15 @@ class ThinnedHistory(MemoryHistory):
 
 
 def last_good(frames: Frames, before: FloatArray) -> FloatArray:
-    """The time in s on the cycle's clock at which each object was read last, neither STALE nor BAD: in these frames, or
-    otherwise `before`. NaN if never."""
+    """Return the time, in s on the cycle's clock, at which each object last had a reading that was neither STALE nor
+    BAD. The time is taken from these frames, or else from `before`. It is NaN if there was no such reading."""
     usable = frames["quality"] < Quality.STALE
     last = len(frames) - 1 - np.argmax(usable[::-1], axis=0)
     return np.where(usable.any(axis=0), frames["time"][last], before)
 
 
 def samples(frames: Frames) -> FloatArray:
-    """Return a row for each frame: objects, then signals. NaN if the value was BAD, or if there is none."""
+    """Return a row for each frame: objects, then signals. A value is NaN if it was BAD, or if there is none."""
     values, quality = frames["values"], frames["quality"]
     if quality.size and quality.max() >= Quality.BAD:
         values = np.where(quality >= Quality.BAD, np.nan, values)

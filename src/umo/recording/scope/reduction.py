@@ -1,4 +1,4 @@
-"""Samples reduced to a minimum and a maximum per pixel, triggers, and measured values, in numpy."""
+"""Reduces samples to a minimum and a maximum per pixel, finds triggers, and computes measured values, with numpy."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from umo.objects.scaling import FloatArray
 
 HYSTERESIS = 0.1
-"""Share of the peak-to-peak value: half the band around the middle in which no crossing is counted."""
+"""Half the width of the band around the middle in which no crossing is counted, as a share of the peak-to-peak
+value."""
 MIN_SAMPLES_PER_PIXEL = 2.0
-"""Number of samples per pixel from which on they are reduced."""
+"""Number of samples per pixel from which on samples are reduced."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """The points of a drawing: for each a time, and per trace the least and the greatest value; NaN if there is no
-    value."""
+    """The points of a drawing. Each has a time, and for each trace the smallest and the largest value; NaN if there is
+    no value."""
 
     times: FloatArray
     low: FloatArray
@@ -27,7 +28,8 @@ class Points:
 
 
 def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -> Points:
-    """Reduce samples (one row per trace) to one point per `step` s with a sample. No minimum or maximum is lost.
+    """Reduce samples (one row per trace) to one point for each interval of `step` s that has a sample. No minimum or
+    maximum is lost.
 
     The time of a point is that of its first sample. Every sample is a point if `step` is below two periods.
     """
@@ -40,10 +42,10 @@ def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -
 
 
 def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> float | None:
-    """Return the time of the first sample that fulfils a trigger; None if there is none.
+    """Return the time of the first sample that fulfils a trigger, or None if there is none.
 
-    `rising`, `falling`: the first sample beyond the level after one that was not. `above`, `below`: the first one
-    beyond the level.
+    `rising`, `falling`: the first sample beyond the level after a sample that was not beyond it. `above`, `below`: the
+    first sample beyond the level.
     """
     beyond = values > level if kind in ("rising", "above") else values < level
     if kind in ("rising", "falling"):
@@ -54,8 +56,8 @@ def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> 
 
 
 def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
-    """Return minimum, maximum, mean and root mean square of all samples that have a value, in their unit, and the
-    frequency in Hz, None if it cannot be determined; None without a value."""
+    """Return the minimum, maximum, mean and root mean square of all samples that have a value, in their unit, and the
+    frequency in Hz. The frequency is None if it cannot be determined. Return None if no sample has a value."""
     known = np.isfinite(values)
     if not known.all():
         times, values = times[known], values[known]
@@ -68,8 +70,8 @@ def measured(times: FloatArray, values: FloatArray) -> dict[str, Any] | None:
 
 
 def measured_state(values: FloatArray) -> dict[str, Any] | None:
-    """Return the share of a state's samples that are the electrical 1, and the number of changes; None without a
-    value."""
+    """Return the share of a binary object's samples in which the electrical level is 1, and the number of changes.
+    Return None if no sample has a value."""
     on = values[np.isfinite(values)] > 0.5
     if not len(on):
         return None
@@ -77,8 +79,8 @@ def measured_state(values: FloatArray) -> dict[str, Any] | None:
 
 
 def frequency(times: FloatArray, values: FloatArray, low: float, high: float) -> float | None:
-    """Return the frequency in Hz from the rising crossings of the middle, with a hysteresis; None for less than one
-    full period."""
+    """Return the frequency in Hz from the rising crossings of the middle, with a hysteresis. Return None for less than
+    one full period."""
     middle, band = (low + high) / 2, (high - low) * HYSTERESIS
     outside = np.flatnonzero(np.abs(values - middle) > band)
     above = values[outside] > middle

@@ -1,4 +1,5 @@
-"""A scope as a picture in SVG: traces against time in lanes, one for each unit, binary objects as bars."""
+"""Draws a scope as a picture in SVG: traces against time in lanes, with one lane for each unit, and binary objects as
+bars."""
 
 from __future__ import annotations
 
@@ -22,11 +23,11 @@ from umo.wiring.patterns import chosen
 MAX_TRACES, MAX_SPAN = 16, 300.0
 """Largest number of traces, and longest span in s."""
 LEFT, PIXELS, LANE, BAR, LINE, AXIS = 76, 820, 120, 24, 17, 26
-"""Widths of the scale and of the traces; heights of a lane, a bar, a line of the legend, the time axis."""
+"""Widths of the scale and of the traces, and heights of a lane, a bar, a line of the legend and the time axis."""
 LEGEND_COLUMNS, MAX_NAME_LENGTH = 3, 36
-"""Number of traces in a line of the legend; largest number of characters of a name."""
+"""Number of traces in a line of the legend, and largest number of characters of a name."""
 COLOURS = ("#3b82d6", "#d97706", "#16a34a", "#a855f7", "#e0457b", "#0e9aa7", "#b08900", "#8593a3")
-"""Colours of the traces, each readable on black and on white."""
+"""Colours of the traces. Each is readable on black and on white."""
 DASHES = ("", "7 3", "2 2", "9 3 2 3")
 """Dashes of the traces in a lane, in their order, so that colour is not the only difference."""
 

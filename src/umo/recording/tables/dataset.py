@@ -1,4 +1,4 @@
-"""A recording as an xarray Dataset: a variable for each object and signal, with its unit, range and states."""
+"""A recording as an xarray Dataset. It has a variable for each object and signal, with unit, range and states."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 ATTRIBUTES = {"unit": "units", "minimum": "minimum", "maximum": "maximum", "kind": "kind", "wire": "wire"}
-"""The parts of a description that become attributes, with their names."""
+"""The parts of an object's description that become attributes, with the names of these attributes."""
 
 
 def load(
@@ -54,11 +54,12 @@ QUALITY = {
     "flag_values": [int(each) for each in Quality],
     "flag_meanings": " ".join(str(each).replace(" ", "_") for each in Quality),
 }
-"""Attributes of a variable with the quality of another."""
+"""Attributes of a variable that has the quality of another variable."""
 
 
 def attributes(about: Described) -> dict[str, Any]:
-    """Return units, range and states of an object or a signal, according to the CF conventions where they apply."""
+    """Return the units, range and states of an object or a signal as attributes. They follow the CF conventions where
+    these apply."""
     found = {name: about.plain[key] for key, name in ATTRIBUTES.items() if about.plain.get(key) not in (None, "")}
     if about.states:
         meanings = " ".join(name.replace(" ", "_") for name in about.states.values())

@@ -1,4 +1,4 @@
-"""The values of a recording: of chosen objects and signals in a span of time, one block after another."""
+"""Reads the values of chosen objects and signals from a recording, in a span of time, one block after another."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from umo.recording.scope.history import samples
 from umo.wiring.patterns import chosen
 
 OWN_NAMES = ("time", "utc", "number", "missed")
-"""Columns of a period other than values: an object or a signal with such a path is named `time.value` in the table."""
+"""Names of the columns that are not values. If the path of an object or a signal equals one of them, its column is
+named such as `time.value`."""
 TellTime = Callable[[float], None]
 """Function that is called with the time in s on the machine's clock up to which work is done."""
 
@@ -28,16 +29,16 @@ class RecordedColumns(NamedTuple):
     memory."""
 
     time: FloatArray
-    """Times in s on the machine's clock."""
+    """Times of the frames in s on the machine's clock."""
     utc: Any
-    """UTC in ns since 1970, <i8."""
+    """The UTC of the frames in ns since 1970, as <i8."""
     number: Any
     """Number of ticks since connecting."""
     missed: Any
     execution: FloatArray
     """Execution times in us."""
     values: FloatArray
-    """A column for each chosen object and signal. NaN if the value was BAD, or if there is none."""
+    """A column for each chosen object and signal. A value is NaN if it was BAD, or if there is none."""
     quality: Any
     """A column for each chosen object."""
 
@@ -50,8 +51,8 @@ class RecordedPart(NamedTuple):
 
 
 class RecordedValues:
-    """The chosen objects and signals of a recording. Raises PathError for an unknown path, RangeError for times in the
-    wrong order."""
+    """The chosen objects and signals of a recording. Raises PathError for an unknown path, and RangeError for times in
+    the wrong order."""
 
     def __init__(
         self,
@@ -80,7 +81,7 @@ class RecordedValues:
         """Number of periods that are missing in the recording, and sentences on its damage (`look_for_damage`)."""
 
     def look_for_damage(self) -> None:
-        """Find the damage, for which the whole recording is read once more if that was not done yet."""
+        """Find the damage. For this the whole recording is read once more, unless that was done before."""
         self.lost = self.recording.lost
         self.damage = self.recording.damage
 
@@ -90,11 +91,11 @@ class RecordedValues:
 
     @property
     def names(self) -> list[str]:
-        """The paths as names of columns, which differ from `OWN_NAMES`."""
+        """The paths as names of columns. They differ from the names in `OWN_NAMES`."""
         return [f"{path}.value" if path in OWN_NAMES else path for path in self.paths]
 
     def parts(self) -> Iterator[RecordedPart]:
-        """The frames that have values, in order."""
+        """Return the frames that have values, in order."""
         self.bare = 0
         for block in self.recording.blocks(self.start, self.stop):
             frames = block.frames
@@ -112,7 +113,7 @@ class RecordedValues:
         return [f"{self.layout.objects[place]['path']}.quality" for place in self.objects]
 
     def columns(self, frames: Frames) -> RecordedColumns:
-        """Return the columns of some frames, as every export contains them."""
+        """Return the columns of some frames that every export contains."""
         return RecordedColumns(
             frames["time"].copy(),
             utc_of(self.layout, frames),
@@ -124,21 +125,21 @@ class RecordedValues:
         )
 
     def of(self, frames: Frames) -> FloatArray:
-        """Return the values with a row for each frame, and a column for each chosen object and signal. NaN if the value
-        was BAD, or if there is none."""
+        """Return the values with a row for each frame, and a column for each chosen object and signal. A value is NaN
+        if it was BAD, or if there is none."""
         return samples(frames)[:, self.places]
 
     @property
     def periods(self) -> int:
-        """Number of the periods between the times, with at most one further block at each end, counted without reading
-        them."""
+        """Number of the periods between the two times. They are counted without reading them, so up to one further
+        block may be included at each end."""
         times, counts = self.recording.block_starts
         ends = np.append(times[1:], np.inf)
         low, high = -np.inf if self.start is None else self.start, np.inf if self.stop is None else self.stop
         return int(counts[(times < high) & (ends > low)].sum())
 
     def share(self, time: float) -> float:
-        """Return the share of the span before a time, 0 to 1."""
+        """Return the share of the span that lies before a time, from 0 to 1."""
         first, last = self.recording.span
         first = first if self.start is None else max(first, self.start)
         last = last if self.stop is None else min(last, self.stop)

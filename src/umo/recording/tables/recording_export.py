@@ -1,4 +1,5 @@
-"""A recording as a file of another kind: Parquet, CSV or NumPy. The file is written completely, or not at all."""
+"""Exports a recording as a file of another kind: Parquet, CSV or NumPy. The file is written completely or not at
+all."""
 
 from __future__ import annotations
 
@@ -19,14 +20,14 @@ from umo.text import reason_of
 
 SUFFIXES = (".parquet", ".csv", ".npz")
 BEFORE = ("time_s", "utc", "missed", "execution_us")
-"""Columns of a CSV file before those of objects and signals."""
+"""The columns of a CSV file that stand before those of objects and signals."""
 PIECE_ROWS = 4096
-"""Number of rows that are formatted at once."""
+"""Number of rows that are formatted in one step."""
 
 
 def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
-    """Write the values in the format of the suffix. Return the number of periods. Raises FramesError if it cannot be
-    written. Raises ImportError for Parquet without pyarrow."""
+    """Write the values in the format of the suffix. Return the number of periods. Raises FramesError if the file cannot
+    be written, and ImportError for Parquet without pyarrow."""
     if path.suffix not in SUFFIXES:
         raise OptionError(f"{path.name}: the suffix must be one of {', '.join(SUFFIXES)}")
     if path.exists() and path.samefile(values.recording.path):
@@ -38,8 +39,8 @@ def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Return a context with a new file next to a path, which replaces that path when it is complete. Raises FramesError
-    if it cannot be made."""
+    """Return a context with a new file next to a path, which replaces the file at that path when it is complete. Raises
+    FramesError if the new file cannot be created."""
     try:
         with replaced(path) as file:
             yield file

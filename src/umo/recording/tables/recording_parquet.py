@@ -1,5 +1,5 @@
-"""A recording in Parquet: the rows of a fleet's history (`umo.recording.tables.value_tables`), one for each value of
-each frame.
+"""Writes a recording in Parquet. The rows are those of a fleet's history (`umo.recording.tables.value_tables`), one for
+each value of each frame.
 
 The file is the table `values`; its metadata `umo` have the descriptions of all items with values, as JSON.
 """

@@ -18,7 +18,8 @@ NAMED = ("umo", "python", "numpy", "platform")
 
 
 def facts_of(recording: Recording) -> dict[str, Any]:
-    """Return the facts as plain data. Times in s on the machine's clock, `started` in s since 1970, `size` in bytes."""
+    """Return the facts of a recording as plain data. Times are in s on the machine's clock, `started` is in s since
+    1970, and `size` in bytes."""
     about, job = recording.about, recording.job
     first, last = recording.span
     end = None if recording.end is None else recording.end.event
@@ -58,7 +59,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
 
 
 def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the facts as text, each with its name."""
+    """Return the facts as lines of text, each with its name."""
     started = facts["started"]
     when = "" if started is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(started)))
     kind = "in real time" if facts["realtime"] else "in virtual time"

@@ -1,4 +1,5 @@
-"""The tables of runs in Parquet: one row for each value of each delta of a fleet, or frame of a recording.
+"""The tables of runs in Parquet. They have one row for each value of each delta of a fleet, or of each frame of a
+recording.
 
 The columns are the same for all stations and all machines, so that one query covers them (docs/decisions/0048). Times
 are the UTC of the frames.
@@ -20,7 +21,7 @@ from umo.process.frames.machine_items import ItemKind, MachineItem, items_of
 
 UTC = pa.timestamp("us", tz="UTC")
 NAME = pa.dictionary(pa.int32(), pa.string())
-"""The type of a column with few different texts."""
+"""The type of a column with few different strings."""
 VALUES = pa.schema(
     [
         ("time", UTC),
@@ -64,7 +65,8 @@ RUN_ITEMS = ("mode", "missed")
 
 
 class RunValues:
-    """The rows of one run. `layout`: that of its ring; `only`: the places of the wanted items (`items`)."""
+    """Makes the rows of one run. `layout`: the layout of the run's ring; `only`: the indices of the wanted items in
+    `items`."""
 
     def __init__(self, run: str, layout: Layout, only: Sequence[int] | None = None) -> None:
         self._run, self._dtype = run, layout.dtype
@@ -85,8 +87,8 @@ class RunValues:
         ]
 
     def table(self, frames: Any, utc: Any, deltas: Any, beside: Any) -> pa.Table:
-        """Return a table with a row for each value of each frame. `utc`: in us since 1970; `deltas`: the number of each
-        delta; `beside`: for each, the tunable numbers, the mode and the missed periods."""
+        """Return a table with a row for each value of each frame. For each frame `utc` has the UTC in us since 1970,
+        `deltas` the number of the delta, and `beside` the tunable numbers, the mode and the missed periods."""
         count, width = len(frames), len(self._items)
         values = self._numbers(frames, beside)
         errors = np.where(frames["utc_error"] < 0, np.nan, frames["utc_error"] * 1e-9)
@@ -142,12 +144,12 @@ def utc_of(frames: Any) -> Any:
 
 
 def names(codes: Any, texts: Sequence[str]) -> pa.DictionaryArray:
-    """Return texts by their places; null for a place below 0."""
+    """Return the strings at these indices; null for an index below 0."""
     return pa.DictionaryArray.from_arrays(pa.array(codes, mask=codes < 0), pa.array(texts, pa.string()))
 
 
 def events_table(run: str, events: Sequence[tuple[int, int | None, Event]]) -> pa.Table:
-    """Return the table of events. `events`: number, UTC in us, and the event."""
+    """Return the table of events. Each of `events` has the number, the UTC in us, and the event."""
     rows = [
         (at, run, number, each.path, each.text, each.who, each.asked, str(CommandState(each.state)), each.command)
         for number, at, each in events

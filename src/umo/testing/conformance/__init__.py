@@ -1,4 +1,4 @@
-"""The conformance kit: proves that a driver keeps its contract, and says as text what is broken.
+"""The conformance kit. It proves that a driver keeps its contract, or reports in sentences how the driver breaks it.
 
     with TcpTap("127.0.0.1", 5020) as tap:
         certificate = conform(

@@ -21,25 +21,26 @@ from umo.text import some
 
 T = TypeVar("T")
 MAX_PAIRS = 30
-"""Pairs of channels that are tried as blocks, in each of their orders."""
+"""Largest number of pairs of channels that are tried as blocks, each pair in both orders."""
 LOOK_INTERVAL = 0.01
-"""Time in s until the second look at a channel, doubled each time: a driver that receives its values without a request
-keeps them."""
+"""Time in s from the first to the second reading of a channel. The time doubles with each further reading, because a
+driver that receives its values without a request may return an old value for some time."""
 LOOKS = 5
-"""Largest number of looks at a channel to find that it stands still."""
+"""Largest number of readings by which the kit finds out whether a channel is constant."""
 FEWEST_BLOCKS = 4
-"""Blocks that are tried at any rate."""
+"""Number of blocks that are tried in any case."""
 MAX_TURNS = 16
-"""Blocks that are read one after the other, each in some orders."""
+"""Largest number of blocks that are read one after the other, each in several orders."""
 SINGLE_EACH = 4
 """Number of blocks after which a channel is read alone."""
 TURNS, FEWEST_TURNS = 9, 4
-"""Times that a few writes follow one another; and times that are tried in any case, also of readings."""
+"""Number of times that a series of a few writes is repeated, and number of times that are tried in any case. The latter
+also applies to readings."""
 MAX_REFUSED = 2
-"""Largest number of refused channels that are tried in each direction: the failure of one must not be reported for
-another."""
+"""Largest number of refused channels that are tried in each direction. The failure of one channel must not be reported
+for another."""
 PATTERNS = 8
-"""Patterns of levels beside those in which one output alone is not at its default."""
+"""Largest number of patterns of levels, in addition to those in which only one output is not at its default."""
 
 
 def orders(texts: Sequence[T]) -> list[tuple[T, ...]]:
@@ -54,8 +55,8 @@ def orders(texts: Sequence[T]) -> list[tuple[T, ...]]:
 
 
 def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
-    """Return levels of the outputs, in the order of the outputs: first all different if possible, then only one at
-    another level than its default."""
+    """Return levels of the outputs, in the order of the outputs: first patterns in which all levels differ, if
+    possible, then patterns in which only one output is not at its default."""
     for shift in range(PATTERNS):
         yield [output.other(number + 5 * shift) for number, output in enumerate(outputs)]
         if shift < len(outputs):
@@ -67,7 +68,8 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
 
 @rule(Cost(each=14, calls=8, more=200))
 def block_read(context: RuleContext) -> str | None:
-    """read_many gives the same values as read: for all channels in any order, halves, pairs and single ones."""
+    """`read_many` returns the same values as `read`: for all channels in any order, for halves, for pairs and for
+    single channels."""
     texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
@@ -138,8 +140,8 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
 
 @rule(Cost(each=6, calls=32, more=350))
 def block_write(context: RuleContext) -> str | None:
-    """write_many brings each output directly to its own level, and changes no other one: for all outputs in any order,
-    halves, pairs and single ones."""
+    """`write_many` brings each output directly to the level given for it, and changes no other output: for all outputs
+    in any order, for halves, for pairs and for single outputs."""
     outputs = context.required_outputs
     with context.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
@@ -208,7 +210,7 @@ def _alone_too(context: RuleContext, probe: Probe, output: Output, raw: int) -> 
 
 @rule(Cost(each=2, calls=8))
 def block_buffers(context: RuleContext) -> str | None:
-    """The arrays of a block belong to the caller: none is kept, and `raws` is not changed."""
+    """The arrays of a block belong to the caller: the driver keeps none of them, and does not change `raws`."""
     if not context.readable:
         context.required_outputs  # noqa: B018  NotTried
     with context.opened() as probe:
@@ -251,7 +253,8 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
 
 @rule(Cost(each=8, calls=12, waits=16))
 def block_failures(context: RuleContext) -> str | None:
-    """If a channel of a block fails, the others are transferred, or the error names them too; it names no other."""
+    """If a channel of a block fails, each other channel is either transferred or also named in the error. The error
+    names no channel that was transferred."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     missing, tried = [], False

@@ -1,4 +1,4 @@
-"""The time budget of a run: how long the rules will take, and which of them may take longer."""
+"""The time budget of a run: it determines how long the rules will take, and which of them may take longer."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
 LATE_SHARE, LATE_TIME = 0.1, 5.0
 """Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
 FINAL_SHARE = 0.04
-"""Share of the budget that is kept for the end: the last rules may take longer than planned too."""
+"""Share of the budget that is reserved for the end, because the last rules may also take longer than planned."""
 SAFETY_FACTOR = 1.15
-"""Factor on times that were measured from a few calls: they are no more exact than this."""
+"""Factor by which times that were measured from a few calls are multiplied. It is the accuracy of such times."""
 LONG_RUN_TRANSFERS = 70_000
-"""Transfers of the long run: more than a number of 16 bits has."""
+"""Number of transfers in the long run. It is larger than the range of a 16-bit number."""
 SPARE_SHARE = 0.3
 """Share of the spare time for a rule that can use it."""
 SPARE_SHARES = {"long run": 0.9, "memory": 0.5}
@@ -28,20 +28,20 @@ class CallTime:
     """Times in s of one call, measured from a few calls."""
 
     opening: float = 0.0
-    """Time to open a driver, to initialise, reset and finalise its channels, and to close it."""
+    """Time to open a driver, to initialise, reset and finalise its channels, and to close the driver."""
     transfer: float = 0.0
     wait: float = 0.0
     """Time to wait for a timeout."""
     channels: int = 1
     connecting: float = 0.0
-    """Additional time of a call that connects again."""
+    """Additional time of a call that reconnects."""
     settling: float = 0.0
-    """Time that the levels of all loop-backs take."""
+    """Time until the levels of all loop-backs have arrived."""
     watchdog: float = 0.0
-    """Time of the device's own watchdog."""
+    """Time of the watchdog in the device."""
 
     def of(self, cost: Cost) -> float:
-        """Return the least time of a rule with this cost."""
+        """Return the shortest time in s for a rule with this cost."""
         transfers = (cost.calls + cost.each * self.channels) * self.transfer
         measured = cost.opens * self.opening + transfers + cost.connects * self.connecting
         known = cost.waits * self.wait + cost.settles * self.settling + cost.watchdogs * self.watchdog + cost.sleeps
@@ -50,11 +50,11 @@ class CallTime:
 
 @dataclass(frozen=True)
 class TimePlan:
-    """Time that a run will take. `str` is a sentence for the user."""
+    """The time that a run will take. `str` returns a sentence for the user."""
 
     pace: CallTime
     budget: float
-    """Time in s that it may still take, after the few calls that were measured."""
+    """Time in s that the run may still take, after the few calls that were measured."""
     least: dict[str, float]
     """Least time in s of each rule."""
     shown: dict[str, float]
@@ -66,7 +66,7 @@ class TimePlan:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Rules that will not fit into the time, as far as this is known in advance."""
+        """The rules that will not fit into the time, as far as this is known in advance."""
         total, out = 0.0, []
         for rule, seconds in self.least.items():
             if total + seconds > self.budget:
@@ -90,7 +90,7 @@ class TimePlan:
 
 
 class Budget:
-    """The remaining time for the rule that is tried now."""
+    """The time that remains for the rule that is tried now."""
 
     def __init__(self, seconds: float, rules: Sequence[Rule], clock: Callable[[], float] = monotonic) -> None:
         self.clock = clock
@@ -109,8 +109,9 @@ class Budget:
         """Parts of rules that were left out, as text."""
 
     def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
-        """Make the plan of the run, which counts from now on. `cycles`: cycles of the long run; None means as many as
-        it can use. `line`: whether there is a line between driver and device that the kit can disturb."""
+        """Make and return the plan of the run. Its time begins now. `cycles`: number of cycles of the long run; None
+        means as many as the long run can use. `line`: True if there is a line between driver and device that the kit
+        can disturb."""
         transfer, shown = pace.transfer * SAFETY_FACTOR, {}
         for rule in self._rules:
             cost = rule.cost if line or rule.theme not in LINE else NOTHING
@@ -130,9 +131,9 @@ class Budget:
         return self._end - self.clock() - self._kept
 
     def begin(self, rule: Rule) -> bool:
-        """Return True if the rule fitsinto the remaining time; then `more` refers to this rule. A rule that the plan
-        has promised also fits if earlier rules took a little longer; any other rule fits only if the promised rules
-        after it keep their time."""
+        """Return True if the rule fits into the remaining time. Then `more` refers to this rule. A rule that the plan
+        has promised also fits if earlier rules took a little longer. Any other rule fits only if enough time remains
+        for the promised rules after it."""
         left, least = self._left, self._least[rule.id]
         behind = [each.id for each in self._rules[self._rules.index(rule) + 1 :]]
         promised = sum(self._least[each] for each in behind if each not in self._unpromised)
@@ -147,12 +148,12 @@ class Budget:
 
     @property
     def latest(self) -> float:
-        """The time on the clock at which a rule is cut short."""
+        """The time, in s of the clock, at which a rule is cut short."""
         return self._end + LATE_SHARE * self._seconds + LATE_TIME
 
     @property
     def more(self) -> bool:
-        """Return True if the rule may continue with its optional part."""
+        """True if the rule may continue with its optional part."""
         return self.has(0.0)
 
     def has(self, seconds: float) -> bool:

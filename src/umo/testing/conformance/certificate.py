@@ -1,4 +1,4 @@
-"""The result of a run of the kit: a verdict for each rule, times, and what was tested."""
+"""The result of a run of the kit. It has a verdict for each rule, times, and a description of what was tested."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ STYLES = {Judgement.PASSED: "green", Judgement.FAILED: "bold red", Judgement.NOT
 
 @dataclass(frozen=True)
 class Finding:
-    """The verdict on one rule. `why`: the fault, the reason why it was not tried, or a remark."""
+    """The verdict on one rule. `why`: the fault, the reason why the rule was not tried, or a remark."""
 
     rule: str
     text: str
@@ -45,7 +45,7 @@ class Finding:
 
 
 def time_text(seconds: float) -> str:
-    """A measured time, to a tenth of a microsecond."""
+    """Return a measured time as text, to a tenth of a microsecond."""
     return duration(round(seconds, 7))
 
 
@@ -60,7 +60,7 @@ def edition() -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class TransferTime:
-    """Times of one kind of transfer, in s."""
+    """The times of one kind of transfer in s."""
 
     median: float
     p99: float
@@ -69,12 +69,12 @@ class TransferTime:
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """The findings of the kit. `str` gives a table, `repr` one line; broken rules come first. It holds no paths or
-    names of the computer, except those of `devices`."""
+    """The findings of the kit. `str` returns a table, `repr` one line. Broken rules come first. A certificate contains
+    no paths or names of the computer, except those of `devices`."""
 
     name: str
     driver: str
-    """Module and class."""
+    """Module and class of the driver."""
     devices: tuple[str, ...]
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -83,7 +83,7 @@ class Certificate:
     unreached: tuple[str, ...] = ()
     """Outputs that could not be brought to their defaults at the end of the run."""
     left_out: tuple[str, ...] = ()
-    """Parts that did not fit into the time."""
+    """Parts of rules that did not fit into the time."""
     date: str = ""
     versions: dict[str, str] = field(default_factory=dict)
     platform: str = ""
@@ -101,7 +101,7 @@ class Certificate:
 
     @property
     def line_tried(self) -> bool:
-        """True if a rule that disturbs the line could be tried, or none was selected."""
+        """True if a rule that disturbs the line could be tried, or if no such rule was selected."""
         line = [each for each in self.findings if each.theme in LINE]
         return not line or any(each.verdict is not Judgement.NOT_TRIED for each in line)
 
@@ -119,7 +119,7 @@ class Certificate:
         return f"passed{in_brackets(*gaps)}"
 
     def finding(self, rule: str) -> Finding:
-        """The finding on this rule. Raises KeyError if the rule was not chosen."""
+        """Return the finding on the rule with this name. Raises KeyError if the rule was not selected."""
         return {each.rule: each for each in self.findings}[rule]
 
     @property
@@ -129,7 +129,7 @@ class Certificate:
         return f"{self.name}: {self.status}; {', '.join(f'{count} rules {what}' for count, what in counts)}"
 
     def table(self) -> Table:
-        """The table for a rich console."""
+        """Return the table for a rich console."""
         devices = ", ".join(self.devices) or "no device"
         table = Table(title=f"{self.name}: {self.status}, on {devices}", title_justify="left")
         for heading in ("rule", "verdict", "finding"):
@@ -164,7 +164,7 @@ class Certificate:
         return json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n"
 
     def save(self, folder: Path) -> Path:
-        """Write NAME.json into the folder, which is made if it does not exist."""
+        """Write NAME.json into the folder, which is created if it does not exist."""
         folder.mkdir(parents=True, exist_ok=True)
         file = folder / f"{self.name.replace('/', '-').replace(' ', '-')}.json"
         file.write_text(self.to_json(), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Rules of the answers that a driver gives before it is opened."""
+"""Rules about the answers of a driver before it is opened."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from umo.testing.conformance.rules import TEXTS, Cost, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 LAST_NUMBER = re.compile(r"([0-9]+)(?!.*[0-9])")
-"""The last number of a text."""
+"""Pattern of the last number in a string."""
 
 
 @rule(Cost(opens=1))
 def channels(context: RuleContext) -> None:
-    """A channel's text means one channel with fixed direction and bits; any other text raises ChannelError. No two
+    """Each channel's text means one channel with fixed direction and bits. Any other text raises ChannelError. No two
     channels have the same place. If two texts mean the same channel, such as out:1 and out:01, they have the same
     place."""
     probe, other = context.new(), context.new()
@@ -97,8 +97,8 @@ def _takes(driver: Driver[Any], text: str) -> bool:
 
 @rule(Cost(opens=1))
 def before_open(context: RuleContext) -> str | None:
-    """Before `open` a driver accesses no hardware, also not for `check_watchdog`; `devices` returns the same names for
-    two drivers, whenever it is called; `forms` is a list of texts."""
+    """Before `open` a driver accesses no hardware, not even for `check_watchdog`. `devices` returns the same names for
+    two drivers, whenever it is called. `forms` is a list of strings."""
     before = _connections(context)
     probe, other = context.new(), context.new()
     for text in context.channels:

@@ -1,5 +1,5 @@
-"""Finds descriptors that are closed twice: the second time their number may belong to someone else, such as another
-driver."""
+"""Finds descriptors that are closed twice. At the second time their number may already belong to other code, such as
+another driver."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ except ImportError:  # not on Windows
 
 OPEN = "/proc/self/fd"
 KIT_DESCRIPTORS = 400
-"""Lowest number of the kit's own descriptors: the kernel gives a driver the lowest free number."""
+"""Lowest number of the kit's own descriptors. It is high because the kernel gives a driver the lowest free number."""
 
 
 def out_of_the_way(descriptor: int) -> int:
-    """Return the same file with a number that no driver has had, if the limits of the process allow it, so that a
-    driver that closes a descriptor twice does not end the kit."""
+    """Return the same file with a number that no driver has had, if the limits of the process allow it. This protects
+    the kit against a driver that closes a descriptor twice."""
     if fcntl is None or resource.getrlimit(resource.RLIMIT_NOFILE)[0] <= 2 * KIT_DESCRIPTORS:
         return descriptor
     moved = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, KIT_DESCRIPTORS)
@@ -29,8 +29,8 @@ def out_of_the_way(descriptor: int) -> int:
 
 
 class Placeholders:
-    """Open files that take each descriptor number which becomes free after a call. If one of them is closed later, the
-    driver has closed a descriptor of this number twice."""
+    """Open files that occupy each descriptor number that becomes free after a call. If one of these files is closed
+    later, the driver has closed a descriptor of this number twice."""
 
     def __init__(self) -> None:
         self.closed_by = ""
@@ -42,7 +42,7 @@ class Placeholders:
         """The highest number that has been in use since."""
 
     def look(self, call: str) -> None:
-        """Look for closed placeholders; called after each call of the driver."""
+        """Look for closed placeholders. This is called after each call of the driver."""
         for number in [each for each in self._held if not self._is_there(each)]:
             self._held.discard(number)
             self.closed_by = self.closed_by or call

@@ -1,4 +1,4 @@
-"""Rules of answers that are late, old, cut short or garbled."""
+"""Rules about answers that are late, old, cut short or garbled."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from umo.testing.conformance.spoiling import (
 )
 
 CHECKSUM_SIZES = (1, 2, 4)
-"""Bytes that a checksum has."""
+"""Numbers of bytes that a checksum may have."""
 MANY_LATE = 2
-"""Number of consecutive late answers: after these, a request number that counts only this far repeats."""
+"""Number of consecutive late answers. After so many, a short request number repeats."""
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
     "(`steady` of an Input, --steady)"
@@ -118,7 +118,7 @@ def _alive(context: RuleContext, probe: Probe) -> None:
 
 @rule(Cost(each=3, calls=4, sleeps=0.3))
 def answer_in_pieces(context: RuleContext) -> None:
-    """The driver puts together an answer that comes in several pieces."""
+    """The driver accepts an answer that arrives in several pieces."""
     line = context.line
     with context.opened() as probe:
         expected, before = values(context, probe), line.spoiled
@@ -131,7 +131,7 @@ def answer_in_pieces(context: RuleContext) -> None:
 
 @rule(Cost(each=4, calls=16, connects=8, waits=8))
 def old_answer(context: RuleContext) -> str | None:
-    """An earlier answer instead of the right one is an error, if answers carry a number."""
+    """If answers carry a number, an earlier answer in place of the right one leads to an error."""
     # The number shows: two answers to one call, while nothing changes, are not alike
     with context.opened() as probe:
         tried = False
@@ -179,7 +179,7 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
 
 @rule(Cost(opens=4, calls=100, connects=20, waits=10, settles=15))
 def short_answer(context: RuleContext) -> str | None:
-    """An answer that is cut short, with or without the end of the connection or its reset, is an error."""
+    """An answer that is cut short leads to an error, whether the connection then ends, is reset, or stays open."""
 
     def half(answer: bytes) -> bytes:
         return answer[: len(answer) // 2]
@@ -205,9 +205,9 @@ def short_answer(context: RuleContext) -> str | None:
 
 @rule(Cost(opens=3, each=6, calls=196, connects=47, waits=13, settles=28))
 def garbled_answer(context: RuleContext) -> str | None:
-    """An answer with a garbled structure (its start, all of it, random bytes) is an error. A changed digit or register
-    in a valid answer cannot be noticed; this is tested only if answers have a checksum, also in an answer that says
-    that a channel failed."""
+    """An answer with a garbled structure (its start, all of it, random bytes) leads to an error. A changed digit or
+    register in a valid answer cannot be noticed without a checksum. It is tested only if answers have one, then also in
+    an answer that reports the failure of a channel."""
     random = Random(1998)
 
     def noise(count: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Rules of the device: it vanishes and returns, has two clients; its errors name the objects of a machine."""
+"""Rules about the device: it vanishes and returns, it has two clients, and its errors name the objects of a machine."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
 
 MAX_ALONE = 8
-"""Channels that are read alone while the device is away."""
+"""Largest number of channels that are read alone while the device is away."""
 MAX_OLD = 2
-"""Number of earlier readings that a rule does not accept: of three, by each kind of reading."""
+"""Number of earlier readings that a rule does not accept as new ones."""
 MANY_FAILURES = 100
-"""Calls that fail while the device is away."""
+"""Number of calls that fail while the device is away."""
 STILL = 40
 """Number of readings of a constant level after which a driver might assume that it never changes."""
 PAUSE = 0.06
-"""Time in s in which nothing is read: what a device sends by itself meanwhile may lie in a buffer."""
+"""Time in s in which nothing is read. Data that a device sends by itself in this time may remain in a buffer."""
 OWN_PERIOD = 0.1
 """Period in s of a driver that umo calls only outside the cycle."""
 MAX_LEVEL = 1 << 40
@@ -40,7 +40,8 @@ SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer
 
 @rule(Cost(each=4, calls=8, connects=7, waits=7))
 def reset_after_failure(context: RuleContext) -> str | None:
-    """After failed calls reset still reaches the default, and a write reaches its level, alone and as a block."""
+    """After failed calls, reset still brings an output to its default, and a write, alone or as a block, brings it to
+    its level."""
     outputs = context.required_outputs
     with context.opened() as probe:
         for output in outputs:
@@ -82,10 +83,10 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output, man
 
 @rule(Cost(opens=4, each=12, calls=15, connects=8, waits=8, more=10))
 def vanish(context: RuleContext) -> str | None:
-    """While the device is away each call fails in time. When it is back the next call works, however many have failed
-    (if none has, the first may find the end of the connection). Its reading is right, and failed writes are not
-    repeated. A level that was written before is written again, alone and as a block, because the device may have lost
-    it."""
+    """While the device is away, each call fails in time. When the device is back, the next call works, however many
+    calls have failed. (If none has failed, the first call may find the end of the connection.) Its reading is right,
+    and failed writes are not repeated. A level that was written before is written again if it is requested, alone and
+    as a block, because the device may have lost it."""
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
@@ -209,9 +210,9 @@ def _right(context: RuleContext, probe: Probe, after: str) -> None:
 
 @rule(Cost(opens=3, each=22, calls=14))
 def two_clients(context: RuleContext) -> str | None:
-    """A second driver of the device is refused by an OSError, or works; the first continues to work. A value that one
-    writes stays when the other writes something else, alone or as a block, and the other reads it. Reset and initialise
-    then still reach the default."""
+    """A second driver of the device is refused by an OSError, or works. The first driver continues to work. A value
+    that one driver writes stays when the other driver writes something else, alone or as a block, and the other driver
+    reads that value. Reset and initialise then still reach the default."""
     with context.opened() as first:
         context.use(first)  # a device may be in use from the first transfer on
         second = context.new()
@@ -315,7 +316,7 @@ def _join(context: RuleContext, second: Probe) -> None:
 
 @rule(Cost(opens=2, each=10, calls=26, settles=8, more=160))
 def fresh(context: RuleContext) -> str | None:
-    """A reading belongs to its own call, not to an earlier one."""
+    """A reading belongs to the call that returns it, not to an earlier call."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure
     levels = context.subject.levels
     looped = [each for each in context.viewed if context.view(each) != each.channel or levels is not None]
@@ -434,7 +435,7 @@ def _check_names(error: DriverError, texts: dict[str, str]) -> None:
 
 
 class Machine(Compound):
-    """Machine that the kit makes of a subject."""
+    """The machine that the kit makes from a subject."""
 
     outputs: list[DigitalActuator]
     inputs: list[DigitalSensor]

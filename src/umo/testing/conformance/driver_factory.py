@@ -14,7 +14,7 @@ from umo.testing.conformance.subject import Output, Subject
 
 
 class DriverFactory:
-    """Makes drivers of the subject. What their calls do is watched."""
+    """Makes drivers of the subject, and watches their calls."""
 
     def __init__(self, subject: Subject) -> None:
         self.subject = subject
@@ -27,7 +27,8 @@ class DriverFactory:
         """The device has turned away a second driver."""
 
     def new(self, direct: bool = False) -> Probe:
-        """A new driver, not opened, whose channels are known; `direct`: without the line, if the subject can do so."""
+        """Return a new driver that is not opened, and whose channels are known. `direct`: without the line, if the
+        subject has such a driver."""
         make = self.subject.direct if direct and self.subject.direct is not None else self.subject.make
         driver: Driver[Any] = self.watch.call("making the driver", self.patience, make)
         driver.period = self.subject.period
@@ -39,8 +40,7 @@ class DriverFactory:
 
     @property
     def patience(self) -> float:
-        """Return the timeout in s of a call that has to succeed, the same as umo sets when it initialises and
-        resets."""
+        """The timeout in s of a call that must succeed. umo sets the same timeout when it initialises and resets."""
         return max(UNCONTROLLED_TIMEOUT, self.subject.timeout)
 
     def bring_up(self, probe: Probe) -> None:
@@ -51,7 +51,8 @@ class DriverFactory:
 
     @contextmanager
     def opened(self, direct: bool = False) -> Iterator[Probe]:
-        """A new driver, open and with its channels initialised, which is closed at the end of the context."""
+        """Return a context with a new driver that is open and whose channels are initialised. The driver is closed at
+        the end of the context."""
         with self.leaving(self.new(direct)) as probe:
             self.bring_up(probe)
             yield probe
@@ -69,8 +70,8 @@ class DriverFactory:
         self.leave(probe)
 
     def leave(self, probe: Probe) -> None:
-        """Reset, finalise and close. Failed calls are tried again with a new driver by `restore`; the first error is
-        raised at the end."""
+        """Reset and finalise the channels of a driver, and close it. `restore` tries failed calls again with a new
+        driver. The first error is raised at the end."""
         probe.timeout = self.patience
         errors: list[BaseException] = []
 
@@ -91,12 +92,12 @@ class DriverFactory:
             raise errors[0]
 
     def bring_to_default(self, probe: Probe, output: Output) -> None:
-        """Bring an output to its default as the guardian does with a new driver: initialised, then reset."""
+        """Bring an output to its default as the guardian does with a new driver: initialise it, then reset it."""
         probe.initialize(output.channel, output.default)
         probe.reset(output.channel, output.default)
 
     def ready(self, probe: Probe, text: str) -> None:
-        """Initialise a channel with the driver that uses it, as umo does, and once more if that fails. This brings an
+        """Initialise a channel with the driver that uses it, as umo does. If that fails, try once more. This brings an
         output to its default."""
         if text in probe.opened:
             return
@@ -107,7 +108,7 @@ class DriverFactory:
             raise
 
     def restore(self, always: bool = False) -> None:
-        """A new driver brings every output to its default that may not be there."""
+        """Bring every output that may not be at its default there, with a new driver."""
         if not (self.dirty or always) or not self.subject.outputs:
             return
         self.dirty = False
@@ -125,8 +126,8 @@ class DriverFactory:
 
     @contextmanager
     def second(self, direct: bool = False) -> Iterator[Probe | None]:
-        """Return another open driver of the device, with outputs that are not initialised; None if the device accepts
-        only one driver, after one wait."""
+        """Return a context with another open driver of the device, whose outputs are not initialised. It yields None if
+        the device accepts only one driver, which is tried only once."""
         if self._is_full:
             yield None
             return
@@ -150,7 +151,7 @@ class DriverFactory:
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Return all channels, inputs first."""
+        """All channels, inputs first."""
         inputs = [each.channel for each in self.subject.inputs]
         return tuple(dict.fromkeys((*inputs, *self._defaults)))
 
@@ -163,7 +164,7 @@ class DriverFactory:
 
     @cached_property
     def readable(self) -> tuple[str, ...]:
-        """Channels whose direction allows reading."""
+        """The channels whose direction allows reading."""
         probe = self.new()
         return tuple(text for text in self.channels if Direction.INPUT in probe.channel(text).direction)
 

@@ -1,5 +1,5 @@
-"""Rules of every call: what it returns and raises. They come last, because they judge the calls of the other rules too,
-and are always tried."""
+"""Rules about the results and errors of every call. They are always tried, and come last, because they also judge the
+calls of the other rules."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def readings(context: RuleContext) -> None:
 
 @rule(Cost(calls=4, connects=2, waits=2))
 def kind_of_errors(context: RuleContext) -> str | None:
-    """A call that fails raises an OSError, whatever failed."""
+    """A call that fails raises an OSError, whatever the cause."""
     # Also of all calls of the rules before
     remark = None
     try:
@@ -45,7 +45,7 @@ def kind_of_errors(context: RuleContext) -> str | None:
 
 @rule(Cost(opens=2, calls=3))
 def end(context: RuleContext) -> str | None:
-    """At the end every output is at its default. Closing a driver changes none."""
+    """At the end every output is at its default. Closing a driver changes no output."""
     # A new driver looks at the outputs
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")

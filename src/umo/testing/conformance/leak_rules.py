@@ -1,4 +1,4 @@
-"""Rules of descriptors, threads and memory, whose losses add up over many calls."""
+"""Rules about descriptors, threads and memory, whose leaks add up over many calls."""
 
 from __future__ import annotations
 
@@ -24,54 +24,54 @@ from umo.testing.conformance.taps import Tap
 
 DESCRIPTORS = "/proc/self/fd"
 OPENINGS = 100
-"""Times that the driver is opened and closed, and that its connection is dropped."""
+"""Number of times that the driver is opened and closed, and that its connection is dropped."""
 FEWEST_OPENINGS = 3
-"""Least number of openings."""
+"""Smallest number of openings."""
 LOSSES = 2
 """Number of lost connections and answers within one opening."""
 SILENT_OPENINGS = 3
-"""Openings on a line where nobody answers."""
+"""Number of openings on a line on which no device answers."""
 LOOK_INTERVAL = 0.005
-"""Time in s between two looks: a period."""
+"""Time in s between two looks. It is a period."""
 MAX_CLOSING_TIME = 5.0
-"""Time in s until what was closed has ended at the other end too."""
+"""Longest time in s until a closed connection has also ended at the other end."""
 ROUNDS, MAX_ROUNDS = 3, 9
-"""Measurements of memory: a cache may still fill in the first ones. More are made if the memory grew in each of
-them."""
+"""Usual and largest number of measurements of memory. A cache may still fill during the first ones. More are made if
+the memory grew in each of them."""
 MAX_WARMING = 1.0
-"""Longest time in s of the calls before the first measurement."""
+"""Longest time in s for the calls before the first measurement."""
 CACHE_FILLING_CALLS = 5000
 """Number of calls after which a cache is full, if there is time for them."""
 CYCLES = 1000
 """Largest number of cycles of one measurement."""
 FREE_GROWTH, FREE_PIECES = 4096, 6
-"""Bytes, and pieces, by which the memory may always grow."""
+"""Number of bytes, and number of pieces, by which the memory may always grow."""
 
 
 @dataclass(frozen=True)
 class LeakLimit:
-    """Limit on the memory that each repetition may leave behind."""
+    """The memory that each repetition may leave behind at most."""
 
     fewest: int = 30
-    """Least number of repetitions."""
+    """Smallest number of repetitions."""
     size: float = 4.0
-    """Bytes: less than one entry of a list."""
+    """Number of bytes; less than one entry of a list."""
     circular: float = 0.5
-    """Objects that only the garbage collector frees."""
+    """Number of objects that only the garbage collector frees."""
     pieces: float = 1.5
-    """Pieces of memory of any size, such as an object that is kept."""
+    """Number of pieces of memory of any size, such as an object that is kept."""
 
 
 PER_LONGER_CYCLE = LeakLimit(fewest=14, pieces=2.5)  # a record of levels in this process may still fill
 PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0, pieces=20.0)
-"""Limit on the memory that each lost connection may leave behind; connections are rarely lost."""
+"""The memory that each lost connection may leave behind at most. Connections are rarely lost."""
 
 
 @rule(Cost(opens=16, each=12, calls=115, connects=54, waits=18, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
-    """No descriptor stays open and no thread stays alive after many openings, lost connections, looks, error answers,
-    garbled answers, and calls without an answer, nor after a `close` that fails or ends a look; also not until `close`.
-    No child process inherits one."""
+    """No additional descriptor stays open and no additional thread stays alive after many openings, lost connections,
+    looks, error answers, garbled answers, and calls without an answer, nor after a `close` that fails or ends a look.
+    This holds before `close`, too. No child process inherits a descriptor."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before, known = _counts(context), frozenset(threading.enumerate())
@@ -289,7 +289,7 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
 
 @rule(Cost(opens=3, calls=560, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
-    """Python's memory does not grow over many calls, alone and as blocks, without the garbage collector; also not by
+    """Without the garbage collector, Python's memory does not grow over many transfers, alone and as blocks, nor over
     failed calls, lost connections, or looks for a device that is away."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever
     with context.opened(direct=True) as probe:

@@ -1,4 +1,4 @@
-"""A rule of levels: only what is written moves an output."""
+"""A rule about levels: only a write changes an output."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from umo.testing.conformance.subject import Output
 from umo.text import some
 
 TRIES = 2
-"""Number of repetitions in which an output must move every time, because a watchdog of the device may run out at the
-same moment."""
+"""Number of repetitions in which an output must move every time. There are several because a watchdog of the device may
+run out at the same time."""
 LOOK_INTERVAL = 0.005
-"""Time in s between two looks: a period."""
+"""Time in s between two looks. It is a period."""
 MOST_LOOKS = 20
-"""Largest number of looks while the device does not answer, and when it does."""
+"""Largest number of looks while the device does not answer, and after it answers again."""
 OTHER_LEVEL = 2
-"""Number of the level that another client writes, beside that of the driver."""
+"""Number of the level that another client writes. It differs from that of the driver."""
 FEWEST_OUTPUTS = 1
-"""Least number of outputs whose requests are distinguished from others."""
+"""Smallest number of outputs whose requests are distinguished from other requests."""
 Happening = Callable[[RuleContext, "Witness", int], object]
 """Function that makes the driver connect again, or look for its device. Its argument is the number of the levels."""
 
 
 @rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
 def levels_kept(context: RuleContext) -> str | None:
-    """Only a write changes an output: it keeps its level when the driver connects again, after a lost connection, a
-    timeout, a garbled answer or an error answer, and while the driver looks for its device. After the device itself was
-    away the driver may bring outputs to their defaults, because the device has lost their levels."""
+    """Only a write changes an output. The output keeps its level when the driver connects again, after a lost
+    connection, a timeout, a garbled answer or an error answer, and while the driver looks for its device. After the
+    device itself was away, the driver may bring outputs to their defaults, because the device has lost their levels."""
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")
     happenings = _happenings(context)
@@ -131,8 +131,8 @@ def _in_haste(context: RuleContext, witness: Witness, number: int) -> DriverCall
 
 
 class Witness:
-    """Observes the outputs independently of the driver: by a record, another client through the loop-backs, and the
-    tap."""
+    """Observes the outputs independently of the driver: by a record, by another client through the loop-backs, and by
+    the tap."""
 
     def __init__(self, context: RuleContext, probe: Probe, other: Probe | None) -> None:
         self.context, self.probe = context, probe
@@ -152,7 +152,7 @@ class Witness:
         self.watched = {each.channel for each in (*recorded, *self._looped, *self._writes)}
 
     def write(self, output: Output, number: int) -> None:
-        """Values that another client writes in the meantime stay, if it may write."""
+        """Let another client write a value, if it may. The value must stay while the driver writes nothing."""
         if self._apart is not None and self.context.readable and not self.context.subject.sole_writer:
             self.context.insist(self.context.ready, self._apart, output.channel)
             self.context.insist(self._apart.write, output.channel, output.other(number))
@@ -161,13 +161,14 @@ class Witness:
 
     @property
     def remark(self) -> str | None:
-        """Return a remark on the outputs that nothing observes independently of the driver."""
+        """A remark on the outputs that nothing observes independently of the driver."""
         unseen = [each.channel for each in self.context.subject.outputs if each.channel not in self.watched]
         return f"nobody watched {some(unseen)}" if unseen else None
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """Make a call that writes nothing. The device itself caused any movement before this call."""
+        """Make a call that writes nothing. Movements of outputs before this call are attributed to the device
+        itself."""
         context, before = self.context, self._levels()
         with context.counted(answers=True) as traffic:  # a look may send a request and not wait for its end
             yield

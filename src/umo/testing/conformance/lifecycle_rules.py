@@ -1,4 +1,4 @@
-"""Rules of the segments: initialise, reset, finalise, open and close."""
+"""Rules about the segments: initialise, reset, finalise, open and close."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from umo.testing.conformance.taps import Tap
 from umo.text import some
 
 FEWEST_OUTPUTS = 2
-"""Least number of outputs that are initialised, each from two levels, and that are watched while a driver is opened
+"""Smallest number of outputs that are initialised, each from two levels, and that are watched while a driver is opened
 again."""
 TRIES = 3
-"""Plain writes of which one shows that a loop-back takes its time."""
+"""Number of plain writes. One of them must show that a loop-back needs time."""
 MAX_OTHERS = 8
-"""Other outputs that are looked at beside one."""
+"""Largest number of other outputs that are watched together with one output."""
 
 
 @rule(Cost(opens=11, each=9, calls=6, connects=2, waits=1, more=24))
 def initialise(context: RuleContext) -> str | None:
-    """An output starts at its default, also after an initialise that has failed; the others do not change. Channels can
-    be initialised in any order."""
+    """Initialise brings an output to its default, even after an initialise that has failed. The other outputs do not
+    change. Channels can be initialised in any order."""
     for output, _ in _left_levels(context):
         others = [each for each in context.visible if each != output]
         with context.leaving(context.new()) as probe:
@@ -112,8 +112,8 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
 
 @rule(Cost(each=14, calls=6))
 def reset(context: RuleContext) -> str | None:
-    """Reset brings an output from any level to the given default; it changes no input and no other output, not even for
-    a moment."""
+    """Reset brings an output from any level to the given default. It changes no input and no other output, not even for
+    a short time."""
     with context.opened() as probe:
         _check_inputs(context, probe)
         for output in context.required_outputs:
@@ -159,7 +159,7 @@ def _check_inputs(context: RuleContext, probe: Probe) -> None:
 
 @rule(Cost(opens=8, each=3, calls=6, more=50))
 def glitch(context: RuleContext) -> str | None:
-    """Initialise and reset bring an output directly to its default: no other level in between."""
+    """Initialise and reset bring an output directly to its default, without another level in between."""
     watched: set[str] = set()
     for output, left in _left_levels(context):
         with context.leaving(context.new()) as probe:
@@ -226,7 +226,8 @@ def _is_gradual(context: RuleContext, probe: Probe, output: Output, levels: Sequ
 
 @rule(Cost(opens=2, each=13))
 def finalise(context: RuleContext) -> str | None:
-    """Channels can be finalised in any order; the others continue to work, keep their levels and read the same."""
+    """Channels can be finalised in any order. The other channels continue to work, keep their levels and return the
+    same readings."""
     if len(context.channels) < 2:
         raise NotTried("the subject has one channel only")
     for order in (context.channels, context.channels[::-1]):
@@ -265,9 +266,9 @@ def _use(context: RuleContext, probe: Probe, text: str) -> None:
 
 @rule(Cost(opens=15, each=10, calls=4, connects=2, waits=1))
 def reopen(context: RuleContext) -> str | None:
-    """A closed driver can be opened again, and one that is not open can be closed. Outputs start at their defaults
-    again, also if they were driven in the meantime. No descriptor is closed twice, because its number may belong to
-    another one by then."""
+    """A closed driver can be opened again, and a driver that is not open can be closed. Outputs start at their defaults
+    again, even if they were driven in the meantime. No descriptor is closed twice, because its number may belong to
+    another descriptor at the second time."""
     probe = context.new()
     probe.close()
     with context.watch.placeholders() as held:

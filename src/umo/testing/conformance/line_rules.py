@@ -1,4 +1,4 @@
-"""Rules of requests: each is sent once, and an error that the device answers is an error."""
+"""Rules about requests: each is sent once, and an error answer of the device becomes an error."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from umo.testing.conformance.spoiling import first_only, recovers, values
 from umo.testing.conformance.subject import Output
 
 IDLE_TIME = 0.1
-"""Time in s in which a driver that is left alone must send nothing to be judged."""
+"""Time in s without calls. A driver is judged only if it sends nothing during this time."""
 EQUAL_WRITES = 3
-"""Number of writes of one level whose requests are compared."""
+"""Number of writes of the same level whose requests are compared."""
 REFERENCE_CALLS = 3
-"""Calls that are alike, whose requests are compared."""
+"""Number of equal calls whose requests are compared."""
 
 
 @rule(Cost(opens=2, each=4, calls=66, connects=20, waits=14, sleeps=0.3))
 def retry(context: RuleContext) -> str | None:
-    """A request is sent once within a call, also if it fails, because a pulse would come twice."""
+    """Within a call each request is sent only once, even if it fails, because otherwise a pulse would be sent twice."""
     line = context.line
     faults: list[tuple[str, Change, bool]] = [
         ("got no answer", lambda answer: b"", False),
@@ -182,7 +182,7 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
 
 @rule(Cost(each=4, calls=4, waits=8))
 def error_answer(context: RuleContext) -> str | None:
-    """An error that the device answers becomes an OSError, not a value and not a timeout."""
+    """An error answer of the device becomes an OSError, not a value and not a timeout."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     silent, kinds = [], set()

@@ -1,4 +1,4 @@
-"""Cycles of transfers whose readings are checked, and calls that fail."""
+"""Runs cycles of transfers whose readings are checked, and calls that fail."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from umo.testing.conformance.rules import WRITTEN_MANY, RuleBroken
 from umo.testing.conformance.subject import Output
 
 WARMING_CYCLES = 50
-"""Number of cycles in which the kit finds a loop-back that is slow."""
+"""Number of cycles in which the kit finds out which loop-backs are slow."""
 FEWEST_CYCLES = 5
-"""Least number of cycles."""
+"""Smallest number of cycles."""
 MAX_ALONE = 2
-"""Channels of each direction that are transferred alone where memory is measured."""
+"""Largest number of channels of each direction that are transferred alone when memory is measured."""
 LEVEL_SETS = 64
-"""Sets of levels that are written in turn."""
+"""Number of sets of levels that are written in turn."""
 QUICK_FAILURE = 0.02
 """Time in s within which a call must fail to be repeated often."""
 SLOW_FACTOR, SLOW_TIME = 3.0, 0.002
 """Limits above which a cycle counts as slow: this factor times the duration of the first cycles, plus this time in
 s."""
 FREE_GROWTH = 1 << 20
-"""Bytes by which the process may grow: what an allocator keeps."""
+"""Number of bytes by which the process may grow, because an allocator keeps memory."""
 GROWTH_PER_CALL = 32
-"""Bytes by which the process may grow with each transfer."""
+"""Number of bytes by which the process may grow with each transfer."""
 STATM = "/proc/self/statm"
 
 
 class LongRun:
-    """Cycles of a driver with open channels. Each writes all outputs as a block and one alone, and reads all channels
-    as a block and one alone."""
+    """Runs cycles on a driver with open channels. Each cycle writes all outputs as a block and one output alone, and
+    reads all channels as a block and one channel alone."""
 
     def __init__(self, context: RuleContext, probe: Probe) -> None:
         self.context, self.probe = context, probe
@@ -68,7 +68,7 @@ class LongRun:
         self._took: deque[float] = deque(maxlen=WARMING_CYCLES)
 
     def cycle(self) -> None:
-        """Read and write every channel once, as a block; then one of them."""
+        """Read and write all channels as a block, then one channel alone."""
         self.probe.call("cycle", self._transfer)
 
     def _transfer(self) -> None:
@@ -84,7 +84,8 @@ class LongRun:
             self._alone = turn % len(self.readable), driver.read(self.readable[turn % len(self.readable)])
 
     def longer_cycle(self) -> None:
-        """A cycle, and then some channels alone, so that memory left behind by each single transfer shows sooner."""
+        """Run a cycle, and then transfer some channels alone, so that memory left behind by each single transfer is
+        found sooner."""
         self.cycle()
         self.probe.call("cycle", self._some_alone)
 
@@ -102,7 +103,7 @@ class LongRun:
         self.context.failure(call)
 
     def go(self, most: int | None = None) -> None:
-        """Run a number of cycles; default: until there were enough transfers, or the time is over."""
+        """Run a number of cycles; default: run until there were enough transfers, or the time is over."""
         number, early = 0, 0
         while (self.per_cycle and number < FEWEST_CYCLES) or (self.calls < self.most and self.context.budget.more):
             if number == most:
@@ -127,7 +128,7 @@ class LongRun:
 
     @property
     def late(self) -> float:
-        """Duration in s of the quickest of the last cycles."""
+        """The duration in s of the quickest of the last cycles."""
         return min(self._took)
 
     @property
@@ -140,7 +141,7 @@ class LongRun:
 
     @property
     def remark(self) -> str:
-        """Return a remark on what was examined."""
+        """A remark on what was examined."""
         words = [f"{self.calls:,} transfers"]
         if not self._shown and not self._steady:
             words.append("no reading is known beforehand, so none was compared")

@@ -1,4 +1,4 @@
-"""Rules of looking for a device that does not answer."""
+"""Rules about looking for a device that does not answer."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from umo.testing.conformance.spoiling import TRIES, recovers, values
 AT_ONCE = 0.1
 """Time in s that a look may take."""
 LOOK_TIMEOUT = 1.0
-"""Timeout in s of the driver meanwhile: a look that waits for an answer would take ten times as long as permitted."""
+"""Timeout in s of the driver during looks. A look that waited for an answer would take ten times as long as
+permitted."""
 SLOW_ANSWER = 0.3
-"""Time in s after which a slow device answers: less than the timeout."""
+"""Time in s after which a slow device answers. It is less than the timeout."""
 LOOKS = 10
-"""Looks for a device that is silent, in succession."""
+"""Number of successive looks for a device that is silent."""
 LOOK_INTERVAL = 0.005
-"""Time in s between two looks: a period."""
+"""Time in s between two looks. It is a period."""
 
 
 @rule(Cost(each=5, calls=15, connects=8, waits=6, sleeps=1.6))
 def look(context: RuleContext) -> str | None:
-    """A look for a device that does not answer (`look`) does not wait, does not find it, says so in the end, and raises
-    nothing except an OSError. When the device is back it is found, also if its answer takes a part of the timeout, and
-    the next transfers give true values."""
+    """A look (`look`) for a device that does not answer does not wait, does not find the device, finally reports that,
+    and raises nothing except an OSError. When the device is back, a look finds it, even if its answer takes a part of
+    the timeout, and the next transfers return true values."""
     kinds = [context.line.silent] if context.subject.line is not None else []
     tried = goes_on = False
     with context.opened() as probe:

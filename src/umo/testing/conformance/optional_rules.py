@@ -1,4 +1,5 @@
-"""Rules of the optional functions of a driver: the scale of a channel, ages, a report, the watchdog of its circuit."""
+"""Rules about the optional functions of a driver: the scale of a channel, ages, a report, the watchdog of its
+circuit."""
 
 from __future__ import annotations
 
@@ -35,36 +36,38 @@ from umo.text import some
 SCALE_SHARE = 0.05
 """Share of an output's range by which the two ends of a loop-back may differ."""
 AGE_TOLERANCE = 0.02
-"""Time in s by which an age may be wrong: the calls around it take their time."""
+"""Time in s by which an age may be wrong, because the calls around it take time."""
 AGE_INTERVAL = 0.005
-"""Time in s until the age is read once more."""
+"""Time in s until the age is read again."""
 AGE_LOOKS = 5
-"""Largest number of `settle` times that the rule waits for the old level: a driver may keep its readings for longer."""
+"""Largest number of `settle` times that the rule waits for the old level. A driver may keep its readings for longer
+than `settle`."""
 AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
 """Times in s after which a level that has arrived is read."""
 PAIR_WAITS = (0.0, 0.0, 0.0)
 """Times in s after which a level of a pair of channels is read."""
 MAX_AGE_PAIRS = 3
-"""Pairs of channels whose ages are looked at, with each output."""
+"""Largest number of pairs of channels whose ages are checked with each output."""
 CLOCK_STEP = 3600.0
-"""Time in s by which the clock of the day is set back and forward."""
+"""Time in s by which the wall clock is set back and forward."""
 WATCHDOG_EXPIRY = 1.5
 """Number of watchdog times after which the watchdog has certainly run out."""
 NO_TIMES = (1e9, -1.0)
-"""Times in s that no watchdog has: 31 years, and one that is over."""
+"""Times in s that no watchdog supports: 31 years, and a time in the past."""
 SILENCES = (0.04, 0.1)
-"""Times in s for which nothing comes from the device: readings during this time get older. A driver may return its last
+"""Times in s for which no data come from the device. Readings during this time get older. A driver may return its last
 values only for a short silence."""
 REPORTS = 3
-"""Times that a report is asked for twice in a row."""
+"""Number of times that a report is requested twice in succession."""
 WATCHDOG_REQUESTS = 6
-"""Requests within the time of a watchdog that is not to run out."""
+"""Number of requests within the time of a watchdog that must not run out."""
 
 
 @rule(Cost(each=5, calls=10, sleeps=1))
 def physical_scale(context: RuleContext) -> str:
-    """The scale that a driver gives for a channel is valid: its resolution is not 0, its unit is known, and it is the
-    same before and after `open`, and at any level. Both ends of a loop-back have the same value by it."""
+    """The scale that a driver returns for a channel is valid: the resolution is not 0, the unit is known, and the scale
+    is the same before and after `open`, and at any level. With their scales both ends of a loop-back have the same
+    value."""
     given = {text: _scale(context.new(), text) for text in context.channels}
     with context.opened() as probe:
         for text, before in given.items():
@@ -141,9 +144,9 @@ def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping
 
 @rule(Cost(each=1, calls=77, waits=1, sleeps=1.6))
 def ages(context: RuleContext) -> str | None:
-    """The age of a reading with an old level is at least the time since the level has changed; with the new level it is
-    at most that time. While nothing arrives from the device, the age is at least that time. There is one age for each
-    channel of the block, and none depends on the wall clock."""
+    """The age of a reading that still has an old level is at least the time since the level has changed. The age of a
+    reading with the new level is at most that time. While no data arrive from the device, the age is at least the time
+    of this silence. There is one age for each channel of the block. No age depends on the wall clock."""
     texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
@@ -268,9 +271,9 @@ def _time(seconds: float) -> str:
 
 @rule(Cost(each=4, calls=24, connects=2, waits=3))
 def report(context: RuleContext) -> str | None:
-    """The result of `report` is plain data by name, that of `inspect` for an input a line of text. Asking for them
-    changes no output, not even for a moment, and no reading, and raises nothing except an OSError if the device is
-    away. A later report still has the earlier content, also after the device was away."""
+    """The result of `report` is plain data by name; the result of `inspect` for an input is a line of text. The two
+    calls change no reading and no output, not even for a short time, and raise nothing except an OSError if the device
+    is away. A later report still has the entries of the earlier one, even after the device was away."""
     if not isinstance(context.new().driver, Reports | Inspects):
         raise NotTried("the driver reports nothing")
     with context.opened() as probe:
@@ -390,10 +393,10 @@ def _is_plain(value: Any) -> bool:
 
 @rule(Cost(each=2, calls=4, waits=1, connects=1, watchdogs=9))
 def watchdog(context: RuleContext) -> str | None:
-    """The watchdog of the circuit, once armed with a time, drops the outputs when nothing was called for that time, and
-    not before, also if the driver has connected again since; requests that the driver sends by itself do not prevent
-    it. Each call of `watchdog` sets the time again, and fails if its answer gets lost. `check_watchdog` refuses a time
-    that the circuit does not support."""
+    """Once the watchdog of the circuit is armed with a time, it switches the outputs off when nothing was called for
+    that time, and not before, even if the driver has reconnected since. Requests that the driver sends by itself do not
+    prevent this. Each call of `watchdog` sets the time again, and fails if its answer gets lost. `check_watchdog`
+    refuses a time that the circuit does not support."""
     seconds = context.subject.watchdog
     if not isinstance(context.new().driver, HasWatchdog):
         raise NotTried("the driver has no watchdog of its circuit")

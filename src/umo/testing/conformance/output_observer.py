@@ -1,4 +1,4 @@
-"""Levels of the outputs, as they are observed: by the record of a counterpart, through a loop-back, or read back."""
+"""Observes the levels of the outputs: by the record of a counterpart, through a loop-back, or by reading them back."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from umo.testing.conformance.subject import Output
 from umo.text import some
 
 LOOK_INTERVAL = 0.001
-"""Time in s between two looks at a level that has not arrived yet."""
+"""Time in s between two readings of a level that has not arrived yet."""
 STEP_SHARE = 0.02
-"""Share of a range: a level that is no further off may be a step of the device."""
+"""Share of a range. A level that differs by no more than this may be a step of the device."""
 NO_VIEW = "the level of no output can be seen: it needs a loop-back, or a channel that can be read back"
 ONLY_CONFIRMED = (
     "every call succeeded, but no level can be seen: it needs a loop-back, or a channel that can be read back"
@@ -25,7 +25,7 @@ ONLY_CONFIRMED = (
 
 
 class OutputObserver(DriverFactory):
-    """The levels of the outputs, as far as they can be seen."""
+    """The levels of the outputs, as far as they can be observed."""
 
     excuses: list[str]
     """The changes that the present rule attributes to the device itself, as text."""
@@ -37,18 +37,18 @@ class OutputObserver(DriverFactory):
         return dict(self.subject.loopbacks)
 
     def view(self, output: Output) -> str:
-        """The channel that shows the level of an output: its loop-back, or itself."""
+        """Return the channel that shows the level of an output: its loop-back, or the output itself."""
         return self.loops.get(output.channel, output.channel)
 
     @cached_property
     def visible(self) -> tuple[Output, ...]:
-        """Outputs whose level can be seen."""
+        """The outputs whose level can be observed."""
         by = self.loops.keys() if self.subject.levels is None else self._defaults.keys()
         return tuple(each for each in self.subject.outputs if each.channel in by or each.channel in self.readable)
 
     @property
     def required_outputs(self) -> tuple[Output, ...]:
-        """Outputs whose level can be seen; NotTried if there is none."""
+        """The outputs whose level can be observed. Raises NotTried if there is none."""
         if not self.subject.outputs:
             raise NotTried("the driver has no outputs")
         if not self.visible:
@@ -57,29 +57,30 @@ class OutputObserver(DriverFactory):
 
     @cached_property
     def viewed(self) -> tuple[Output, ...]:
-        """Outputs whose level the driver can read."""
+        """The outputs whose level the driver can read."""
         return tuple(each for each in self.subject.outputs if self.view(each) in self.readable)
 
     @property
     def steady(self) -> tuple[str, ...]:
-        """Inputs that nothing drives and that do not change by themselves."""
+        """The inputs that nothing drives and that do not change by themselves."""
         looped = {text for _, text in self.subject.loopbacks}
         return tuple(each.channel for each in self.subject.inputs if each.steady and each.channel not in looped)
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Channels that read the same as long as the kit changes nothing: steady inputs, and levels of outputs."""
+        """The channels whose reading stays the same as long as the kit changes nothing: steady inputs, and levels of
+        outputs."""
         return tuple(dict.fromkeys((*(self.view(each) for each in self.viewed), *self.steady)))
 
     def remark(self, *more: str) -> str | None:
-        """Words for the outputs that the rule could not see, and for what else it says."""
+        """Return a remark about the outputs that the rule could not observe, and the rule's other remarks."""
         unseen = [each.channel for each in self.subject.outputs if each not in self.visible]
         words = [f"except {some(unseen)}, whose level cannot be seen"] if unseen else []
         return "; ".join((*words, *more)) or None
 
     def looked(self, *more: str) -> str | None:
-        """Return the remark at the end of a rule whose calls succeeded. Raises NotTried if the rule could see none of
-        the outputs."""
+        """Return the remark at the end of a rule whose calls succeeded. Raises NotTried if the rule could observe none
+        of the outputs."""
         if self.subject.outputs and not self.visible:
             raise NotTried(ONLY_CONFIRMED)
         return self.remark(*more)
@@ -93,8 +94,8 @@ class OutputObserver(DriverFactory):
         return probe.read(view)
 
     def recorded(self, output: Output) -> Sequence[int]:
-        """Return the levels since the last call, as the counterpart has recorded them. Raises RuleBroken if there are
-        none, which is a fault of the subject."""
+        """Return the levels since the last call, as the counterpart has recorded them. Raises RuleBroken if the
+        counterpart has recorded none, which is a fault of the subject."""
         assert self.subject.levels is not None
         if not (found := self.subject.levels(output.channel)):
             raise RuleBroken(
@@ -105,13 +106,13 @@ class OutputObserver(DriverFactory):
         return found
 
     def level(self, probe: Probe, output: Output) -> int:
-        """The level that the output has now: as the counterpart records it, or else as the driver reads it."""
+        """Return the present level of the output, as recorded by the counterpart, or else as read by the driver."""
         if self.subject.levels is not None:
             return self.recorded(output)[-1]
         return self.reading(probe, output)
 
     def comes_to(self, look: Callable[[], int], right: Callable[[int], bool]) -> tuple[bool, int]:
-        """Return True if the look finds a right level within `settle`. Also return the last level found."""
+        """Return whether `look` finds a right level within `settle`, and the last level that was found."""
         end = monotonic() + self.subject.settle
         while not right(found := look()):
             if monotonic() >= end:
@@ -120,11 +121,11 @@ class OutputObserver(DriverFactory):
         return True, found
 
     def is_at(self, probe: Probe, output: Output, raw: int) -> bool:
-        """Return True if the output comes to this level within `settle`; sets `last_level`."""
+        """Return True if the output comes to this level within `settle`. Sets `last_level`."""
         return self._comes_to(self.level, probe, output, raw)
 
     def is_read(self, probe: Probe, output: Output, raw: int) -> bool:
-        """True if the driver reads this level within `settle`; sets `last_level`."""
+        """True if the driver reads this level within `settle`. Sets `last_level`."""
         return self._comes_to(self.reading, probe, output, raw)
 
     def _comes_to(self, look: Callable[[Probe, Output], int], probe: Probe, output: Output, raw: int) -> bool:
@@ -132,15 +133,15 @@ class OutputObserver(DriverFactory):
         return there
 
     def await_levels(self, probe: Probe) -> None:
-        """Wait until the levels that this driver wrote last are read, at the latest until `settle` is over: readings
-        before that may still show earlier levels."""
+        """Wait until the levels that this driver wrote last are read, but no longer than `settle`. Readings before that
+        may still show earlier levels."""
         for output in self.viewed:
             if output.channel in probe.levels:
                 self.is_read(probe, output, probe.levels[output.channel])
 
     def arrive(self, other: Probe | None, output: Output, raw: int) -> None:
         """Wait until the level has certainly arrived, as observed without the driver under test: by the counterpart's
-        record or by another driver; otherwise wait for `settle`."""
+        record or by another driver. If that is not possible, wait for `settle`."""
         if self.subject.levels is not None:
             self.comes_to(lambda: self.recorded(output)[-1], lambda level: self.same(output, raw, level))
         if other is not None:
@@ -149,7 +150,7 @@ class OutputObserver(DriverFactory):
             sleep(self.subject.settle)
 
     def expect(self, probe: Probe, output: Output, raw: int, after: str, *causes: str) -> None:
-        """Raise RuleBroken if the output is not at this level, or the driver reads another one. `causes`: additional
+        """Raise RuleBroken if the output is not at this level, or the driver reads another level. `causes`: additional
         causes of the error."""
         if self.subject.levels is not None and not self.is_at(probe, output, raw):
             text = f"{output.channel} is at {self.last_level} after {after}, not at {raw}"
@@ -164,8 +165,8 @@ class OutputObserver(DriverFactory):
             raise RuleBroken(text + self._hint(output, raw), f"level of {output.channel}", *causes)
 
     def confirm(self, probe: Probe, output: Output, raw: int) -> None:
-        """Raise RuleBroken if the output is not at the level that was written last, or the driver reads another one.
-        This takes precedence over other findings of a rule, because it is their cause."""
+        """Raise RuleBroken if the output is not at the level that was written last, or the driver reads another level.
+        This error takes precedence over other findings of a rule, because it is their cause."""
         probe.timeout = self.patience
         self.expect(probe, output, raw, f"write({raw})", WRITTEN)
 
@@ -179,7 +180,7 @@ class OutputObserver(DriverFactory):
     # The same level -----------------------------------------------------------------------------------
 
     def same(self, output: Output, raw: int, level: int) -> bool:
-        """True if an observed level is the raw integer of the output."""
+        """True if an observed level equals a raw integer of the output."""
         if raw == level or self.subject.agree is None:
             return raw == level
         views = {self.view(output)}
@@ -188,8 +189,8 @@ class OutputObserver(DriverFactory):
         return any(self.subject.agree(output.channel, raw, view, level) for view in views)
 
     def alike(self, text: str, before: int, now: int) -> bool:
-        """True if two readings of a channel mean the same level: they are equal, or those of a loop-back agree with a
-        level of its output."""
+        """True if two readings of a channel mean the same level: they are equal, or they are readings of a loop-back
+        that agree with the same level of the output."""
         if before == now or self.subject.agree is None:
             return before == now
         return any(
@@ -200,8 +201,8 @@ class OutputObserver(DriverFactory):
         )
 
     def fallen(self, text: str, found: int) -> bool:
-        """True if the device itself has brought an output to its default, as a watchdog does while a line is silent: a
-        new driver, without the line, reads that too."""
+        """True if the device itself has brought an output to its default, as a watchdog does while a line is silent. A
+        new driver, without the line, must read the default too."""
         shown = [each for each in self.subject.outputs if self.view(each) == text]
         if self.subject.direct is None or not any(self.same(each, each.default, found) for each in shown):
             return False
@@ -221,9 +222,10 @@ class OutputObserver(DriverFactory):
 
     @contextmanager
     def observing(self, output: Output, left: int, until: int) -> Iterator[list[int]]:
-        """Return a context that yields a list; after the context the list contains the levels that an output had
-        meanwhile, first the level before. A loop-back is watched from the moment when it shows the level `left` to the
-        moment when it shows the level `until`. The list is empty if only the driver under test can see the output."""
+        """Return a context that yields a list. After the context the list contains the levels that an output had during
+        the context, beginning with the level before. A loop-back is watched from the time when it shows the level
+        `left` to the time when it shows the level `until`. The list is empty if only the driver under test can read the
+        output."""
         found: list[int] = []
         if self.subject.levels is not None:
             self.recorded(output)
@@ -240,8 +242,8 @@ class OutputObserver(DriverFactory):
 
     @contextmanager
     def straight(self, goals: Mapping[Output, int], doing: str) -> Iterator[None]:
-        """Return a context that raises RuleBroken unless the output goes straight to its goal, which may be the level
-        that it has. Without a record of levels this cannot be checked."""
+        """Return a context that raises RuleBroken unless the output goes directly to its goal, which may be its present
+        level. Without a record of levels this is not checked."""
         seen = goals if self.subject.levels is not None else {}
         for output in seen:
             self.recorded(output)

@@ -1,4 +1,4 @@
-"""A driver under test: every call of it is observed and recorded as text."""
+"""A driver under test. Every call of the driver is observed and recorded as text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 class Watch:
-    """The call that the driver carries out now. Another thread watches it to find a call that hangs."""
+    """The call that the driver carries out now. Another thread watches the call to find out whether it hangs."""
 
     def __init__(self, line: Tap | None = None) -> None:
         self.line = line
@@ -87,7 +87,7 @@ class Watch:
 
     @contextmanager
     def placeholders(self) -> Iterator[Placeholders]:
-        """Return a context in which each descriptor that becomes free by a call is used at once."""
+        """Return a context in which each descriptor that becomes free by a call is occupied immediately."""
         held = Placeholders()
         self.after = held.look
         try:
@@ -103,15 +103,16 @@ class Watch:
 
 
 class Stopped(BaseException):
-    """The kit was asked to end."""
+    """Raised if the kit was asked to end."""
 
 
 class TimeUp(Stopped):
-    """The time of the run is up."""
+    """Raised if the time of the run is over."""
 
 
 class WrongKind(OSError):
-    """The driver raised something else; it is noted in the watch and taken for an OSError."""
+    """Raised in place of an exception of the driver that is not an OSError. The exception is noted in the watch, and
+    this error, an OSError, is handled like other failures."""
 
     def __init__(self, text: str, call: str, after: str = "") -> None:
         super().__init__(text)
@@ -119,25 +120,25 @@ class WrongKind(OSError):
 
 
 def call_of(error: OSError) -> str:
-    """Return the call that raised the error."""
+    """Return the call that raised the error, as text."""
     return getattr(error, "umo_call", "a call")
 
 
 def disturbed_before(error: OSError) -> str:
-    """Return what the kit had disturbed just before the call, or before the call that failed before it; empty if
-    nothing."""
+    """Return a text about the disturbance that the kit made just before the call, or before an earlier call that
+    failed; empty if there was none."""
     return getattr(error, "umo_after", "")
 
 
 def failed(error: OSError) -> str:
-    """Return a text about a call that had to succeed, with its error and with what happened just before it: a
-    disturbance by the kit, or another failed call."""
+    """Return a text about a call that had to succeed and has failed. It contains the error, and what happened just
+    before the call: a disturbance by the kit, or another failed call."""
     after = disturbed_before(error)
     return f"{call_of(error)} failed{f', right after {after}' if after else ''}: {text_of(error)}"
 
 
 class Probe:
-    """The functions of one driver, with texts for channels."""
+    """The functions of one driver. Channels are given by their texts."""
 
     def __init__(self, driver: Driver[Any], watch: Watch) -> None:
         self.driver = driver
@@ -152,7 +153,7 @@ class Probe:
 
     @property
     def timeout(self) -> float:
-        """Timeout in s as it was set here. Whether the driver uses it is not checked here: it may use another one."""
+        """The timeout in s that was set here. The driver may use another timeout; this is not checked here."""
         return self._timeout
 
     @timeout.setter
@@ -160,7 +161,7 @@ class Probe:
         self._timeout = self.driver.timeout = seconds
 
     def channel(self, text: str) -> Channel:
-        """Return the channel of a text, which the driver is asked for only once, as umo does."""
+        """Return the channel of a text. The driver is asked for it only once, as umo does."""
         if text not in self._channels:
             self._channels[text] = self.call(f"channel({text!r})", self.driver.channel, text)
         return self._channels[text]
@@ -199,7 +200,7 @@ class Probe:
             self.levels[text] = raw
 
     def read_many(self, texts: Sequence[str], out: IntArray | None = None) -> list[int]:
-        """Read channels into `out`, or into an array like the one that umo hands over."""
+        """Read channels into `out`, or into an array like the one that umo passes."""
         channels = self._block(texts)
         out = np.full(len(texts), UNREAD) if out is None else out
         self.call(f"read_many of {', '.join(texts)}", self.driver.read_many, channels, out)
@@ -231,7 +232,7 @@ class Probe:
         return self._whole
 
     def call(self, what: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Make any call of the driver."""
+        """Call any function of the driver."""
         return self.watch.call(what, self.timeout, function, *arguments)
 
     def _checked(self, channel: Channel, raw: Any) -> int:

@@ -1,4 +1,5 @@
-"""Rules of the process in which the driver runs: processor time, Ctrl-C, and what else it changes there."""
+"""Rules about the process in which the driver runs: its processor time, Ctrl-C, and other changes that the driver makes
+in it."""
 
 from __future__ import annotations
 
@@ -28,11 +29,11 @@ IDLE_TIME = 0.25
 PAUSE = 1.2
 """Time in s for which nothing is called."""
 MAX_SHARE = 0.5
-"""Largest share of the time in which a thread could run that it uses while it waits."""
+"""Largest share of the available processor time that a thread may use while it waits."""
 ALARM_TOLERANCE = 0.2
-"""Time in s by which the end of a running timer may seem to move."""
+"""Time in s by which the end of a running timer may appear to change."""
 TRIES = 2
-"""Tries of which the best counts."""
+"""Number of tries, of which the best counts."""
 MOST_WAITS = 4
 """Largest number of places in one call at which it is interrupted."""
 WAITING_FUNCTIONS = {
@@ -44,8 +45,8 @@ WAITING_FUNCTIONS = {
 
 @rule(Cost(calls=25, connects=6, waits=6, sleeps=2.5))
 def idle(context: RuleContext) -> str | None:
-    """Waiting uses no processor time: not while the device is silent or away or its connection has ended, not between
-    calls, not after `close`. A pause between two calls does no harm."""
+    """Waiting uses no processor time while the device is silent or away, while its connection has ended, between calls,
+    and after `close`. A pause between two calls does no harm."""
     if not threads():
         raise NotTried("the kernel does not report the processor time of threads")
     with context.opened() as probe:
@@ -113,9 +114,9 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
 
 @rule(Cost(opens=6, calls=35, connects=6, more=10))
 def interrupt(context: RuleContext) -> str | None:
-    """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else. The driver can still
-    be used after that, because outputs are reset then, and takes no late answer to that call for another one. The same
-    applies after a request to end a wait (`stop_waiting`)."""
+    """Ctrl-C ends a call that waits, and KeyboardInterrupt is not turned into another exception. The driver can be used
+    after that, because the outputs are then reset. It does not take a late answer to the interrupted call for the
+    answer to another call. The same applies after a request to end a wait (`stop_waiting`)."""
     # The interrupt is raised where the call would wait in a function in C
     kinds = len(context.transfers(context.new()))
     _asked_to_stop(context)
@@ -227,8 +228,7 @@ def process(context: RuleContext) -> str | None:
     """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale, time
     zone, processors, priority, limits, garbage collector, child processes, logging, blocked signals, timers, warnings,
     hooks for exceptions, errors of numpy, decimal numbers, where modules are looked for, the mask of new files,
-    functions of the standard library; nothing is printed, also if a call fails, or when the driver is no longer
-    used."""
+    functions of the standard library. Nothing is printed, even if a call fails or when the driver is no longer used."""
     on, alarm, own = gc.isenabled(), alarm_time(), state_of_thread()
     gc.disable()  # as in the control process
     gc.collect()  # what prints in its destructor is the driver's from here on

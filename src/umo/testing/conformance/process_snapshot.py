@@ -1,5 +1,5 @@
-"""The process in which a driver runs: its threads and their processor time, and settings that a driver must not
-change."""
+"""Snapshots of the process in which a driver runs: its threads and their processor time, and settings that a driver
+must not change."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ except ImportError:  # not on Windows
 TASKS = Path("/proc/self/task")
 STATUS = Path("/proc/self/status")
 PATCHED = (builtins, os, select, signal, socket, threading, time)
-"""Modules of which some libraries replace functions for the whole process."""
+"""Modules whose functions some libraries replace for the whole process."""
 LIMITS = tuple(name for name in dir(resource) if name.startswith("RLIMIT_"))
 TIMERS = tuple(name for name in dir(signal) if name.startswith("ITIMER_"))
 
 
 def threads() -> dict[int, tuple[float, float]]:
-    """Times in s that each thread of the process has run, and that it was kept waiting for a processor."""
+    """Return, for each thread of the process, the time in s that it has run, and the time in s that it has waited for a
+    processor."""
     found = {}
     with suppress(OSError):
         for task in os.listdir(TASKS):
@@ -54,8 +55,8 @@ State = dict[str, object]
 
 
 def change(before: State, now: State) -> str:
-    """Return the first difference between two states as text; empty if there is none. Values of the environment are not
-    shown, because some are secret."""
+    """Return the first difference between two states as text, or an empty text if there is none. Values of the
+    environment are not shown, because some are secret."""
     for what, value in now.items():
         if value != before[what]:
             if not isinstance(value, dict):
@@ -115,7 +116,7 @@ def state_of_thread() -> State:
 
 
 def alarm_time() -> float | None:
-    """Return the time (`monotonic`) at which the process gets SIGALRM once; None if it gets none, or gets it
+    """Return the time (`monotonic`) at which the process gets a single SIGALRM. Return None if it gets none, or gets it
     repeatedly."""
     left, interval = signal.getitimer(signal.ITIMER_REAL) if TIMERS else (0.0, 0.0)
     return time.monotonic() + left if left and not interval else None

@@ -14,13 +14,14 @@ from umo.testing.conformance.relay import Tapped
 from umo.testing.conformance.taps import Tap
 
 CMSPAR = 0o10_000_000_000
-"""Parity "mark" and "space", on Linux. The module termios has no name for it."""
+"""The flag for the parities "mark" and "space" on Linux. The module termios has no name for it."""
 
 
 class PtyTap(Tap):
-    """A pseudo terminal at `serial`, a path, in front of a device file. The driver's settings of the line (baud rate,
+    """A pseudo terminal in front of a device file. `serial` is its path. The driver's settings of the line (baud rate,
     stop bits, flow control) are passed on. Parity and data bits are arguments of the tap, because a pseudo terminal
-    does not keep them. When the line ends, as an adapter that is taken out, a new one appears at the same path."""
+    does not keep them. When the line ends, as if an adapter were unplugged, a new pseudo terminal appears at the same
+    path."""
 
     ordered = False
 

@@ -1,5 +1,5 @@
-"""Finds pulses of an output during initialise and reset that are too short to be seen, but appear in the requests. The
-requests are compared with those of writes: a request that equals a write of some level has the same effect on the
+"""Finds pulses of an output during initialise and reset that are too short to be observed, but appear in the requests.
+The requests are compared with those of writes: a request that equals a write of some level has the same effect on the
 device."""
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from umo.testing.conformance.subject import Output
 MAX_WRITES = 6
 """Largest number of writes that the requests of one call may consist of."""
 FEWEST_WRITES = 32
-"""Writes whose requests are compared, at least: enough of them to change every bit of a number or checksum."""
+"""Smallest number of writes whose requests are compared. It is large enough that every bit of a number or checksum
+changes."""
 
 
 def looks_for_pulses(context: RuleContext, output: Output) -> bool:
     """Return whether all requests of initialise and reset equal requests of writes, so that their levels are known.
     Raises RuleBroken if one of these levels is neither the default nor the level before.
 
-    A driver that also sends anything else, such as a request to enable the output, is not judged: the effect of a level
-    on the device is unknown then.
+    A driver that also sends other requests, such as one to enable the output, is not judged, because the effect of a
+    level on the device is then unknown.
     """
     levels = _levels(output)
     if context.subject.line is None or len(levels) < 2:
@@ -48,8 +49,8 @@ def looks_for_pulses(context: RuleContext, output: Output) -> bool:
 
 
 def known_writes(context: RuleContext, probe: Probe, output: Output) -> Writes | None:
-    """Return the requests of writes of an output; None if they cannot be distinguished from each other or from those of
-    a reading."""
+    """Return the requests of writes of an output. Return None if these cannot be distinguished from each other, or from
+    the requests of a reading."""
     levels = _levels(output)
     writes = Writes((raw, sent) for raw, sent in _written(context, probe, output, levels) if sent)
     with context.line.counting() as traffic:
@@ -83,17 +84,18 @@ def _order(levels: list[int]) -> list[int]:
 
 
 def constant(requests: Sequence[bytes]) -> dict[int, int]:
-    """Return the bytes that are the same in all of these requests, by their places; none if the lengths differ."""
+    """Return, by their indices, the bytes that are the same in all of these requests. Return no bytes if the lengths
+    differ."""
     if len(set(map(len, requests))) != 1:
         return {}
     return {place: values[0] for place, values in enumerate(zip(*requests, strict=True)) if len(set(values)) == 1}
 
 
 class Writes:
-    """Requests of the writes of one output, by their levels.
+    """The requests of the writes of one output, by their levels.
 
-    Bytes that differ between equal writes are numbers, checksums or times. Of these, the bits that no write changes are
-    compared, as they may stand for the kind of the request.
+    Bytes that differ between equal writes are numbers, checksums or times. Of these bytes only the bits that no write
+    changes are compared, because they may stand for the kind of the request.
     """
 
     def __init__(self, samples: Iterable[tuple[int, bytes]]) -> None:
@@ -111,8 +113,8 @@ class Writes:
                 form.tells = False
 
     def levels(self, sent: bytes, allowed: Collection[int]) -> list[int] | None:
-        """Return the levels, in order, of the writes that equal these requests; if there is more than one way to read
-        the requests, the one with allowed levels. None if the requests do not equal writes."""
+        """Return the levels, in order, of the writes that equal these requests. If there is more than one way to read
+        the requests, the way with allowed levels is chosen. Return None if the requests do not equal writes."""
         ways = list(self._ways(sent, MAX_WRITES))
         return next((way for way in ways if set(way) <= set(allowed)), ways[0] if ways else None)
 

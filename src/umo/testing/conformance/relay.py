@@ -1,8 +1,8 @@
 """Passes bytes between a driver and its device, in a thread, and spoils answers.
 
-It does not depend on the protocol. In a mode that spoils, an answer is what comes from the device until nothing more
-has come for `ANSWER_GAP` s. A device that sends by itself may never pause: from such a device an answer lasts at most
-`LONGEST_ANSWER` s."""
+It does not depend on the protocol. In a mode that spoils answers, an answer consists of all bytes from the device until
+none has arrived for `ANSWER_GAP` s. A device that sends by itself may never pause. An answer of such a device lasts at
+most `LONGEST_ANSWER` s."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from typing import Self
 from umo.testing.conformance.closed_twice import out_of_the_way
 
 ANSWER_GAP = 0.005
-"""Time in s without a byte that ends an answer."""
+"""Time in s without a byte after which an answer has ended."""
 LONGEST_ANSWER = 0.05
-"""Longest time in s for which an answer continues, of a device that sends by itself."""
+"""Longest time in s that an answer of a device that sends by itself lasts."""
 PIECE_INTERVAL = 0.003
 """Time in s between the pieces of an answer."""
 MAX_SETTLING_TIME = 5.0
-"""Time in s for which the thread is waited for."""
+"""Longest time in s to wait for the thread."""
 KEPT_EXCHANGES = 64
 MAX_RECEIVED = 65536
-"""Largest number of bytes that are received at once."""
+"""Largest number of bytes that are received in one read."""
 Change = Callable[[bytes], bytes]
-"""Function that turns the answer of the device into the answer that the driver gets; an empty result means no
+"""Function that turns the answer of the device into the answer that the driver receives. An empty result means no
 answer."""
 
 
 @dataclass(frozen=True)
 class AnswerMode:
-    """Treatment of answers; by default they pass."""
+    """How answers are treated. By default they pass unchanged."""
 
     change: Change | None = None
     hangup: bool = False
-    """True if the connection is closed after a changed answer."""
+    """True if the connection is closed after an answer that was changed."""
     reset: bool = False
     """True if the end of the connection is a reset, as from a device that has restarted."""
     holding: bool = False
     """True if answers are kept, to be delivered late."""
     splitting: bool = False
-    """True if each answer comes in four pieces, of which the first and the last are one byte each."""
+    """True if each answer arrives in four pieces. The first and the last piece have one byte each."""
     step: float = 0.0
     """Time in s between the bytes of an answer that trickles."""
     endless: float = 0.0
@@ -74,7 +74,7 @@ class Traffic:
 
 
 class Tapped:
-    """A driver and its device: two descriptors, and the present exchange."""
+    """A connection between a driver and its device: two descriptors, and the present exchange."""
 
     def __init__(self, driver: int, device: int) -> None:
         self.driver, self.device = driver, device
@@ -92,7 +92,7 @@ class Tapped:
 
 
 class Relay(ABC):
-    """Base of the taps."""
+    """The base class of the taps."""
 
     def __init__(self) -> None:
         self.exchanges: deque[tuple[bytes, bytes]] = deque(maxlen=KEPT_EXCHANGES)
@@ -134,7 +134,7 @@ class Relay(ABC):
         os.close(self._waker)
 
     def drop(self) -> None:
-        """Act as a device that ends its connections. It accepts new ones at once."""
+        """Act like a device that ends its connections. New connections are accepted immediately."""
         with self._lock:
             if self._open:
                 self.disturbed = "a lost connection"
@@ -155,7 +155,7 @@ class Relay(ABC):
 
     @property
     def descriptors(self) -> int:
-        """Return the open descriptors of the connections."""
+        """The open descriptors of the connections."""
         return 2 * len(self._open)
 
     # What the kinds of taps differ in ----------------------------------------------------------------

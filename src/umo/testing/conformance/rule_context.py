@@ -25,15 +25,15 @@ from umo.testing.conformance.taps import Tap
 DriverCall = Callable[[], object]
 T = TypeVar("T")
 MEASURED_CALLS = 3
-"""Calls of each kind from which the time of a call is measured."""
+"""Number of calls of each kind from which the time of a call is measured."""
 MEASURED_OPENINGS = 2
-"""Openings that are measured: a device may need its time between two."""
+"""Number of openings that are measured. A device may need some time between two."""
 WATCHED_CALLS = 4
-"""Calls within the time of a watchdog."""
+"""Number of calls within the time of a watchdog."""
 MIN_HASTE = 0.2
 """Shortest timeout in s that the kit chooses by itself."""
 HASTE_FACTOR = 10
-"""Factor: a call that must time out waits this many times as long as the slowest of a few answers."""
+"""The timeout of a call that must time out, as a multiple of the time of the slowest of a few answers."""
 NO_LINE = "there is no line between driver and device that the kit can disturb"
 
 
@@ -59,12 +59,14 @@ class RuleContext(OutputObserver):
         """The state of the process before the first driver."""
 
     def begin(self, before: State | None = None) -> None:
-        """Note the state before the first driver; `before`: the process, if a driver has been there already."""
+        """Note the state before the first driver. `before`: the earlier state of the process, if a driver was already
+        imported."""
         self.before = before or state()
         self.threads = frozenset(threads())
 
     def measure(self) -> None:
-        """Time a few calls: sets `pace`, and `haste` for a device that answers much quicker than the timeout."""
+        """Measure the time of a few calls. Sets `pace`, and `haste` if the device answers much quicker than the
+        timeout."""
         opening, taken = 0.0, list[float]()
         for _ in range(MEASURED_OPENINGS):
             began = monotonic()
@@ -102,8 +104,8 @@ class RuleContext(OutputObserver):
             return max(0.0, first - transfer, self.watch.took - transfer)
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
-        """Yield the tasks of a rule: `fewest` of them in any case, the others as long as there is time. `what`: the
-        word for the tasks, such as "blocks", used if some are left out."""
+        """Yield the tasks of a rule: `fewest` of them in any case, further ones as long as there is time. `what` is a
+        word for the tasks, such as "blocks"; it is used if some are left out."""
         longest = 0.0
         for number, task in enumerate(tasks):
             if number >= fewest and not self.budget.has(longest):
@@ -114,7 +116,7 @@ class RuleContext(OutputObserver):
             longest = max(longest, monotonic() - began)
 
     def transfers(self, probe: Probe, default: bool = True) -> list[DriverCall]:
-        """Return one call of each kind. Outputs are written to their defaults, or other levels."""
+        """Return one call of each kind. Outputs are written to their defaults, or to other levels."""
         found: list[DriverCall] = []
         if self.readable:
             found += [partial(probe.read, self.readable[0]), partial(probe.read_many, self.readable)]
@@ -126,7 +128,8 @@ class RuleContext(OutputObserver):
         return found
 
     def enquiries(self, probe: Probe) -> list[DriverCall]:
-        """Return one call of each kind beside transfers that may ask the device. None of them arms the watchdog."""
+        """Return one call of each kind, other than transfers, that may access the device. None of them arms the
+        watchdog."""
         driver, found = probe.driver, list[DriverCall]()
         if isinstance(driver, Reports):
             found.append(partial(probe.call, "report", driver.report))
@@ -139,7 +142,7 @@ class RuleContext(OutputObserver):
         return found
 
     def use(self, probe: Probe) -> None:
-        """Make one call of each kind, all of which have to succeed."""
+        """Make one call of each kind. All of them must succeed."""
         for call in self.transfers(probe):
             call()
 
@@ -155,8 +158,8 @@ class RuleContext(OutputObserver):
                 raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}") from error
 
     def refused_calls(self, probe: Probe, text: str) -> list[DriverCall]:
-        """Return reads and writes of a channel that the device refuses, in the directions that the channel has. Outputs
-        that must not be driven are not written."""
+        """Return reads and writes of a channel that the device refuses, as far as the direction of the channel allows.
+        Outputs that must not be driven are not written."""
         direction = probe.channel(text).direction
         found: list[DriverCall] = []
         if Direction.INPUT in direction:
@@ -167,15 +170,15 @@ class RuleContext(OutputObserver):
 
     @contextmanager
     def in_haste(self, probe: Probe) -> Iterator[None]:
-        """Return a context for calls that may have to time out, such as those that the device refuses without an
+        """Return a context for calls that may have to time out, such as calls that the device refuses without an
         answer."""
         probe.timeout = self.haste
         yield
         probe.timeout = self.patience
 
     def told(self, probe: Probe) -> bool:
-        """True if the driver receives the values of its inputs instead of requesting them. Such a driver reports ages,
-        which a separate rule checks."""
+        """True if the driver receives the values of its inputs instead of requesting them. Such a driver reports ages.
+        A separate rule checks them."""
         if self._told is None:
             doing = self.watch.doing
             self._told = bool(self.readable) and isinstance(probe.driver, KnowsAges) and self._gives_ages(probe)
@@ -188,7 +191,7 @@ class RuleContext(OutputObserver):
 
     def made_up(self, probe: Probe) -> bool:
         """True if the last call, which has succeeded without a right answer, invented its result. A driver that
-        receives its values may return an earlier reading: the rule ages checks its age."""
+        receives its values may return an earlier reading. The rule "ages" checks its age."""
         if not self.watch.doing.startswith("read") or not self.told(probe):
             return True
         self.excuses.append(
@@ -197,16 +200,16 @@ class RuleContext(OutputObserver):
         return False
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
-        """Make a call that may fail twice, because the driver may notice the consequences of earlier calls only
-        then."""
+        """Make a call that may fail twice, because the driver may notice the consequences of earlier calls only in this
+        call."""
         for _ in range(2):
             with suppress(OSError):
                 return call(*arguments)
         return call(*arguments)
 
     def look(self, probe: Probe) -> bool | None:
-        """Return the result of the driver's `look`: True if it has no such function, False if it raises an OSError.
-        Raises RuleBroken if `look` returns or raises anything that it must not."""
+        """Return the result of the driver's `look`; True if the driver has no such function, False if it raises an
+        OSError. Raises RuleBroken if `look` returns or raises anything else that it must not."""
         driver = probe.driver
         try:
             found = probe.call("look", driver.look if isinstance(driver, Looks) else lambda: True)
@@ -219,7 +222,7 @@ class RuleContext(OutputObserver):
         return found
 
     def dead(self) -> str:
-        """Return the reason why the device cannot be used at all; empty if it can."""
+        """Return the reason why the device cannot be used at all, or an empty text if it can."""
         probe, doing = None, ""
         try:
             probe = self.new()
@@ -250,19 +253,19 @@ class RuleContext(OutputObserver):
 
     @property
     def loss(self) -> Callable[[], Any]:
-        """Return a function that makes a context in which the device is away. Raises NotTried if the kit cannot take
-        the device away."""
+        """A function that returns a context in which the device is away. Raises NotTried if the kit cannot take the
+        device away."""
         return self.subject.gone or self.line.gone
 
     def unanswered(self, call: Callable[..., object], *arguments: Any) -> tuple[OSError | None, bool]:
-        """Make a call whose answer gets lost. Return its error, and whether there was an answer."""
+        """Make a call whose answer gets lost. Return the call's error, and whether there was an answer."""
         found, lost = self.spoiled(lambda answer: b"", False, call, *arguments)
         return found if isinstance(found, OSError) else None, lost
 
     def spoiled(
         self, change: Change, hangup: bool, call: Callable[..., Any], *arguments: Any, reset: bool = False
     ) -> tuple[Any, bool]:
-        """Make a call whose answer is changed. Return its result or error, and whether there was an answer to
+        """Make a call whose answer is changed. Return the call's result or error, and whether there was an answer to
         change."""
         line = self.line
         before = line.spoiled
@@ -281,12 +284,13 @@ class RuleContext(OutputObserver):
         return traffic
 
     def counted(self, answers: bool = False) -> AbstractContextManager[Traffic]:
-        """Return a context that yields its traffic, like `Tap.counting`; without a line the traffic stays empty."""
+        """Return a context that yields the traffic during it, like `Tap.counting`. Without a line the traffic stays
+        empty."""
         line = self.subject.line
         return nullcontext(Traffic()) if line is None else line.counting(answers)
 
     def fail_some(self, probe: Probe) -> None:
-        """Make calls that fail, by any available means. Raises NotTried if there is none."""
+        """Make calls that fail, by any available means. Raises NotTried if there are no such means."""
         if self.subject.refused:
             for call in self.refused_calls(probe, self.subject.refused[0])[::-2]:
                 self.failure(call)

@@ -11,8 +11,8 @@ from umo.text import did_you_mean
 
 
 class RuleBroken(Exception):
-    """The driver breaks the rule; the text says what it did. `causes`: causes that may break a later rule too, such as
-    "level of dac:0"; each is reported once."""
+    """Raised if the driver breaks the rule. The text says what the driver did. `causes`: causes that may also break a
+    later rule, such as "level of dac:0". Each cause is reported once."""
 
     def __init__(self, text: str, *causes: str) -> None:
         super().__init__(text)
@@ -20,21 +20,21 @@ class RuleBroken(Exception):
 
 
 class NotTried(Exception):
-    """The rule cannot be checked on this subject; the text gives the reason."""
+    """Raised if the rule cannot be checked on this subject. The text gives the reason."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """The least number of calls that a rule makes, for the plan of a run."""
+    """The smallest number of calls that a rule makes. The plan of a run uses it."""
 
     opens: float = 1
-    """Number of drivers that are opened, for each of which every channel is initialised, reset and finalised."""
+    """Number of drivers that are opened. For each of them every channel is initialised, reset and finalised."""
     each: float = 0
     """Number of transfers of each channel."""
     calls: float = 0
-    """Number of further transfers, which does not depend on the number of channels."""
+    """Number of further transfers. It does not depend on the number of channels."""
     connects: float = 0
-    """Number of calls that connect again after a lost connection."""
+    """Number of calls that reconnect after a lost connection."""
     waits: float = 0
     """Number of calls that wait for their timeout."""
     more: float = 0
@@ -51,13 +51,13 @@ MADE_UP = "success without an answer"
 RECORD = "levels of the subject"
 TEXTS = "texts of channels"
 WRITTEN, WRITTEN_MANY = "levels that a write brings", "levels that a write_many brings"
-"""Causes of broken rules."""
+"""Causes of broken rules, for `RuleBroken.causes`."""
 NOTHING = Cost(opens=0)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """One rule. `check`, given a `RuleContext`, returns a remark or None, or raises RuleBroken or NotTried; any other
+    """One rule. `check` takes a `RuleContext`. It returns a remark or None, or raises RuleBroken or NotTried. Any other
     OSError means the failure of a call that had to succeed."""
 
     id: str
@@ -67,7 +67,7 @@ class Rule:
 
     @property
     def theme(self) -> str:
-        """One of `THEMES`."""
+        """The theme of the rule, one of `THEMES`."""
         return self.check.__module__.rpartition(".")[2].removesuffix("_rules")
 
 
@@ -85,7 +85,8 @@ C = TypeVar("C", bound=Callable[..., "str | None"])
 
 
 def rule(cost: Cost = Cost()) -> Callable[[C], C]:
-    """Registers a function as the check of a rule. Its name is that of the rule, its docstring the rule's text."""
+    """Return a decorator that registers a function as the check of a rule. The name of the function becomes the name of
+    the rule, its docstring becomes the rule's text."""
 
     def register(check: C) -> C:
         name = check.__name__.strip("_").replace("_", " ")

@@ -1,4 +1,4 @@
-"""Runs the rules, each in a thread of its own, so that a driver that hangs does not hang the kit."""
+"""Runs the rules, each in a separate thread, so that the kit continues if a driver hangs."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ OnProgress = Callable[[str, float], object]
 OnPlan = Callable[[TimePlan], object]
 """Function that is called with the plan of the run, before the first rule."""
 LOOK_INTERVAL = 0.1
-"""Time in s between two looks at a rule that is tried: for its progress, and whether a call hangs."""
+"""Time in s between two checks of the rule that is tried, for its progress and for a call that hangs."""
 MINUTES = 2.0
-"""Time budget of a run."""
+"""Default time budget of a run in minutes."""
 TIME_UP = "left out, as the time was up (--minutes)"
 HANG = 2.0
-"""Time in s, beside four times its timeout, after which a call counts as hanging."""
+"""Time in s, in addition to four times its timeout, after which a call counts as hanging."""
 LONGEST_TIMEOUT_FACTOR = 1.2
-"""Factor on the longest timeout: a call that keeps to the longest timeout, instead of a shorter one set later, does not
-count as hanging."""
+"""Multiple of the longest timeout after which a call counts as hanging. It is large enough for a call that keeps the
+longest timeout although a shorter one was set later."""
 on_certificate: list[Callable[[Certificate], object]] = []
 """Functions that are called with each new certificate."""
 
 
 class Hangs(Exception):
-    """A call of the driver does not return."""
+    """Raised if a call of the driver does not return."""
 
 
 def conform(
@@ -57,9 +57,9 @@ def conform(
     before: State | None = None,
 ) -> Certificate:
     """Try every rule (or `only` these) on the driver, in at most `minutes`; the certificate lists the parts that were
-    left out to save time. `cycles`: length of the search for leaks; a cycle writes and reads every channel, as a block
-    and one of them alone; default: enough for 70,000 transfers. `plan` is called before the first rule. `before`: the
-    process before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
+    left out to save time. `cycles`: length of the search for leaks, by default enough for 70,000 transfers. A cycle
+    writes and reads all channels as a block, and one channel alone. `plan` is called before the first rule. `before`:
+    the process before the driver was imported (`process_snapshot.state`), if more than `make` must be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
     or a signal. A failed rule does not prevent the others from being tested, unless the driver hangs (a call that

@@ -1,4 +1,5 @@
-"""Calls whose answers are changed: they must fail, or return a right result; afterwards the driver must work again."""
+"""Calls whose answers are changed. Such a call must fail or return a right result, and afterwards the driver must work
+again."""
 
 from __future__ import annotations
 
@@ -25,14 +26,15 @@ NO_ANSWER = "the device answers neither reads nor writes over the line"
 LISTENING = 0.05
 """Time in s within which a device that sends by itself has certainly sent something."""
 COUNTED = bytes(range(64))
-"""Sample answer on which a change is tried, to see whether it leaves nothing, only the beginning, or another answer."""
+"""Sample answer on which a change is tried. The result shows whether the change leaves nothing, only the beginning, or
+another answer."""
 ENVELOPE_SIZE = 2
-"""Least number of bytes by which an answer with a structure is longer than its value."""
+"""Smallest number of bytes by which an answer with a structure is longer than its value."""
 
 
 @dataclass(frozen=True)
 class Spoilt:
-    """A way to change an answer."""
+    """A way to spoil an answer."""
 
     words: str
     change: Change
@@ -40,10 +42,10 @@ class Spoilt:
     reset: bool = False
     """True if the end of the connection is a reset."""
     blind: bool = False
-    """True if the changed answer contains nothing from which the driver could know a value: then a call that succeeds
-    has invented its value."""
+    """True if the changed answer contains nothing from which the driver could know a value. A call that nevertheless
+    succeeds has invented its value."""
     tries: int = TRIES
-    """Number of calls of which the last has to succeed again."""
+    """Number of calls after which the driver must have recovered: the last of them must succeed."""
 
 
 def first_only(change: Change) -> Change:
@@ -58,7 +60,8 @@ def first_only(change: Change) -> Change:
 
 
 def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = False) -> str | None:
-    """Make reads and a write with each of the spoiled answers. `structured`: only if answers have a structure."""
+    """Make reads and a write with each of the spoiled answers. `structured`: True for answers that are used only if
+    answers have a structure."""
     tried, plain = set(), set()
     with context.opened() as probe, watching(context) as watcher:
         texts = [context.view(each) for each in context.viewed[:MAX_CHANNELS]]
@@ -100,7 +103,7 @@ def _of_a_stream(way: Spoilt) -> Spoilt:
 
 
 def device_sends_by_itself(context: RuleContext) -> bool:
-    """True if the device sends without a request. On a busy computer the data may be late."""
+    """True if the device sends without a request. On a busy computer the data may arrive late."""
     for _ in range(TRIES):
         with context.line.counting() as traffic:
             sleep(LISTENING)
@@ -135,13 +138,13 @@ def _answer(context: RuleContext, probe: Probe, call: Callable[..., object], *ar
 
 
 def watching(context: RuleContext) -> AbstractContextManager[Probe | None]:
-    """Return another client that observes when a level arrives through a loop-back."""
+    """Return a context with another client, which observes when a level arrives through a loop-back."""
     looped = any(context.view(each) != each.channel for each in context.viewed)
     return context.second(direct=True) if looped else nullcontext(None)
 
 
 def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text: str, way: Spoilt) -> bool:
-    """Check that a read with a changed answer fails or is right. If an output drives the channel, its level is moved
+    """Check that a read with a changed answer fails or is right. If an output drives the channel, the level is changed
     between a good reading and this one. Return whether there was an answer to change."""
     probe.timeout = context.patience
     output = next((each for each in context.viewed if context.view(each) == text), None)
@@ -197,8 +200,8 @@ def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
 
 
 def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
-    """Return readings of the channels, None for those that change by themselves. Before that, bring every output to
-    another level than its default, and wait for the inputs that read the outputs."""
+    """Bring every output to a level other than its default, and wait for the inputs that read the outputs. Then return
+    the readings of the channels, with None for channels that change by themselves."""
     probe.timeout = context.patience
     outputs = context.subject.outputs
     for number, output in enumerate(outputs):
@@ -210,7 +213,7 @@ def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
 def recovers(
     context: RuleContext, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES
 ) -> None:
-    """Check that each channel reads its own value, at the latest at the last try, and no other value before."""
+    """Check that each channel returns its own value, at the latest at the last try, and no other value before."""
     probe.timeout = context.patience
     for text, raw in expected.items():
         found = _at_last(context, after, tries, probe.read, text)

@@ -16,16 +16,17 @@ if TYPE_CHECKING:
 
 
 FEW_LEVELS = 300
-"""Largest number of levels of a range of which all are tried."""
+"""Largest number of levels in a range for which all levels are tried."""
 BYTE_VALUES = 256
 STRIDES = (1, 77, 151, 203, 99, 235, 173, 59)
-"""Odd numbers: number * stride runs through all values of a byte, in another order for each byte of a level."""
+"""Odd numbers, one for each byte of a level. `number * stride` runs through all values of a byte, in a different order
+for each stride."""
 
 
 @dataclass(frozen=True)
 class Output:
-    """A channel that the kit drives: only from `least` to `greatest`, raw and inclusive. Each rule leaves it at its
-    default."""
+    """A channel that the kit drives, only from `least` to `greatest` (raw integers, both included). After each rule the
+    output is at its default."""
 
     channel: str
     default: int = 0
@@ -38,7 +39,7 @@ class Output:
 
     @property
     def inner(self) -> tuple[int, ...]:
-        """Levels other than the default, without the two ends if there are others."""
+        """The levels other than the default, without the two ends if there are further levels."""
         width = self.greatest - self.least
         between = {self.least + width // 3, self.least + width // 2, self.greatest - width // 5}
         free = sorted(between - {self.default, self.least, self.greatest})
@@ -46,8 +47,8 @@ class Output:
 
     @cached_property
     def samples(self) -> tuple[int, ...]:
-        """Levels to try: the default, both ends, one with both signs, powers of two and their neighbours, every value
-        of every byte."""
+        """Levels to try: the default, both ends, 1 with both signs, powers of two and their neighbours, every value of
+        every byte."""
         return _levels(self.least, self.greatest, self.default)
 
     @cached_property
@@ -56,8 +57,8 @@ class Output:
         return tuple(dict.fromkeys((*self.inner, *(raw for raw in self.samples if raw not in ends))))
 
     def other(self, number: int = 0) -> int:
-        """A level that is not the default; `number` chooses among the inner ones; different numbers give different
-        levels if there are enough."""
+        """Return a level that is not the default. `number` chooses among the inner levels. Different numbers give
+        different levels, if there are enough."""
         return self._others[number % len(self._others)]
 
 
@@ -75,45 +76,50 @@ class Subject:
 
     name: str
     make: Callable[[], Driver[Any]]
-    """Makes a new driver with its options, which is not opened yet; it connects through `line`, if there is one."""
+    """Function that returns a new driver with its options. The driver is not opened yet, and connects through `line`,
+    if there is one."""
     outputs: tuple[Output, ...] = ()
     inputs: tuple[Input, ...] = ()
     loopbacks: tuple[tuple[str, str], ...] = ()
-    """Pairs of channelsof an output and the input that reads its level."""
+    """Pairs of channels: an output, and the input that reads its level."""
     timeout: float = 0.1
-    """Timeout in s (`Driver.timeout`) of calls that must time out; shorter where the device answers much quicker. In
-    all other calls it is 3 s at least."""
+    """Timeout in s (`Driver.timeout`) of calls that must time out; the kit shortens it if the device answers much
+    quicker. For all other calls it is at least 3 s."""
     settle: float = 1.0
-    """Longest time in s that a level takes through a loop-back."""
+    """Longest time in s that a level needs through a loop-back."""
     device: str = ""
     """Name of the device for the certificate. Default: the driver's `devices()`."""
     line: Tap | None = None
-    """A TcpTap or PtyTap between driver and device, which spoils answers."""
+    """The TcpTap or PtyTap between driver and device that spoils answers."""
     direct: Callable[[], Driver[Any]] | None = None
-    """Makes a new driver like `make`, but without the line, for measured times and for many cycles. Default: `make`."""
+    """Function that returns a new driver like `make`, but without the line. It is used to measure times, and for many
+    cycles. Default: `make`."""
     gone: Callable[[], AbstractContextManager[object]] | None = None
-    """`with gone():` takes the device away and brings it back. Default: the line does."""
+    """Function that returns a context in which the device is away (`with gone():`). Default: the context of the
+    line."""
     levels: Callable[[str], Sequence[int]] | None = None
-    """The levels that an output (its channel's text) had since the last call of this function, oldest first. The first
-    is the level at that call, the last is the present one. If the output has not moved, the list contains only its
-    level; it is never empty. Only for counterparts that record the levels."""
+    """Function that returns the levels that an output (given by its channel's text) had since the last call of this
+    function, oldest first. The first level is that at the last call; the last is the present one. If the output has not
+    moved, the list contains only its level; it is never empty. It is possible only for counterparts that record the
+    levels."""
     refused: tuple[str, ...] = ()
-    """Channels that the driver knows, but the device refuses with an error."""
+    """Channels that the driver knows, and that the device refuses with an error."""
     checksum: bool = False
     """True if answers carry a checksum, so that any changed bit is noticed."""
     structured: bool = True
-    """True if answers have a structure (a header, a terminator) by which garbage is noticed; False if any bytes are an
-    answer. Answers that are hardly longer than the value itself count as answers without a structure."""
+    """True if answers have a structure (a header, a terminator) by which garbage is noticed, False if any bytes are a
+    valid answer. Answers that are hardly longer than the value itself count as answers without a structure."""
     sole_writer: bool = False
-    """True if the driver states that no other client may write while it is open, because it keeps a copy of the data
-    that its outputs share."""
+    """True if the driver states that no other client may write while it is open, because the driver keeps a copy of the
+    data that its outputs share."""
     watchdog: float = 0.0
-    """Time in s with which the device's own watchdog is armed (`HasWatchdog.watchdog`), or 0 if it is left alone."""
+    """Time in s with which the watchdog of the device is armed (`HasWatchdog.watchdog`), or 0 if the watchdog is not
+    armed."""
     period: float = 0.001
     """Period in s (`Driver.period`)."""
     agree: Callable[[str, int, str, int], bool] | None = None
-    """Returns True if an output at this raw level and an input with this reading are the same level of a loop-back, for
-    loop-backs with another scale or with noise. Default: both raw values are equal."""
+    """Function that returns True if an output at this raw level and an input with this reading mean the same level of a
+    loop-back. It is needed for loop-backs with another scale or with noise. Default: both raw values must be equal."""
 
 
 def _levels(least: int, greatest: int, default: int) -> tuple[int, ...]:

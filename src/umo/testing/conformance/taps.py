@@ -1,4 +1,4 @@
-"""Taps: each is between a driver and its device, passes everything on, and changes answers on request."""
+"""Taps. A tap is between a driver and its device, passes everything on, and changes answers on request."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from time import monotonic, sleep
 from umo.testing.conformance.relay import ANSWER_GAP, HOLDING, PASSING, AnswerMode, Change, Relay, Tapped, Traffic
 
 MAX_LATENESS = 0.5
-"""Time in s within which an answer that is to be delivered late must have arrived."""
+"""Time in s within which an answer that will be delivered late must have arrived."""
 
 
 class Tap(Relay):
-    """Base of TcpTap and PtyTap.
+    """The base class of TcpTap and PtyTap.
 
     with TcpTap("127.0.0.1", 502) as tap:
         driver = Modbus(host=tap.host, port=tap.port)
@@ -27,8 +27,8 @@ class Tap(Relay):
     _gone = False
 
     def spoiling(self, change: Change, *, hangup: bool = False, reset: bool = False) -> AbstractContextManager[None]:
-        """Return a context in which each answer is changed; `hangup`: the connection is closed after the answer;
-        `reset`: the connection ends as if the device had restarted."""
+        """Return a context in which each answer is changed. With `hangup` the connection is closed after the answer.
+        With `reset` the connection ends as if the device had restarted."""
         return self._in(AnswerMode(change=change, hangup=hangup or reset, reset=reset))
 
     def silent(self) -> AbstractContextManager[None]:
@@ -52,12 +52,12 @@ class Tap(Relay):
             self.await_answer(spoiled)
 
     def split(self) -> AbstractContextManager[None]:
-        """Return a context in which each answer comes in pieces, the first and the last one of one byte."""
+        """Return a context in which each answer comes in pieces. The first and the last piece have one byte."""
         return self._in(AnswerMode(splitting=True))
 
     def trickling(self, step: float) -> AbstractContextManager[None]:
-        """Return a context in which each answer comes byte by byte, one every `step` s. The rest comes at once at the
-        end."""
+        """Return a context in which each answer comes byte by byte, one every `step` s. At the end of the context the
+        remaining bytes are sent immediately."""
 
         def deliver(tapped: Tapped) -> None:
             self._put(tapped, tapped.driver, tapped.trickle)
@@ -66,12 +66,13 @@ class Tap(Relay):
         return self._in(AnswerMode(step=step), deliver)
 
     def endless(self, step: float = 0.001) -> AbstractContextManager[None]:
-        """Return a context in which bytes come without end in place of an answer, one every `step` s."""
+        """Return a context in which an endless stream of bytes replaces an answer, one every `step` s."""
         return self._in(AnswerMode(endless=step))
 
     @contextmanager
     def counting(self, answers: bool = False) -> Iterator[Traffic]:
-        """Return a context that yields its traffic. `answers`: an answer that arrives after the context counts too."""
+        """Return a context that yields the traffic during it. With `answers` an answer that arrives after the context
+        counts, too."""
         traffic, spoiled = Traffic(), self.spoiled
         with self._lock:
             self._traffic = traffic
@@ -87,7 +88,7 @@ class Tap(Relay):
 
     def await_answer(self, spoiled: int) -> bool:
         """Wait for the answer to a request that is in progress, or for data that a device sends by itself. Return True
-        if anything was spoiled since `spoiled` was counted."""
+        if the number of spoiled answers is now greater than `spoiled`."""
         self.settle()
         end = monotonic() + MAX_LATENESS
         while self.spoiled == spoiled and self._is_awaited and monotonic() < end:
@@ -110,17 +111,17 @@ class Tap(Relay):
 
     @contextmanager
     def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
-        """Return a context in which nothing answers a request to connect, as if a cable were cut, for the context or
-        for a time in s; it yields False if this kind of line cannot do so."""
+        """Return a context in which nothing answers a request to connect, as if a cable were cut, for the duration of
+        the context or for a time in s. The context yields False if this kind of line cannot do so."""
         yield False
 
     @property
     def passes(self) -> bool:
-        """True if everything passes unchanged."""
+        """True if all data pass unchanged."""
         return self._mode is PASSING and not self._gone
 
     def heal(self) -> None:
-        """End every disturbance that was requested, and the connections with it."""
+        """End every disturbance that was requested, and close the connections."""
         with self._lock:
             self._mode = PASSING
             with suppress(OSError):  # the device is not there

@@ -1,4 +1,4 @@
-"""A tap for devices with a host and a port."""
+"""A tap for devices that are reached by a host and a port."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from umo.testing.conformance.relay import Tapped
 from umo.testing.conformance.taps import Tap
 
 AT_ONCE = struct.pack("ii", 1, 0)
-"""A socket that is closed lingers for 0 s: the other end finds the connection reset."""
+"""The option by which a closed socket lingers for 0 s, so that the other end finds the connection reset."""
 MAX_CONNECTING = 1.0
 """Time in s that connecting to the device may take."""
 
@@ -37,7 +37,7 @@ class TcpTap(Tap):
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """Return a context in which requests reach the device, but answers get lost. The device does not notice either
+        """Return a context in which requests reach the device, but answers get lost. The device also does not notice
         that the driver ends its connection."""
         self._silent = True
         try:
@@ -55,8 +55,8 @@ class TcpTap(Tap):
 
     @contextmanager
     def unreachable(self, seconds: float | None = None) -> Iterator[bool]:
-        """Return a context in which the queue of the listener is full: Linux then drops requests to connect, and
-        repeats them after 1 s."""
+        """Return a context in which the queue of the listener is full. Linux then drops requests to connect, and the
+        client repeats them after 1 s."""
         if not sys.platform.startswith("linux"):
             yield False
             return

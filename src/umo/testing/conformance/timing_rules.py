@@ -20,36 +20,37 @@ from umo.testing.conformance.spoiling import first_only
 
 T = TypeVar("T")
 TRIES = 3
-"""Number of calls of which the shortest counts: the computer may have been busy with something else."""
+"""Number of calls of which the shortest counts. During the other calls the computer may have been busy with something
+else."""
 QUIET_TIME = 0.1
-"""Time in s in which a driver that is left alone must send nothing to be judged."""
+"""Time in s without calls. A driver is judged only if it sends nothing during this time."""
 CLOCK_FACTOR = 0.9
-"""Share of the elapsed time by which the clock is set back: it then runs at a tenth of its pace."""
+"""Share of the elapsed time by which the clock is set back. The clock then runs at a tenth of its speed."""
 TRICKLE_TIMEOUT = 0.3
-"""Timeout in s of a call whose answer arrives slowly, long enough to distinguish two waits from one."""
+"""Timeout in s of a call whose answer arrives slowly. It is long enough to distinguish two waits from one."""
 TRICKLE_STEP = 0.7
-"""Share of the timeout between two bytes that trickle."""
+"""Time between two bytes of an answer that arrives slowly, as a share of the timeout."""
 QUICK_CALLS = 30
-"""Number of quick calls of a driver before an answer takes longer than usual."""
+"""Number of quick calls before the call whose answer takes longer."""
 LEAST_DELAY, MAX_DELAY = 0.15, 2.0
-"""Delay in s of an answer: half of a timeout that is long enough to wait for it. Between the two limits the delay is
-twice the short timeout."""
+"""Smallest and largest delay in s of an answer. The delay is half of a timeout that is long enough to wait for the
+answer. Between the two limits it is twice the short timeout."""
 AT_ONCE = 0.1
-"""Time in s within which a call that connects slowly must not have connected yet."""
+"""Time in s after which a call that connects slowly must not have connected yet."""
 SLOW_SHARE, SLOW_FACTOR = 0.85, 5.0
-"""Share of the timeout that the answers to one channel take; and the timeout, as a multiple of the time of a
+"""The time of the answers for one channel, as a share of the timeout, and the timeout, as a multiple of the time of a
 transfer."""
 SLOWLY_CONNECTED = 1.25
 """Timeout in s of a call that needs about 1 s to connect."""
 CONNECTING_DELAY = 0.1
-"""Time in s after which a request to connect is answered, once it is repeated."""
+"""Time in s after which a request to connect is answered when it is repeated."""
 
 
 @rule(Cost(opens=5, calls=20, connects=17, waits=24, sleeps=0.2))
 def timeout(context: RuleContext) -> str | None:
-    """A call ends within `timeout`, which it reads each time, with a TimeoutError, also if only the last of its answers
-    is missing, if bytes arrive without end, or if nothing answers the request to connect. `inspect`, `report`,
-    `physical_scale` and `watchdog` end within it too."""
+    """A call without an answer ends within `timeout` with a TimeoutError, even if only the last of its answers is
+    missing, if bytes arrive without end, or if nothing answers the request to connect. The driver reads `timeout` in
+    each call. `inspect`, `report`, `physical_scale` and `watchdog` also end within the timeout."""
     line = context.line
     with context.opened() as probe:
         context.use(probe)  # what is kept of it must not be given later
@@ -127,8 +128,8 @@ def _alive(context: RuleContext, probe: Probe, call: DriverCall) -> None:
 
 @contextmanager
 def clock_set_back(seconds: Callable[[], float]) -> Iterator[None]:
-    """Set the wall clock back by a time in s, or forward if it is negative, as seen by `time.time`, also where it was
-    imported by a name."""
+    """Return a context in which `time.time` is set back by a time in s, or forward if the time is negative. This also
+    affects code that has imported the function by name."""
     right = time.time
 
     def wrong() -> float:
@@ -183,7 +184,7 @@ def _without_a_connection(context: RuleContext) -> bool:
 
 
 def in_time(context: RuleContext, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
-    """Return the error of a call that has to end within its timeout."""
+    """Return the error of a call that must end within its timeout."""
     return _timed(context, probe, partial(context.failure, call, *arguments))
 
 
@@ -197,7 +198,7 @@ def _timed(context: RuleContext, probe: Probe, attempt: Callable[[], T]) -> T:
 
 
 def allowed(timeout: float) -> float:
-    """Return the permitted time in s: 1.5 times the timeout, and 50 ms for the computer."""
+    """Return the permitted time in s: 1.5 times the timeout, plus 50 ms for the computer."""
     return 1.5 * timeout + 0.05
 
 
@@ -207,7 +208,7 @@ def _slow(context: RuleContext, timeout: float) -> str:
 
 @rule(Cost(calls=14, connects=11, waits=7, sleeps=4.5))
 def one_deadline(context: RuleContext) -> str | None:
-    """The timeout is that of the whole call: it does not start again with each byte or part of an answer, with each
+    """The timeout applies to the whole call. It does not start again with each byte or part of an answer, with each
     channel or request of a block, or after a reconnection, and it does not depend on the wall clock."""
     line, tried = context.line, False
     steady = max(context.haste, TRICKLE_TIMEOUT, SLOW_FACTOR * context.pace.transfer)
@@ -287,8 +288,9 @@ def _clock_is_set(context: RuleContext, probe: Probe, call: DriverCall, step: fl
 
 @rule(Cost(opens=3, calls=4, waits=8, sleeps=1.2, more=60))
 def patience(context: RuleContext) -> str | None:
-    """An answer within `timeout` is accepted, also if it takes half of it, or if connecting is slow. A longer timeout,
-    set after `open`, takes effect immediately, because umo sets a longer one for initialise and reset."""
+    """An answer within `timeout` is accepted, even if it takes half of that time, or if connecting is slow. A longer
+    timeout that is set after `open` takes effect immediately, because umo sets a longer one for initialise and
+    reset."""
     delay = min(max(LEAST_DELAY, 2 * context.haste), MAX_DELAY, context.patience / 2)
     quick = min(context.haste, delay / 2)
     with context.leaving(context.new()) as probe:

@@ -1,4 +1,5 @@
-"""Rules about transfers and their values: duration, ranges, both ends of a range, the level beyond it, directions."""
+"""Rules about transfers and their values: duration, ranges, both ends of a range, the level beyond each end, and
+directions."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ INT64 = 1 << 63
 TIMED_CALLS = 300
 """Largest number of calls of each kind that are timed."""
 FEWEST_LEVELS = 8
-"""Least number of levels of each output that are tried."""
+"""Smallest number of levels of each output that are tried."""
 
 
 @rule(Cost(opens=3, each=5, calls=6))
@@ -105,8 +106,8 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
 
 @rule(Cost(each=7, calls=10, more=600))
 def range_(context: RuleContext) -> str | None:
-    """An output accepts every raw level of its range exactly, and reads back the same level. Tested: both ends, powers
-    of two and their neighbours, every value of each byte."""
+    """An output takes every raw level of its range exactly, and the same level is read back. Tested are both ends,
+    powers of two and their neighbours, and every value of each byte."""
     with context.opened() as probe:
         tasks = [(output, raw) for output in context.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
         fewest = len(tasks)
@@ -119,7 +120,7 @@ def range_(context: RuleContext) -> str | None:
 
 @rule(Cost(each=6, calls=18, more=18))
 def one_beyond(context: RuleContext) -> str | None:
-    """A raw level beyond the channel's bits is refused by an OSError, and changes nothing."""
+    """A write of a raw level beyond the channel's bits is refused by an OSError, and changes nothing."""
     # Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven
     probe = context.new()
     wide = [output for output in context.required_outputs if _beyond(probe, output)]
@@ -193,7 +194,7 @@ def directions(context: RuleContext) -> str | None:
 
 @rule(Cost(each=2, calls=2))
 def reading(context: RuleContext) -> str | None:
-    """Reading changes no output, not even for a moment."""
+    """Reading changes no output, not even for a short time."""
     if not context.readable:
         raise NotTried("the driver has no inputs")
     outputs = context.required_outputs

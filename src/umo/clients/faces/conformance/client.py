@@ -1,4 +1,4 @@
-"""A client of another project, as the conformance kit for faces needs it."""
+"""The interface of a client from another project that the conformance kit for faces uses."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class Grade(Enum):
 
 @dataclass(frozen=True)
 class Seen:
-    """The view of a client on one item."""
+    """The value, quality and time of one item as a client sees them."""
 
     value: float | str | None
-    """A number, or the name of a state, or None if it has no value."""
+    """A number, or the name of a state, or None if the item has no value."""
     grade: Grade
     time: float | None = None
-    """s since 1970, or None if the protocol has none, or none was sent."""
+    """The time in s since 1970, or None if the protocol has no times, or no time was sent."""
     unit: str | None = None
     minimum: float | None = None
     maximum: float | None = None
@@ -40,32 +40,33 @@ class Seen:
 
 
 class ForeignClient(ABC):
-    """A client of another project, connected to the server of the face. Items have the names of
+    """A client from another project, connected to the server of the face. Items have the names of
     `umo.process.frames.machine_items.MachineItem.name`: `cell.level`, `tunable:cell.gain`, `alarm:cell.full`."""
 
     has_times = True
     """True if values have times."""
     has_words = True
-    """True if a refusal reaches its user as text."""
+    """True if a refusal reaches the client's user as text."""
 
     @abstractmethod
     async def read(self, name: str) -> Seen:
-        """Return the client's view of an item now. An item that it does not see is `Seen(None, Grade.NONE)`."""
+        """Return the client's present view of an item. An item that the client does not see is `Seen(None,
+        Grade.NONE)`."""
 
     async def tune(self, path: str, value: Any) -> None:
-        """Set a tunable number. Raises RefusedByFace."""
+        """Set a tunable number. Raises RefusedByFace if it is refused."""
         raise NotImplementedError
 
     async def write(self, path: str, value: Any) -> None:
-        """Write an actuator, and hold it while this client lives. Raises RefusedByFace."""
+        """Write an actuator, and hold it while this client lives. Raises RefusedByFace if it is refused."""
         raise NotImplementedError
 
     async def call(self, path: str, arguments: Mapping[str, Any]) -> Any:
-        """Call an action, and wait for its result. Raises RefusedByFace."""
+        """Call an action, and wait for its result. Raises RefusedByFace if it is refused."""
         raise NotImplementedError
 
     async def mode(self, mode: str) -> None:
-        """Change the mode. Raises RefusedByFace."""
+        """Change the mode. Raises RefusedByFace if it is refused."""
         raise NotImplementedError
 
     @abstractmethod

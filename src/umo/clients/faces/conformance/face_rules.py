@@ -24,26 +24,26 @@ TIME_ERROR = 1.0
 """Largest error of a time in s that is accepted, beyond the error of the machine's own clock: the interval between two
 looks of the host."""
 FLOOD = 200
-"""Number of commands of a flood."""
+"""Number of commands in the test of a flood."""
 RATE = 50.0
 """Number of looks of the host per second."""
 
 
 @dataclass(frozen=True)
 class TriedFace:
-    """A face that is tried."""
+    """The face under test."""
 
     name: str
     make: Callable[[], Face]
-    """A new face, on a free port."""
+    """Returns a new face, on a free port."""
     client: Callable[[Face, str], Awaitable[ForeignClient]]
-    """A new client of a user of this name, connected to the server of the face."""
+    """Returns a new client for a user of this name, connected to the server of the face."""
     commands: bool = True
     """True if the protocol has commands."""
     writes: bool = True
-    """True if a client may write actuators and jog: the protocol shows whether it lives."""
+    """True if a client may write actuators and jog. The protocol must show whether the client lives."""
     is_named: bool = True
-    """True if the protocol has the name of the user."""
+    """True if the protocol transmits the name of the user."""
 
 
 @dataclass
@@ -57,13 +57,13 @@ class Rig:
     _stack: AsyncExitStack = field(repr=False)
 
     async def client(self, user: str = "ann") -> ForeignClient:
-        """Return a connected client; it is closed at the end."""
+        """Return a connected client. The rig closes it at the end."""
         client = await self.subject.client(self.face, user)
         self._stack.push_async_callback(client.close)
         return client
 
     async def sees(self, client: ForeignClient, name: str, condition: Callable[[Seen], bool], what: str) -> Seen:
-        """Return the client's view once the condition is true. AssertionError after `CHANGE_TIMEOUT`."""
+        """Return the client's view once the condition is true. Raises AssertionError after `CHANGE_TIMEOUT`."""
         seen = None
 
         async def look() -> Seen:
@@ -115,7 +115,7 @@ Check = Callable[[Rig], Coroutine[Any, Any, None]]
 
 @dataclass(frozen=True)
 class FaceRule:
-    """One rule. `sentence`: the requirement."""
+    """One rule. `sentence` states the requirement."""
 
     name: str
     sentence: str
@@ -139,7 +139,7 @@ def rule(sentence: str, *needs: str, mode: Mode = Mode.AUTOMATIC, read_only: boo
 
 
 async def try_rule(subject: TriedFace, rule: FaceRule) -> str | None:
-    """Try one rule. Return how it is broken, as text; None if it is kept; "" if it does not apply."""
+    """Test one rule. Return a text that says how it is broken, None if it is kept, or "" if it does not apply."""
     if not all(getattr(subject, each) for each in rule.needs):
         return ""
     try:
@@ -155,7 +155,8 @@ async def try_rule(subject: TriedFace, rule: FaceRule) -> str | None:
 
 @dataclass(frozen=True)
 class FaceReport:
-    """The results of the rules, by name: None if it is kept; "" if it does not apply; otherwise how it is broken."""
+    """The results of the rules, by name: None if the rule is kept, "" if it does not apply, otherwise a text that says
+    how it is broken."""
 
     subject: str
     results: Mapping[str, str | None]
@@ -176,7 +177,7 @@ class FaceReport:
 
 
 async def try_face(subject: TriedFace) -> FaceReport:
-    """Try every rule on a face."""
+    """Test a face against every rule."""
     return FaceReport(subject.name, {name: await try_rule(subject, each) for name, each in RULES.items()})
 
 

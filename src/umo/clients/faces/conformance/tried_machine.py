@@ -1,4 +1,5 @@
-"""The machine that faces are tried on, in this process: it has one item of every kind that a face can show."""
+"""The machine on which faces are tested. It runs in this process and has one item of every kind that a face can
+show."""
 
 from __future__ import annotations
 
@@ -36,11 +37,11 @@ from umo.testing.scripted import Scripted
 from umo.testing.virtual import VirtualTimer
 
 STEP = 0.005
-"""Time in s from one period to the next; in the machine's own time a period is 1 ms."""
+"""Time in s from one period to the next. On the machine's clock a period is 1 ms."""
 LIMIT = 20.0
 """Time in s within which an awaited condition must become true (`until`)."""
 OWN_DEVICES = {"cell.level": "gauge", "cell.position": "ruler"}
-"""Objects with a device of their own."""
+"""Objects that have a separate device each."""
 
 
 class Phase(Enum):
@@ -60,7 +61,7 @@ class TriedCell(Compound, equipment=True, alarms=ALARMS):
 
     level: DigitalSensor
     position: DigitalSensor
-    """Incremental: not referenced at first. It is marked BAD when its device gives nothing."""
+    """The incremental position, which is not referenced at first. It is marked BAD when its device returns nothing."""
     limit: BinarySensor[PassFail]
     valve: DigitalActuator
     lamp: BinaryActuator[OnOff]
@@ -70,7 +71,7 @@ class TriedCell(Compound, equipment=True, alarms=ALARMS):
 
     @action(harmless=True, weight=Range("kg", 0.0, 5.0))
     def add(self, weight: float) -> float:
-        """Add an amount in kg; returns twice the amount."""
+        """Add an amount in kg, and return twice the amount."""
         return 2 * weight
 
     @action(harmless=True)
@@ -129,7 +130,7 @@ class TriedMachine:
         await self.end()
 
     def begin(self) -> None:
-        """Start a run, which publishes new frames."""
+        """Start a run that publishes new frames."""
         wire: dict[str, Any] = {"timer": {"driver": "clock", "period": "1 ms"}}
         wire |= {f"cell.{name}": {"driver": "box"} for name in ("limit", "valve", "lamp")}
         wire |= {path: {"driver": name} for path, name in OWN_DEVICES.items()}
@@ -162,7 +163,7 @@ class TriedMachine:
             await asyncio.sleep(STEP)
 
     def find(self) -> Reader:
-        """The frames of the run; FramesError while there is no run."""
+        """Return the frames of the run. Raises FramesError while there is no run."""
         if self._path is not None:
             with suppress(FramesError):
                 return Reader(self._path)
@@ -184,13 +185,14 @@ class TriedMachine:
 
     @property
     def holder(self) -> str:
-        """Return who has the lease."""
+        """The name of the client who has the lease."""
         return str(self.clients.lease.holder)
 
 
 async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:
-    """Return the result of the condition once it is true. TimeoutError after checks for `within` s, one each `STEP`. On
-    a busy computer the checks are late, so the face and its clients, which are late too, get more time."""
+    """Return the result of the condition once it is true. Raises TimeoutError if it is not true within `within` s,
+    counted in checks of `STEP` each. On a busy computer the checks are late, so the face and its clients, which are
+    also late, get more time."""
     for _ in range(ceil(within / STEP)):
         if found := condition():
             return found
@@ -199,7 +201,8 @@ async def until(condition: Callable[[], Any], within: float = LIMIT) -> Any:
 
 
 async def finishes(task: asyncio.Task[Any], within: float = LIMIT) -> bool:
-    """True if the task ends within this time in s, counted as by `until`; otherwise the task is cancelled."""
+    """True if the task ends within this time in s, counted as in `until`. Otherwise the task is cancelled, and the
+    result is False."""
     try:
         return bool(await until(task.done, within))
     except TimeoutError:

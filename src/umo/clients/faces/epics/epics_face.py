@@ -12,17 +12,17 @@ from umo.objects.presentation.identity import escaped, is_word
 from umo.process.frames.machine_items import Declaration
 
 PORT, SEARCH_PORT = 5075, 5076
-"""The ports on which EPICS's clients search."""
+"""The port of the server, and the port on which EPICS's clients search."""
 
 
 class Epics(Face):
     """Serves pvAccess on this computer. The kernel proves whose process a client is.
 
     Options:
-        prefix: stands before each name; default: the name of the station and a colon.
-        port: of the server (TCP); 0 means a free one, which clients find by searching.
-        search_port: on which clients search (UDP).
-        host: an address of this computer that no other reaches.
+        prefix: the text before each name; default: the name of the station and a colon.
+        port: the TCP port of the server. 0 means a free port, which clients find by searching.
+        search_port: the UDP port on which clients search.
+        host: an address of this computer that no other computer can reach.
     """
 
     proves_users = True

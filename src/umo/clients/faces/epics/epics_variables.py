@@ -1,4 +1,4 @@
-"""The process variables of a machine: names, types, and what a put or a call means."""
+"""The process variables of a machine: their names and types, and the effect of a put or a call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from umo.operation.commands.verbs import CALL, naming, offered
 from umo.process.frames.machine_items import QUIET, Declaration, ItemKind, MachineItem
 
 SUFFIXES = {ItemKind.EQUIPMENT: "equipment", ItemKind.AXIS: "axis", ItemKind.ALARM: "alarm"}
-"""Last part of the names of states: an object may have the path before it."""
+"""Last parts of the names of states. They are needed because an object may have the path that stands before them."""
 SEVERITIES = {Quality.GOOD: 0, Quality.OUT_OF_RANGE: 2, Quality.UNREFERENCED: 1, Quality.STALE: 1, Quality.BAD: 3}
 MINOR, MAJOR = 1, 2
 DEVICE, RECORD = 1, 3
@@ -32,33 +32,35 @@ RESERVED = frozenset((
     "parent", "pause", "prepare", "read", "read_configuration", "resume", "set", "set_name", "stage", "stop",
     "subscribe", "trigger", "unstage",
 ))  # fmt: skip
-"""Names that bluesky's devices reserve; an entry of the tree with such a name gets a `_`."""
+"""Names that bluesky's devices reserve. A `_` is appended to an entry of the tree that has such a name."""
 TEXTS = ("text", ArgumentKind.CHOICE.value, ArgumentKind.OF_ACTION.value)
-"""Kinds of arguments that are passed as texts."""
+"""Kinds of arguments that are passed as strings."""
 RUN = "run"
 """First part of the names of variables of the run."""
 AXIS_ENTRIES = ("target", "stop")
-"""Entries of an axis in the tree that are not parts of it."""
+"""Entries of an axis in the tree that are not parts of the axis."""
 PRECISION = 3
 """Digits after the point if neither a resolution nor a range gives them."""
 JOINED = coded(".")
-"""Joins the entry of an alarm to the entry of its object, which is not a device. It occurs in no part of a name."""
+"""The string between the entry of an alarm and the entry of its object, which is not a device. It occurs in no part of
+a name."""
 IN_LIST = "__"
-"""Stands before the number of an entry in a list."""
+"""The string before the number of an entry in a list."""
 TREE = "PVI"
 """Last part of the name of a device's tree."""
 OF_ITEMS = {ItemKind.EQUIPMENT: Names.EQUIPMENT, ItemKind.ALARM: Names.ALARM}
-"""The kind of object that verbs name, for items that have a variable for each verb."""
+"""The kind of object that verbs name. Its items have a variable for each verb."""
 NameParts = tuple[str, ...]
-"""A name without its prefix: its parts, in letters, digits and `_` of ASCII."""
+"""The parts of a name without its prefix. They consist of ASCII letters, digits and `_`."""
 Ask = Callable[..., Any]
 Show = Callable[[float, Mapping[str, Any]], None]
 """Function that shows a value, with the fields of its alarm and time."""
 
 
 class EpicsVariables:
-    """`prefix` stands before each path; a point becomes a colon: `ztheta:z:encoder`. Letters beyond ASCII and signs are
-    escaped (`umo.objects.presentation.identity`). `commands`: of the run."""
+    """The variables of a machine. `prefix` stands before each path, and a point becomes a colon: `ztheta:z:encoder`.
+    Letters outside ASCII and punctuation are escaped (`umo.objects.presentation.identity`). `commands`: those of the
+    run."""
 
     def __init__(self, machine: Declaration, prefix: str, commands: Commands) -> None:
         self.by_name: dict[str, ProcessVariable] = {}
@@ -135,9 +137,9 @@ class EpicsVariables:
         self.add(parts_of(path), "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
 
     def add_verb(self, parts: NameParts, verb: Verb, path: str | None) -> None:
-        """Add a variable for a verb. A put gives the verb: with any value if the verb has no argument, with the number
-        or text of its only argument; an RPC gives the arguments by name. `path`: None if the path is an argument too;
-        then the put of a verb without other arguments is the path."""
+        """Add a variable for a verb. A put gives the verb. The value that is put is arbitrary if the verb has no
+        argument; otherwise it is the number or string of the only argument. An RPC gives the arguments by name. `path`
+        is None if the path is an argument too. The value put for a verb without other arguments is then the path."""
         about = {each.name: each.plain() for each in verb.arguments}
         single = verb.arguments[0] if len(verb.arguments) == 1 and path is not None else None
 
@@ -182,7 +184,7 @@ class EpicsVariables:
 
 
 def variables_of(machine: Declaration, prefix: str, commands: Commands) -> EpicsVariables:
-    """Return all variables of a machine, without those of its axes."""
+    """Return all variables of a machine, except those of its axes."""
     variables = EpicsVariables(machine, prefix, commands)
     for item in machine.items:
         variables.add_item(item)
@@ -195,20 +197,21 @@ def variables_of(machine: Declaration, prefix: str, commands: Commands) -> Epics
 
 
 def own_parts() -> frozenset[str]:
-    """The last parts of names that umo uses itself; a part of a path with such a name is escaped."""
+    """Return the last parts of names that umo uses itself. A part of a path with such a name is escaped."""
     return frozenset((*SUFFIXES.values(), TREE, *(verb.word for verb in naming(*OF_ITEMS.values()))))
 
 
 def parts_of(path: str, own: str = "") -> NameParts:
-    """The parts of the name for an object with this path. `own`: one of `own_parts`, which follows. A part of the path
-    that is one of these, or that is first and equals that of the run, is escaped."""
+    """Return the parts of the name for an object with this path. `own` is one of `own_parts` and becomes the last part.
+    A part of the path is escaped if it is one of `own_parts`, or if it is the first and equals `RUN`."""
     first, *others = (escaped(each or NO_NAME, is_word, own_parts()) for each in path.split("."))
     parts = (escaped(first, is_word, (RUN,)), *others) if path else ()
     return (*parts, own) if own else parts
 
 
 def entry_of(part: str) -> str:
-    """A part of a name as an entry of the tree, a field of pvData: not a number alone, nor one of `RESERVED`."""
+    """Return a part of a name as an entry of the tree. An entry is a field of pvData, so it is neither a number alone
+    nor one of `RESERVED`."""
     if part.isdigit():
         return f"{IN_LIST}{part}"
     if part[0].isdigit() or part.removeprefix(IN_LIST).isdigit():
@@ -272,12 +275,12 @@ def _number(item: MachineItem) -> Value:
 
 
 def precision_of(item: MachineItem) -> int:
-    """Digits after the point."""
+    """Return the number of digits after the point."""
     return PRECISION if item.digits is None else item.digits
 
 
 def number_in(given: Value, *, whole: bool = False) -> float:
-    """The number that was put. Raises CommandRefused if there is none."""
+    """Return the number that was put. Raises CommandRefused if it is not a number."""
     if not given.changed("value"):
         raise CommandRefused("no value was put")
     number = float(given["value"])

@@ -1,4 +1,4 @@
-"""A process variable: a value in one of EPICS's normative types, and the channels on which clients have it."""
+"""A process variable: a value in one of EPICS's normative types, and the channels through which clients use it."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from p4p.server.raw import SharedPV
 from umo.clients.faces.face import User
 
 CarryOut = Callable[[User, Any], Awaitable[Any]]
-"""Carries out what a user has put, or called with these arguments."""
+"""Function that carries out a user's put of a value, or call with these arguments."""
 TYPES: Mapping[str, Type] = {
     "d": NTScalar.buildType("d", display=True, control=True, form=True),
     "i": NTScalar.buildType("i", display=True, form=True),
     "s": NTScalar.buildType("s", display=True),
     "enum": NTEnum.buildType(extra=[("descriptor", "s")]),
 }
-"""Normative types by the code of the value: a number, an integer, a text, a name out of a list."""
+"""Normative types by the code of the value: a number, an integer, a string, one name of a list."""
 INVALID, UNDEFINED = 3, 6
 """Severity and status of a variable without a value."""
 
 
 class ProcessVariable:
-    """`write` carries out a put and `call` an RPC; without them a put or an RPC is refused. `kept_up`: a written value
-    is held while the channel of its client is open. Each client then has a channel of its own, so its end is
-    noticed."""
+    """One variable. `write` carries out a put and `call` an RPC; without them a put or an RPC is refused. `kept_up` is
+    True if a written value is held while the channel of its client is open. Each client then has a separate channel, so
+    that its end is noticed."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class ProcessVariable:
             channel.post(Value(self.value.type(), fields))
 
     def add_channel(self, handler: Any) -> SharedPV:
-        """A new channel with the last value."""
+        """Add a channel, and return it with the last value."""
         with self._lock:
             channel = SharedPV(handler=handler, initial=Value(self.value.type(), self.value.todict()))
             self.channels.append(channel)
@@ -76,18 +76,18 @@ class ProcessVariable:
 
 
 def scalar(value: float | int | str, code: str = "d", **about: Any) -> Value:
-    """A normative scalar with the present time. `about`: fields of `display`."""
+    """Return a normative scalar with the present time. `about`: the fields of `display`."""
     return Value(TYPES[code], {"value": value, "display": about, "timeStamp": _now()})
 
 
 def choice(index: int, choices: Sequence[str], about: str = "") -> Value:
-    """A normative enumeration."""
+    """Return a normative enumeration."""
     what = {"index": index, "choices": list(choices)}
     return Value(TYPES["enum"], {"value": what, "descriptor": about, "timeStamp": _now()})
 
 
 def undefined(value: Value) -> Value:
-    """Return the value without its content."""
+    """Return a value of the same type that is marked as undefined."""
     value["alarm"] = {"severity": INVALID, "status": UNDEFINED, "message": "no value yet"}
     return value
 
@@ -97,14 +97,15 @@ def _now() -> dict[str, int]:
 
 
 def pvi(entries: Mapping[str, Mapping[str, str]]) -> Value:
-    """The PVI of one device: each entry with its access (r, rw or x; d for a device) and its variable."""
+    """Return the PVI structure of one device: each entry with its access (r, rw or x; d for a device) and its
+    variable."""
     shape = [(name, ("S", None, [(access, "s") for access in entry])) for name, entry in entries.items()]
     fields = [("value", ("S", None, shape)), ("alarm", alarm), ("timeStamp", timeStamp)]
     return Value(Type(fields, id="epics:nt/NTPVI:1.0"), {"value": entries})
 
 
 def result(value: Any) -> Value:
-    """The result of a call as a scalar; JSON if it is neither a number nor a text."""
+    """Return the result of a call as a scalar. It is JSON if it is neither a number nor a string."""
     code = {bool: "?", int: "l", float: "d"}.get(type(value), "s")
     if code == "s" and not isinstance(value, str):
         import json

@@ -1,4 +1,5 @@
-"""The pvAccess server of a face. p4p calls it from threads of its own; commands are carried out in the face's loop."""
+"""The pvAccess server of a face. p4p calls the server from p4p's threads; commands are carried out in the face's
+loop."""
 
 from __future__ import annotations
 
@@ -21,14 +22,14 @@ from umo.errors import CommandRefused, UmoError, text_of
 from umo.system.peer_account import account_of, peer_uid
 
 BEGUN_AFTER = 1.0
-"""Time in s after which a put that does not wait for completion is answered if it has not been refused."""
+"""Time in s after which a put that does not wait for completion is answered if the machine has not refused it."""
 SILENCE = 20
 """Time in s after which a client that hangs counts as disconnected; its library gives a sign of life every 15 s."""
 MAX_CHANNELS = 1000
-"""Largest number of channels to variables that are held by their clients: each client has its own."""
+"""Largest number of channels to variables that clients hold. Each client has a separate channel."""
 MAX_ASKED = 32
-"""Largest number of puts and calls of one connection whose user is being looked up: a flood keeps no other waiting for
-long."""
+"""Largest number of puts and calls of one connection whose user is being looked up. The limit keeps a flood from
+delaying other connections for long."""
 
 
 class PvaServer:
@@ -186,8 +187,8 @@ class ClientRequest:
         self._is_awaited = False
 
     def user(self, port: int) -> User:
-        """Return the user of this port of the server. For a process on this computer the kernel reports the account;
-        for others it is the name that the client gives."""
+        """Return the user of this port of the server. For a process on this computer the user is the account that the
+        kernel reports; for others it is the name that the client gives."""
         host, _, number = self.peer.rpartition(":")
         uid = peer_uid((host.strip("[]"), int(number)), port) if number.isdecimal() else None
         account = self._operation.account() if uid is None else account_of(uid)
@@ -198,7 +199,7 @@ class ClientRequest:
         return User(name, proved=uid is not None, is_owner=uid == os.getuid(), is_alive=alive)
 
     async def awaited(self, carry_out: CarryOut, user: User) -> Any:
-        """Carry out the request, up to the point for which the client waits."""
+        """Carry out the request, up to the point until which the client waits."""
         task = asyncio.ensure_future(carry_out(user, self._given))
         if not self._waits:
             done, _ = await asyncio.wait([task], timeout=BEGUN_AFTER)

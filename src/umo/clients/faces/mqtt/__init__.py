@@ -1,4 +1,5 @@
 """Faces for MQTT brokers: Sparkplug B (`sparkplug`) and Home Assistant (`home_assistant`).
 
-They are two, as a connection has one will: that of Sparkplug is NDEATH, that of Home Assistant makes all unavailable.
+They are separate faces because an MQTT connection has only one will. The will of Sparkplug is NDEATH; the will of Home
+Assistant marks everything as unavailable.
 """

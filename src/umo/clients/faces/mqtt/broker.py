@@ -1,4 +1,4 @@
-"""A connection to an MQTT broker, which comes and goes: with a will, a bounded queue, and callbacks in the loop."""
+"""A connection to an MQTT broker that may come and go. It has a will, a bounded queue, and callbacks in the loop."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from umo.clients.faces.mqtt.broker_address import BrokerAddress, reason_of
 
 log = logging.getLogger("umo.faces")
 KEEPALIVE = 5
-"""Time in s without a sign of life; the broker declares a client dead after one and a half of it."""
+"""Longest time in s between two signs of life of a client. After 1.5 times this time the broker declares the client
+dead."""
 CONNECT_TIMEOUT = 2.0
 FIRST_PAUSE, MAX_PAUSE = 1, 8
-"""Time in s to the next attempt to connect: the first one and the longest one. It doubles after each failure."""
+"""First and longest time in s until the next attempt to connect. The time doubles after each failure."""
 MAX_UNSENT = 4_000_000
 """Largest number of bytes that wait for the network; further messages are not accepted."""
 MAX_MESSAGE = 65_536
@@ -41,7 +42,7 @@ class Message:
 
 
 class Broker:
-    """One connection, which is tried again until `stop`.
+    """One connection. It is opened again after each loss until `stop` is called.
 
     `will` is called before each CONNECT, unless the attempt fails earlier. `on_up` and `on_message` (topic, payload)
     are called in the loop. Retained messages are ignored unless their topic is in `kept`, because an old command must
@@ -87,7 +88,7 @@ class Broker:
         self._client.loop_start()
 
     def send(self, topic: str, payload: bytes, retain: bool = False) -> bool:
-        """Send a message. Return False if there is no connection, or if too many bytes wait."""
+        """Send a message. Return False if there is no connection, or if too many bytes already wait."""
         while self._unsent and self._unsent[0][0].is_published():
             self._bytes -= self._unsent.popleft()[1]
         if not self.is_up or self._bytes + len(payload) > MAX_UNSENT:
@@ -100,8 +101,8 @@ class Broker:
         return True
 
     async def stop(self, last: Message) -> None:
-        """End with a last message. If the broker does not confirm it, the connection is broken off, so that the broker
-        publishes the will."""
+        """Send a last message and disconnect. If the broker does not confirm the message, the connection is aborted, so
+        that the broker publishes the will."""
         self._is_stopped = True
         await asyncio.to_thread(self._stop, last)
 

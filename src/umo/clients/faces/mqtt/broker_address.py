@@ -16,9 +16,10 @@ MAX_PASSWORD = 1024
 
 @dataclass(frozen=True)
 class BrokerAddress:
-    """`ca`: file of the certificates that the broker's is checked with (PEM): TLS. `certificate`: file of the own
-    certificate and key (PEM). `password_file`: its first line is the password of `user`; only this user may read it.
-    Raises OptionError for a broker on another computer without `ca`."""
+    """The address of a broker. `ca`: file of the certificates (PEM) against which the broker's certificate is checked;
+    with it the connection uses TLS. `certificate`: file of the face's certificate and key (PEM). `password_file`: file
+    whose first line is the password of `user`; only the user who runs the face may read it. Raises OptionError for a
+    broker on another computer without `ca`."""
 
     host: str
     port: int
@@ -59,7 +60,7 @@ class BrokerAddress:
         return context
 
     def password(self) -> str | None:
-        """The first line of the file. Raises OptionError if it cannot be read."""
+        """Return the first line of the password file. Raises OptionError if the file cannot be read."""
         if self.password_file is None:
             return None
         try:
@@ -78,6 +79,6 @@ class BrokerAddress:
 
 
 def reason_of(error: BaseException | None) -> str:
-    """Return a short cause of a failure; for a certificate, the defect."""
+    """Return the cause of a failure in a few words; for a certificate, its defect."""
     told = getattr(error, "verify_message", "") or getattr(error, "reason", "") or getattr(error, "strerror", "")
     return str(told or error)

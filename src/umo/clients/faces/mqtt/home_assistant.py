@@ -33,7 +33,7 @@ from umo.process.frames.machine_items import Declaration, MachineItem
 from umo.text import did_you_mean
 
 USER = "homeassistant"
-"""The name of the user of every command: the protocol transmits none."""
+"""The user's name for every command, because the protocol transmits none."""
 ONLINE, OFFLINE = b"online", b"offline"
 INTERVAL = 1.0
 FASTEST, SLOWEST = 0.1, 3600.0
@@ -41,18 +41,19 @@ FASTEST, SLOWEST = 0.1, 3600.0
 
 
 class HomeAssistant(Face):
-    """Discovery as retained JSON below `prefix`, values and availability below `topic`.
+    """The face: it publishes discovery as retained JSON below `prefix`, and values and availability below `topic`.
 
     Options:
-        host: of the broker; one on another computer needs `ca`.
-        port: of the broker.
-        prefix: of discovery, as Home Assistant is set up.
-        topic: below which the station's own topics are.
-        interval: s from one message of a number to the next, 0.1 to 3600; states and qualities are told at once.
-        ca: file of the certificates that the broker's is checked with (PEM): TLS.
-        certificate: file of the own certificate and key (PEM).
-        user: for the broker.
-        password_file: its first line is the password of `user`.
+        host: the address of the broker. A broker on another computer needs `ca`.
+        port: the TCP port of the broker.
+        prefix: the prefix of discovery that Home Assistant is configured with.
+        topic: the topic below which the station's topics are.
+        interval: time in s from one message of a number to the next, 0.1 to 3600. States and qualities are
+            sent immediately.
+        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        certificate: file of the face's certificate and key (PEM).
+        user: the name of the user at the broker.
+        password_file: file whose first line is the password of `user`.
     """
 
     def __init__(

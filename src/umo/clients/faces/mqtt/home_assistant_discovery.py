@@ -20,7 +20,7 @@ STEP = 0.001
 """Smallest step of a number that Home Assistant can set."""
 DEFAULT_LIMITS = -1e9, 1e9
 DISPLAYED = (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED)
-"""The qualities with which an entity shows its value; with the others it is unavailable."""
+"""The qualities with which an entity shows its value; with other qualities it is unavailable."""
 PROBLEMS = (ItemKind.ALARM, ItemKind.EQUIPMENT)
 """Items that become a binary sensor of class `problem`."""
 UNITS = {"l": "L", "ml": "mL", "l/min": "L/min"}
@@ -35,19 +35,19 @@ DEVICE_CLASSES = {
     }.items()
     for unit in units.split()
 }  # fmt: skip
-"""The device class that follows from a sensor's unit. K gives none, and a computed value has none (the error of a law
-is a difference in °C): Home Assistant would convert differences as temperatures."""
+"""The device class that follows from a sensor's unit. K has no device class here, and a computed value has none,
+because it may be a difference (such as a law's error in °C), which Home Assistant would convert like a temperature."""
 
 
 ENTITIES = Identities("-", "--", is_word)
 """Identifiers of entities: `tunable:cell.gain` is `tunable--cell-gain`. Home Assistant allows letters, digits, _ and
 -."""
 TOPICS = Identities("/", ":", is_topic)
-"""Below `value`, `set` and `press`: `tunable:cell.gain` is `tunable:cell/gain`."""
+"""Topics below `value`, `set` and `press`: that of `tunable:cell.gain` is `tunable:cell/gain`."""
 
 
 def device_of(station: str) -> str:
-    """The identifier of a station's device."""
+    """Return the identifier of a station's device."""
     return f"umo-{escaped(station, is_word)}"
 
 
@@ -60,7 +60,7 @@ def text_of_time(utc: float) -> str | None:
 
 
 def told(item: MachineItem, changes: Changes) -> bytes:
-    """Return value, quality and time of an item as JSON."""
+    """Return the value, quality and time of an item as JSON."""
     value, quality = float(changes.values[item.number]), changes.quality_of(item.number)
     shown: Any = None
     if not isnan(value) and quality is not Quality.BAD:
@@ -85,7 +85,7 @@ FRESH = f"{{{{ 'online' if value_json.quality in {_listed(map(_word, DISPLAYED))
 
 
 def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapping[str, Any]]:
-    """The configuration of each entity by its topic."""
+    """Return the configuration of each entity by its topic."""
     device, found = device_of(machine.station), {}
     common = _common(machine, base)
 
@@ -109,13 +109,13 @@ def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapp
 
 
 def pressed(machine: Declaration) -> list[str]:
-    """Paths of the actions that have a button."""
+    """Return the paths of the actions that have a button."""
     return [str(each["path"]) for each in machine.actions if not each.get("arguments") and not each.get("dead_man")]
 
 
 def former_topics(machine: Declaration, prefix: str) -> list[str]:
-    """Topics of discovery as umo 0.2 had them: two names could have one identity. Messages that the broker retains
-    there are deleted, so that Home Assistant has each entity once."""
+    """Return the topics of discovery that umo 0.2 used, where two names could have the same identity. Messages that the
+    broker retains there are deleted, so that Home Assistant has each entity only once."""
     found: list[str] = []
 
     def add(component: str, name: str) -> None:
@@ -135,8 +135,8 @@ def former_topics(machine: Declaration, prefix: str) -> list[str]:
 
 
 def mark_of(machine: Declaration) -> str:
-    """Return a mark of the declaration, by which messages that the broker retains from another declaration are
-    ignored."""
+    """Return a mark of the declaration. Messages with another mark, which the broker retains from another declaration,
+    are ignored."""
     return f"{zlib.crc32(repr((machine.items, machine.actions)).encode()):08x}"
 
 

@@ -31,29 +31,29 @@ log = logging.getLogger("umo.faces")
 STORE = 50_000
 """Default number of values that are kept while the broker or the primary host is away."""
 CHUNK, CHUNKS = 500, 10
-"""Number of stored values in one message, and of such messages for each look."""
+"""Number of stored values in one message, and of such messages per look."""
 MAX_METRICS = 100
-"""Largest number of metrics in one command message; the others are refused."""
+"""Largest number of metrics in one command message; further ones are refused."""
 REBIRTH_PAUSE = 0.5
 """Shortest time in s between two requested births."""
 NOBODY = "sparkplug"
-"""The name of a user who gives none."""
+"""The name for a user who gives no name."""
 
 
 class Sparkplug(Face):
-    """The edge node of the station; one connection for each run.
+    """The edge node of the station. It opens one connection for each run.
 
     Options:
-        host: of the broker; one on another computer needs `ca`.
-        port: of the broker.
+        host: the address of the broker. A broker on another computer needs `ca`.
+        port: the TCP port of the broker.
         group: the group of the node.
-        node: its name; default: that of the station.
-        primary: the primary host; nothing is sent until its STATE is online.
-        store: values that are kept while the broker or the primary host is away.
-        ca: file of the certificates that the broker's is checked with (PEM): TLS.
-        certificate: file of the own certificate and key (PEM).
-        user: for the broker.
-        password_file: its first line is the password of `user`.
+        node: the name of the node; default: that of the station.
+        primary: the primary host. Nothing is sent until its STATE is online.
+        store: number of values that are kept while the broker or the primary host is away.
+        ca: file of the certificates (PEM) against which that of the broker is checked. With it TLS is used.
+        certificate: file of the face's certificate and key (PEM).
+        user: the name of the user at the broker.
+        password_file: file whose first line is the password of `user`.
     """
 
     def __init__(

@@ -33,12 +33,13 @@ EVENT, BD_SEQ = "event", "bdSeq"
 METRICS = Identities("/", ":", is_text, frozenset({EVENT, BD_SEQ}))
 """Names of metrics: `tunable:cell.gain` is `tunable:cell/gain`; hosts show a slash as a folder."""
 ACTION = "action"
-"""The kind of a metric that calls an action. Its value is the last result."""
+"""The kind of a metric that calls an action. The metric's value is the last result of the action."""
 VERB = "verb"
-"""The kind of a metric that gives a verb: clients write a JSON object with its path and arguments to it."""
+"""The kind of a metric that gives a verb. Clients write a JSON object with the path and the arguments to the metric."""
 QUALITY = "Quality"
 QUALITIES = {Quality.GOOD: GOOD, Quality.STALE: STALE}
-"""Qualities of Sparkplug, which has three; all others are BAD. The property `quality` has umo's name."""
+"""The qualities of Sparkplug, which has only three. All qualities of umo that are not listed here become BAD. The
+property `quality` has umo's name."""
 
 
 def milliseconds(utc: float) -> int:
@@ -46,7 +47,7 @@ def milliseconds(utc: float) -> int:
 
 
 class SparkplugNode:
-    """Makes payloads; `bd_seq` numbers the connections, `seq` the messages of one."""
+    """Makes payloads. `bd_seq` numbers the connections, `seq` the messages of one connection."""
 
     def __init__(self, machine: Declaration, bd_seq: int) -> None:
         self.machine = machine
@@ -60,7 +61,7 @@ class SparkplugNode:
         self._seq = 0
 
     def name_of(self, metric: Any) -> str:
-        """The name of a metric that a client has sent, which may have an alias only."""
+        """Return the name of a metric that a client has sent. The metric may have only an alias."""
         alias = int(metric.alias)
         return self._names[alias - 1] if not metric.name and 0 < alias <= len(self._names) else str(metric.name)
 
@@ -88,13 +89,13 @@ class SparkplugNode:
         return self.numbered(payload)
 
     def data(self, changes: Changes) -> Any:
-        """Return a payload with the changes, still without its number."""
+        """Return a payload with the changes. It has no sequence number yet."""
         payload = _payload()
         self._put_changes(payload, changes, changes.places.tolist())
         return payload
 
     def events(self, events: Iterable[NumberedEvent]) -> Any:
-        """A payload with a metric for each event, as JSON."""
+        """Return a payload with a metric for each event, as JSON."""
         payload = _payload()
         for number, event in events:
             told = {"number": number, "path": event.path, "text": event.text, "who": event.who, "asked": event.asked}
@@ -116,7 +117,7 @@ class SparkplugNode:
         return payload
 
     def numbered(self, payload: Any) -> bytes:
-        """A payload with the next number, as bytes."""
+        """Return a payload, with the next sequence number, as bytes."""
         payload.seq = self._seq
         self._seq = (self._seq + 1) % 256
         return bytes(payload.SerializeToString())

@@ -1,7 +1,7 @@
 """The payload of Sparkplug B as protobuf messages, made at run time from a table of its fields.
 
-The numbers of the fields are those of the Sparkplug specification 3.0, section 6.4 (package
-org.eclipse.tahu.protobuf). Data sets, templates and metadata are left out: protobuf skips what it does not know.
+The numbers of the fields are those of the Sparkplug specification 3.0, section 6.4 (package org.eclipse.tahu.protobuf).
+Data sets, templates and metadata are left out: protobuf skips unknown fields.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ GOOD, BAD, STALE = 192, 0, 500
 """The values of the property Quality (section 6.4.15)."""
 PACKAGE = "umo.sparkplug_b"
 VALUES = "value"
-"""The field of a message that has its value."""
+"""The field of a message that contains the message's value."""
 FIELDS: Mapping[str, str] = {
     "Payload": "uint64 timestamp 1, Metric* metrics 2, uint64 seq 3, string uuid 4, bytes body 5",
     "Metric": "string name 1, uint64 alias 2, uint64 timestamp 3, uint32 datatype 4, bool is_historical 5, "
@@ -64,7 +64,7 @@ def put_value(metric: Any, value: float | int | bool | str | None) -> None:
 
 
 def put_property(metric: Any, key: str, value: float | int | bool | str | Mapping[str, str]) -> None:
-    """Add a property; a mapping becomes a set of properties, an int an INT32."""
+    """Add a property. A mapping becomes a set of properties; an int becomes an INT32."""
     _add_property(metric.properties, key, value)
 
 

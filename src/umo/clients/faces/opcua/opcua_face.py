@@ -44,7 +44,7 @@ COMPANIONS = ("Di", "IA", "Machinery", "PackML")
 REFUSAL = 300
 """Severity of the event of a refusal."""
 REFUSAL_PAUSE = 1.0
-"""Time in s from one event of a refusal of a user to the next."""
+"""Time in s from one event that reports a refusal of a user to the next."""
 
 
 GONE_ANSWER = Answer(ua.StatusCode(_C.BadNoCommunication), "the machine does not run")
@@ -54,12 +54,12 @@ class OpcUa(Face):
     """Serves the machine to OPC UA clients.
 
     Options:
-        port: of the server.
-        host: its address; one that other computers reach needs `certificate` and `clients`.
-        certificate: file of its certificate and key (PEM).
+        port: the TCP port of the server.
+        host: the address of the server. If other computers reach it, it needs `certificate` and `clients`.
+        certificate: file of the server's certificate and key (PEM).
         clients: file of the certificates of the programs that may connect (PEM).
-        manufacturer: of the machine, as on its name plate.
-        serial: its serial number.
+        manufacturer: the manufacturer of the machine, as on its name plate.
+        serial: the serial number of the machine.
     """
 
     proves_users = True

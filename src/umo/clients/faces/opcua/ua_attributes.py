@@ -1,4 +1,4 @@
-"""The attributes of all nodes, as one session reads them (OPC 10000-4, 5.11.2)."""
+"""Reads the attributes of all nodes for one session (OPC 10000-4, 5.11.2)."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from umo.clients.faces.opcua.ua_limits import MAX_RESPONSE
 _C = ua.StatusCodes
 _A = ua.AttributeIds
 CURRENT_WRITE = 2
-"""Bit of AccessLevel."""
+"""The bit CurrentWrite of AccessLevel."""
 RANGE = re.compile(r"\d+(:\d+)?(,\d+(:\d+)?)*", re.ASCII)
-"""A NumericRange (OPC 10000-4, 7.27)."""
+"""Pattern of a NumericRange (OPC 10000-4, 7.27)."""
 SOURCE, SERVER, BOTH, NEITHER = range(4)
-"""TimestampsToReturn."""
+"""Values of TimestampsToReturn."""
 ENCODINGS = ("Default XML", "Default JSON")
 """Encodings of the standard that this server does not have."""
 
 
 @dataclass(frozen=True)
 class Rights:
-    """The rights of the sessions of this server, and the times of its values."""
+    """The rights of the sessions of this server, and the times of the server's values."""
 
     write: Callable[[Any, ua.NodeId], bool]
-    """Returns True if a session may write the value of a node."""
+    """Function that returns True if a session may write the value of a node."""
     call: Callable[[Any, ua.NodeId], bool]
-    """Returns True if a session may call a method."""
+    """Function that returns True if a session may call a method."""
     true_at: Callable[[ua.NodeId], datetime | None]
-    """Returns the time at which the value of a node was known to be true; None for now."""
+    """Function that returns the time at which the value of a node was last known to be true. None means now."""
 
 
 def missing(node: ua.NodeId) -> ua.StatusCode:
-    """The StatusCode of a node that does not exist."""
+    """Return the StatusCode for a node that does not exist."""
     return ua.StatusCode(_C.BadNodeIdInvalid if node.is_null() else _C.BadNodeIdUnknown)
 
 
 class ResponseSpace:
-    """The bytes that still fit in a response, as estimated, so that every response is bounded."""
+    """The estimated number of bytes that still fit in a response. It bounds every response."""
 
     def __init__(self) -> None:
         self._left = MAX_RESPONSE
@@ -57,7 +57,7 @@ class ResponseSpace:
 
 
 def weight(value: Any) -> int:
-    """Return the approximate size of a DataValue, a variant or their content in bytes."""
+    """Return the approximate size in bytes of a DataValue, a variant or the content of one."""
     content = getattr(value, "Value", value)
     if isinstance(content, ua.Variant):
         content = content.Value
@@ -73,7 +73,7 @@ class Attributes:
         self.space, self._rights = space, rights
 
     def read(self, session: Any, max_age: float, timestamps: int, asked: list[ua.ReadValueId]) -> list[ua.DataValue]:
-        """The service Read. Values are at most one look of the face old, whatever `max_age` asks for."""
+        """Carry out the service Read. Values are at most one look of the face old, whatever `max_age` asks for."""
         if not max_age >= 0:
             raise ServiceError(_C.BadMaxAgeInvalid)
         check_timestamps(timestamps)
@@ -89,14 +89,14 @@ class Attributes:
         return with_timestamps(value, timestamps, asked.AttributeId)
 
     def value(self, session: Any, asked: ua.ReadValueId) -> ua.DataValue:
-        """The value of one attribute, or of a part of it."""
+        """Return the value of one attribute, or of a part of it."""
         value = self.whole(session, asked.NodeId, asked.AttributeId)
         code = self.refusal(asked, value)
         return ua.DataValue(StatusCode=ua.StatusCode(code)) if code else ranged(value, asked.IndexRange)
 
     def refusal(self, asked: ua.ReadValueId, value: ua.DataValue) -> int:
-        """Return the status code for an attribute that cannot be read, or 0 if it can. `value`: the value of the whole
-        attribute."""
+        """Return the status code for an attribute that cannot be read, or 0 for one that can. `value`: the value of the
+        whole attribute."""
         if asked.IndexRange and bounds(asked.IndexRange) is None:
             return _C.BadIndexRangeInvalid
         encoding = asked.DataEncoding
@@ -112,7 +112,7 @@ class Attributes:
         return 0 if encoding.Name == "Default Binary" else _C.BadDataEncodingInvalid
 
     def whole(self, session: Any, node: ua.NodeId, attribute: int) -> ua.DataValue:
-        """The value of an attribute, for a session."""
+        """Return the whole value of an attribute, for a session."""
         if node not in self.space:
             return ua.DataValue(StatusCode=missing(node))
         value = self.space.read_attribute_value(node, attribute)
@@ -127,7 +127,7 @@ class Attributes:
 
 
 def check_timestamps(timestamps: int) -> None:
-    """Raise ServiceError if this is not a TimestampsToReturn."""
+    """Raise ServiceError if the number is not a value of TimestampsToReturn."""
     if timestamps not in (SOURCE, SERVER, BOTH, NEITHER):
         raise ServiceError(_C.BadTimestampsToReturnInvalid)
 
@@ -150,7 +150,7 @@ def with_timestamps(value: ua.DataValue, timestamps: int, attribute: int) -> ua.
 
 
 def bounds(text: str) -> list[slice] | None:
-    """A NumericRange as slices, or None if it is not one."""
+    """Return a NumericRange as slices, or None if the string is not a NumericRange."""
     if not RANGE.fullmatch(text):
         return None
     found = []
@@ -163,7 +163,7 @@ def bounds(text: str) -> list[slice] | None:
 
 
 def ranged(value: ua.DataValue, text: str | None) -> ua.DataValue:
-    """The part of an array, or of the characters of a text, that a range of indices selects."""
+    """Return the part of an array or string that a range of indices selects."""
     if not text or (value.StatusCode is not None and value.StatusCode.is_bad()):
         return value
     slices, variant = bounds(text), value.Value

@@ -23,7 +23,7 @@ from umo.errors import PathError, UmoError
 from umo.operation.commands.verb import Verb
 
 BEGUN_WITHIN = 0.5
-"""Time in s after which an action that its client holds, and that was not refused, counts as begun."""
+"""Time in s after which an action that was not refused, and that its client holds, counts as begun."""
 PATIENCE = 10.0
 """Time in s after which an action that still runs is answered with GoodCompletesAsynchronously: clients wait for 15 s
 or longer."""
@@ -32,11 +32,11 @@ GOOD, LATER = ua.StatusCode(), ua.StatusCode(_C.GoodCompletesAsynchronously)
 NOT_WRITABLE = ua.StatusCode(_C.BadNotWritable)
 ANONYMOUS = "an anonymous session only reads: log in with a password or a certificate"
 TellRefusal = Callable[[str, str], object]
-"""Function that reports a refusal: with its user and text."""
+"""Function that reports a refusal. Its arguments are the user and the text."""
 
 
 class ClientCommands:
-    """The commands of all clients to one run."""
+    """Passes the commands of all clients to one run."""
 
     def __init__(self, space: AddressSpace, nodes: MachineNodes, commands: Commands, refused: TellRefusal) -> None:
         self._space, self._nodes, self._commands, self._refused = space, nodes, commands, refused

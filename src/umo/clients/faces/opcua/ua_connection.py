@@ -1,7 +1,8 @@
-"""Connections of OPC UA: what asyncua's lack.
+"""Connections of OPC UA, with the functions that asyncua's connections lack.
 
-A Write or a Call is answered when the machine has answered, node by node, while the connection continues; the text of a
-refusal is in its DiagnosticInfo. A client that does not read its responses is disconnected.
+A Write or a Call is answered when the machine has answered for each node. The connection serves other requests in the
+meantime. The text of a refusal is in the DiagnosticInfo of the answer. A client that does not read its responses is
+disconnected.
 """
 
 from __future__ import annotations
@@ -31,19 +32,21 @@ from umo.clients.faces.opcua.ua_subscriptions import fault
 
 log = logging.getLogger("umo.faces.opcua")
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
-"""Settings of the TCP keep-alive, in s and attempts: a computer that no longer answers is noticed after 4 s."""
+"""Settings of the TCP keep-alive, in s and number of attempts. A computer that no longer answers is noticed after 4
+s."""
 UNSENT_TIMEOUT = 5_000
 """Time in ms after which a connection is closed if the computer does not acknowledge sent data."""
 ADDITIONAL_INFO = 0x80
-"""Bit of `ReturnDiagnostics`: words of the results of single operations (OPC 10000-4, 7.32)."""
+"""Bit of `ReturnDiagnostics`: texts about the results of single operations (OPC 10000-4, 7.32)."""
 
 
 WRITE, CALL, PUBLISH = service("Write"), service("Call"), service("Publish")
 CREATE, ACTIVATE, CLOSE = (service(f"{each}Session") for each in ("Create", "Activate", "Close"))
 OPEN = (service("GetEndpoints"), service("FindServers"), service("CloseSecureChannel"))
-"""Services that need neither a session nor a secured channel."""
+"""Services that need neither a session nor a secure channel."""
 WITHOUT_SESSION = (*OPEN, CREATE, ACTIVATE, CLOSE)
-"""Services that asyncua answers. The others are answered here, or are not supported."""
+"""Services that need no session, and that asyncua answers. The others are answered by this module, or are not
+supported."""
 
 
 class Answer:
@@ -55,12 +58,13 @@ class Answer:
 
 
 Carry = Callable[[UaSession, Any], Awaitable[Answer]]
-"""Carries out one WriteValue or CallMethodRequest of a session."""
+"""Function that carries out one WriteValue or CallMethodRequest of a session."""
 
 
 class Services(InternalServer):
-    """`write` and `call` carry out what clients ask for. The services that they use are those of this package;
-    asyncua's own session, which fills the address space, uses asyncua's."""
+    """The services of the server. `write` and `call` carry out the requests of clients. Sessions of clients use the
+    services of this package. Only asyncua's internal session, which fills the address space, uses asyncua's
+    services."""
 
     def __init__(
         self, write: Carry, call: Carry, rights: Rights, is_trusted: Callable[[bytes], bool], only_secured: bool
@@ -85,7 +89,7 @@ class Services(InternalServer):
         return [each for each in found if not profiles or each.TransportProfileUri in profiles]
 
     async def abandon(self) -> None:
-        """Give up all operations in progress: the machine will not answer them."""
+        """Give up all operations in progress, because the machine will not answer them."""
         await self.answering.end()
 
 
@@ -206,9 +210,9 @@ class Processor(UaProcessor):
             self.sent(handle, sequence, fault(code), kind)
 
     def sent(self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage) -> int:
-        """Send a response. Return 0 if it is sent or the connection is closed. Otherwise nothing was sent, and the
-        returned code gives the reason: it cannot be encoded, or it is larger than its client accepts. A client that
-        does not read its responses is disconnected."""
+        """Send a response. Return 0 if the response is sent or the connection is closed. Otherwise nothing was sent,
+        and the returned code gives the reason: the response cannot be encoded, or it is larger than the client accepts.
+        A client that does not read its responses is disconnected."""
         if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
             self._transport.abort()
         if not self.is_open:
@@ -232,7 +236,7 @@ class Processor(UaProcessor):
         return not self._transport.is_closing()
 
     async def close(self) -> None:
-        """Called when the connection is closed: drop its Publish requests."""
+        """Drop the connection's Publish requests. Called when the connection is closed."""
         session: Any = self.session
         if session is not None and session.processor is self:
             session.publisher.requests.clear()
@@ -307,7 +311,7 @@ class Protocol(OPCUAProtocol):
 
 
 class Listener(BinaryServer):
-    """Listens on a socket that is open already."""
+    """Listens on a socket that is already open."""
 
     def __init__(self, server: Services, listening: socket.socket) -> None:
         host, port = listening.getsockname()[:2]

@@ -21,13 +21,14 @@ NO_DEADBAND, ABSOLUTE, PERCENT = range(3)
 
 @dataclass(frozen=True)
 class DataFilter:
-    """`deadband`: a change of a number is reported if it is larger than this; 0 means every change."""
+    """Selects the changes that are reported. A change of a number is reported if it is larger than `deadband`; 0 means
+    every change."""
 
     trigger: int = VALUE
     deadband: float = 0.0
 
     def tells(self, before: ua.DataValue | None, after: ua.DataValue) -> bool:
-        """True if a value is to be reported after another one. A change of status is always reported."""
+        """True if a value must be reported after the previous one. A change of status is always reported."""
         if before is None or _status(before) != _status(after):
             return True
         if self.trigger == STATUS:
@@ -51,7 +52,8 @@ EVERY_CHANGE = DataFilter()
 
 
 def data_filter(space: AddressSpace, node: ua.NodeId, attribute: int, given: Any) -> DataFilter:
-    """The filter that a client asks for. ServiceError with the code of the standard for one that cannot be kept."""
+    """Return the filter that a client requests. Raises ServiceError, with the code of the standard, if the server does
+    not support that filter."""
     if is_none(given):
         return EVERY_CHANGE
     if is_structure(given, ua.AggregateFilter):
@@ -73,7 +75,7 @@ def data_filter(space: AddressSpace, node: ua.NodeId, attribute: int, given: Any
 
 
 def is_none(given: Any) -> bool:
-    """True if a client gives no filter."""
+    """True if the client requests no filter."""
     return given is None or (isinstance(given, ua.ExtensionObject) and given.TypeId.is_null())
 
 

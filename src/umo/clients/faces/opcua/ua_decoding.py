@@ -1,8 +1,8 @@
-"""Lengths in a message are limited by the number of its bytes (OPC 10000-6, 5.2).
+"""Limits the lengths in a message by the number of the message's bytes (OPC 10000-6, 5.2).
 
-asyncua 2.1 takes the length of an array, of a text and of a dimension as it is told: an array of nulls, which take no
-byte, of two thousand million elements; a text of -4 bytes, which reads itself again; dimensions of a million for an
-array of none. A hundred bytes before any session would take minutes and gigabytes.
+asyncua 2.1 trusts the lengths in a message: an array with two thousand million nulls, which take no bytes; a string
+with a length of -4 bytes, which makes the decoder go back and read the string again; dimensions of a million for an
+empty array. A hundred bytes, sent before any session, would cost minutes and gigabytes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _primitives, _shaped = binary._create_uatype_array_deserializer, binary._reshape
 
 
 def bound() -> None:
-    """Make asyncua decode with the functions below."""
+    """Make asyncua decode with the functions of this module."""
     binary._Bytes.unpack = staticmethod(_bytes)
     binary._create_uatype_array_deserializer = _array
     binary._create_list_deserializer = _list
@@ -57,7 +57,7 @@ def _list(kind: Any) -> Decode:
 
 
 class Count:
-    """Elements of the array that is being decoded, with those of the arrays in it."""
+    """Counts the elements of the array that is being decoded, and of the arrays inside it."""
 
     depth = elements = 0
 

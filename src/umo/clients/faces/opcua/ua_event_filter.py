@@ -100,7 +100,7 @@ class EventFilter:
         return False
 
     def fields(self, event: Any) -> list[ua.Variant]:
-        """Return the requested fields of an event; null for those that it does not have."""
+        """Return the requested fields of an event, with null for fields that the event does not have."""
         return [_field(event, each) for each in self._select]
 
     # Where clause ------------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ class EventFilter:
         return _C.BadFilterOperandInvalid
 
     def passes(self, event: Any) -> bool:
-        """True if an event is sent: its where clause is true, neither false nor null."""
+        """True if an event is sent, because the where clause is true for it, neither false nor null."""
         results: list[bool | None] = [None] * len(self._where)
         for place in reversed(range(len(self._where))):  # each once, however often others refer to it
             element = self._where[place]
@@ -190,8 +190,9 @@ def _compared(how: Callable[[Any, Any], Any], one: Any, other: Any) -> bool | No
 
 
 def like(text: Any, pattern: Any) -> bool | None:
-    """Return whether a text matches a pattern, or None if they are not texts. % is any text, _ one character, [ab] or
-    [a-c] one of them, [^ab] none of them; a backslash takes the next character as it is."""
+    """Return whether a string matches a pattern, or None if one of the two is not a string. % stands for any
+    characters, _ for one character, [ab] or [a-c] for one of these characters, [^ab] for any other one. A backslash
+    makes the next character literal."""
     if not isinstance(text, str) or not isinstance(pattern, str):
         return None
     parts = re.findall(r"\\.|\[\^?[^\]]+\]|.", pattern, re.DOTALL)

@@ -1,7 +1,7 @@
 """Events of the machine, and its alarms as conditions, for clients that subscribe to events (OPC 10000-9).
 
-asyncua has no condition instances: an alarm is an object with its state and its methods, and each change of it is an
-event of AlarmConditionType, which a client gets again by ConditionRefresh while the alarm is to be retained.
+asyncua has no condition instances: an alarm is an object with its state and its methods, and each change of its state
+is an event of AlarmConditionType. By ConditionRefresh a client gets that event again as long as the alarm is retained.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ACKNOWLEDGE = ua.NodeId(O.AcknowledgeableConditionType_Acknowledge)
 
 @dataclass(frozen=True)
 class Kinds:
-    """An event of each type, to be copied."""
+    """One event of each type, as a template that is copied."""
 
     plain: Any
     alarm: Any
@@ -60,7 +60,7 @@ class Kinds:
 
 
 class MachineEvents:
-    """Reports the events of one machine to the clients of a server."""
+    """Reports one machine's events to the clients of a server."""
 
     def __init__(self, server: Any, kinds: Kinds, nodes: MachineNodes) -> None:
         self._monitoring = server.iserver.monitoring
@@ -70,7 +70,7 @@ class MachineEvents:
         """The last event of each alarm: what a client acknowledges."""
 
     def alarm(self, item: MachineItem, number: float, utc: float) -> None:
-        """Report the state of an alarm. The first one is reported only if it is not normal."""
+        """Report the state of an alarm. An alarm's first state is reported only if it is not normal."""
         state, before = AlarmState(int(number)), self._states.get(item.path, AlarmState.NORMAL)
         if state is before:
             return
@@ -103,7 +103,7 @@ class MachineEvents:
         self._ids[item.path] = self._send(event, item.path, node, text, severity, utc)
 
     def event(self, event: Event, utc: float) -> None:
-        """Report an event of the machine. Those of alarms are reported as conditions."""
+        """Report an event of the machine. Events of alarms are reported as conditions."""
         if event.asked == ALARM:
             return
         severity = FAULT_EVENT if event.asked == FAULT else EVENT_SEVERITY.get(event.state, NORMAL_EVENT)
@@ -124,7 +124,7 @@ class MachineEvents:
         return bytes(event.EventId)
 
     def is_last(self, path: str, event_id: object) -> bool:
-        """True if a client has seen the last event of an alarm: a client cannot acknowledge an event that it has not
+        """True if this is the last event of the alarm. A client cannot acknowledge an alarm whose last event it has not
         seen."""
         return self._ids.get(path) == event_id
 

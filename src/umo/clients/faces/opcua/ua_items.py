@@ -1,4 +1,4 @@
-"""Monitored items: what is sampled, and what waits to be published (OPC 10000-4, 5.13)."""
+"""Monitored items: their sampling, and the queue of values to be published (OPC 10000-4, 5.13)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ log = logging.getLogger("umo.faces.opcua")
 DISABLED, SAMPLING, REPORTING = range(3)
 """MonitoringMode."""
 OVERFLOW = 0x480
-"""Bits of a StatusCode: an InfoType of a DataValue, and that values before or after it were left out."""
+"""Bits of a StatusCode. They mean that the InfoType is DataValue, and that values before or after this one were left
+out."""
 Stir = Callable[["MonitoredItem"], object]
 
 
 class MonitoredItem:
-    """The common part of monitored items: mode and queue. `stir` notifies the subscription that there may be something
-    to publish."""
+    """The common part of monitored items: mode and queue. `stir` notifies the subscription that the item may have
+    something to publish."""
 
     def __init__(self, number: int, stir: Stir, mode: int, given: Any) -> None:
         self.number, self.mode = number, mode
@@ -61,7 +62,7 @@ class MonitoredItem:
         return self.mode == REPORTING and bool(self.queue)
 
     def settle(self, now: float) -> bool:
-        """Take the due samples. Return True if something remains for later."""
+        """Take the samples that are due. Return True if something remains for later."""
         return False
 
     def set_mode(self, mode: int) -> None:
@@ -75,15 +76,15 @@ class MonitoredItem:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Stop the changes of this item."""
+        """Stop watching for changes."""
 
 
 class DataItem(MonitoredItem):
     """Monitors an attribute.
 
-    A value comes when it changes. It is sampled at the next multiple of the sampling interval, a value with another
-    status at once, so that no failure is missed between two samples. `sampling`: revised, ms, or 0 if each value is
-    taken as it comes.
+    The item receives a value when the attribute changes. The value is sampled at the next multiple of the sampling
+    interval. A value with another status is sampled immediately, so that no failure between two samples is missed.
+    `sampling` is the revised interval in ms, or 0 if every value is taken when it arrives.
     """
 
     def __init__(
@@ -116,7 +117,7 @@ class DataItem(MonitoredItem):
         self.take(value)
 
     def take(self, value: ua.DataValue) -> None:
-        """Take a new value. If it cannot be stored, the client gets a notice that one is missing, and the face
+        """Take a new value. If it cannot be stored, the client is notified that a value is missing, and the face
         continues."""
         try:
             self._take(value)
@@ -218,7 +219,7 @@ class EventItem(MonitoredItem):
         return self.mode == REPORTING and (bool(self.queue) or self._overflow is not None)
 
     def take(self, event: Any, always: bool = False) -> None:
-        """Take a new event. `always`: regardless of the filter."""
+        """Take a new event. With `always` the filter is ignored."""
         if self.mode == DISABLED or not (always or self.filter.passes(event)):
             return
         self._queue(self.filter.fields(event))
@@ -252,7 +253,7 @@ class EventItem(MonitoredItem):
 
 
 def revised_sampling(asked: float, publishing: float) -> float:
-    """The sampling interval in ms; for a negative one, the publishing interval."""
+    """Return the revised sampling interval in ms. A negative request means the publishing interval."""
     if asked < 0:
         return publishing
     return min(asked, LONGEST_INTERVAL) if isfinite(asked) else LONGEST_INTERVAL if asked > 0 else 0.0

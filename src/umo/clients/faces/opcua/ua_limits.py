@@ -1,4 +1,4 @@
-"""Limits of the OPC UA server: no client makes it use memory, or time, without bound."""
+"""Limits of the OPC UA server, so that no client makes it use unlimited memory or time."""
 
 from __future__ import annotations
 
@@ -10,59 +10,63 @@ from asyncua.server.address_space import AddressSpace
 from asyncua.server.internal_server import InternalServer
 
 MAX_CLIENTS = 32
-"""Largest number of connections at once; more are closed."""
+"""Largest number of simultaneous connections; further ones are closed."""
 MAX_SUBSCRIPTIONS = 64
 """Largest number of subscriptions of all clients."""
 MAX_ITEMS = 10_000
 """Largest number of monitored items of all clients."""
 MAX_QUEUE = 100
-"""Largest number of values of one monitored item that wait to be sent: then the oldest are left out."""
+"""Largest number of values of one monitored item that wait to be sent. If there are more, the oldest ones are left
+out."""
 MAX_UNACKNOWLEDGED = 100
 """Largest number of messages of a subscription that are kept to be sent again."""
 MAX_KEPT = 20_000
-"""Largest number of notifications in these messages: then the oldest are forgotten, all but the last."""
+"""Largest number of notifications in these messages. If there are more, the oldest messages are forgotten, but never
+the last one."""
 SHORTEST_PUBLISHING = 50.0
-"""Shortest publishing interval, ms."""
+"""Shortest publishing interval in ms."""
 LONGEST_INTERVAL = 3_600_000.0
-"""Longest publishing and sampling interval, ms."""
+"""Longest publishing and sampling interval in ms."""
 KEEP_ALIVE, MAX_KEEP_ALIVE, MAX_LIFETIME = 10, 5_000, 15_000
-"""Numbers of publishing cycles: default and largest number without a notification, and largest number without a Publish
-request."""
+"""Numbers of publishing cycles: the default and the largest number without a notification, and the largest number
+without a Publish request."""
 MAX_NOTIFICATIONS = 10_000
 """Largest number of notifications of one Publish response."""
 MAX_PUBLISH = 100
-"""Largest number of publish requests of one session that wait."""
+"""Largest number of Publish requests of one session that wait."""
 MAX_CONTINUATIONS = 16
 """Largest number of continuation points of one session."""
 MIN_SESSION, MAX_SESSION = 2_000.0, 60_000.0
-"""Shortest and longest time in ms without a request after which a session ends; a client may request a value between
-them."""
+"""Shortest and longest time in ms without a request after which a session ends. A client may request a time between
+these limits."""
 LOGIN_TIME = 10.0
 """Time in s that a connection has to open a session."""
 LOGIN_PAUSE = 0.1
-"""Time in s after a wrong password in which no login is accepted, because checking a password takes the face 50 ms or
-more."""
+"""Time in s after a wrong password during which no login is accepted. The limit exists because checking a password
+takes the face 50 ms or more."""
 MAX_MESSAGE = 1 << 20
 """Largest number of bytes of a message."""
 CHUNK = 65_535
 MAX_PENDING = 100
-"""Largest number of messages of one connection that have come and are not yet looked at: then it is closed."""
+"""Largest number of messages of one connection that have arrived and are not processed yet. With more, the connection
+is closed."""
 MAX_ANSWERS = 32
-"""Largest number of Write and Call requests of one connection whose answer is still to come: others are refused."""
+"""Largest number of Write and Call requests of one connection that are not answered yet. Further requests are
+refused."""
 MAX_UNSENT = 16 << 20
-"""Largest number of bytes that a client has asked for and does not take: then its connection is closed."""
+"""Largest number of bytes that a client has requested and not yet received. With more, its connection is closed."""
 MAX_OPERATIONS = 1_000
 """Largest number of nodes of one Write or Call request."""
 MAX_READ = 10_000
 """Largest number of nodes of one Read request."""
 MAX_RESPONSE = 4 << 20
-"""Largest number of bytes of a response, as they are estimated while it is made: each 100 kB take 10 ms of the face, or
+"""Largest number of bytes of a response, as estimated while the response is made. Each 100 kB cost the face 10 ms or
 more."""
 MAX_EVENT_COST = 10_000
 """Largest cost of the filters of all event items: each event then costs about 30 ms."""
 MAX_ELEMENTS = 2 * MAX_READ
-"""Largest number of elements of an array in a message, with those of the arrays in it: each takes 20 us and 300
-bytes."""
+"""Largest number of elements of an array in a message, including the elements of nested arrays. Each element takes 20
+us and 300 bytes."""
 MAX_DIMENSIONS = 8
 """Largest number of dimensions of an array."""
 
@@ -90,7 +94,7 @@ CAPABILITIES: Mapping[str, tuple[float, str]] = {
 
 
 def tell(space: AddressSpace) -> None:
-    """Show these limits to clients instead of those of asyncua."""
+    """Show these limits to clients, in place of asyncua's limits."""
     for name, (value, kind) in CAPABILITIES.items():
         node = space.get(ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}")))
         if node is not None:
@@ -103,7 +107,7 @@ def transport() -> TransportLimits:
 
 
 def limit(server: InternalServer) -> None:
-    """Set what asyncua can limit by itself."""
+    """Set the limits that asyncua itself can enforce."""
     server.max_connections = MAX_CLIENTS
     server.max_subscriptions = MAX_SUBSCRIPTIONS
     server.max_monitored_item_queue_size = MAX_QUEUE

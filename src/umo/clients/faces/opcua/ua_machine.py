@@ -19,25 +19,26 @@ from umo.process.frames.machine_items import Declaration, ItemKind, MachineItem
 
 RUN, ALARMS, REFUSAL = "Run", "Alarms", "LastRefusal"
 EQUIPMENT, AXIS, UNIT = "EquipmentState", "AxisState", "PackML"
-"""Names of nodes of umo's own, beside those of the machine."""
+"""Names of nodes that umo adds to those of the machine."""
 IDENTITIES = Identities(".", ":", is_text, frozenset({"machine", "refusal"}))
-"""Identifiers of nodes. A node below another one has the other's identifier, a slash and a name."""
+"""Identifiers of nodes. The identifier of a node is that of its parent, a slash and a name."""
 PARTS = Identities(".", ":", is_text, frozenset({RUN, ALARMS}))
-"""Identifiers of parts; two folders of umo's own have such identifiers, too."""
+"""Identifiers of parts. Two folders that umo adds also have such identifiers."""
 ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
-"""Data types of the arguments of actions by their kinds; the others are texts."""
+"""Data types of the arguments of actions by their kinds; arguments of other kinds are strings."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
 PATH = "Path"
-"""The argument of a verb that has its path."""
+"""The argument that has the path of a verb."""
 VERB_TYPES: Mapping[ArgumentKind, int] = {
     ArgumentKind.NUMBER: O.Double,
     ArgumentKind.TIME: O.Double,
     ArgumentKind.FLAG: O.Boolean,
     ArgumentKind.VALUE: O.BaseDataType,
 }
-"""Data types of the arguments of verbs by their kinds; the others are texts, those of an action JSON."""
+"""Data types of the arguments of verbs by their kinds; arguments of other kinds are strings, and those of an action are
+JSON."""
 OF_PARTS = frozenset({EQUIPMENT, AXIS, UNIT})
-"""Names of umo's own nodes in each part."""
+"""Names of the nodes that umo adds to each part."""
 EVENT = (argument("EventId", O.ByteString, "EventId of the event to acknowledge; empty for the last event"),)
 COMMENT = (argument("Comment", O.LocalizedText, "accepted, and not stored"),)
 
@@ -48,11 +49,11 @@ class Called:
 
     verb: Verb
     path: str | None
-    """The path; None if the argument `Path` has it."""
+    """The path of the verb; None if the argument `Path` has the path."""
     kinds: Mapping[str, str]
     keeps_up: bool = False
     arguments: Sequence[Mapping[str, Any]] = ()
-    """The arguments as the action or the verb declares them."""
+    """The arguments in the form in which the action or the verb declares them."""
 
     @property
     def optional(self) -> frozenset[str]:
@@ -61,31 +62,33 @@ class Called:
 
 
 def acknowledging(alarm: str) -> Called:
-    """Return the effect of the method Acknowledge. Its arguments may be null; they are not passed on to the command."""
+    """Return the effect of the method Acknowledge. Its arguments may be null, and they are not passed on to the
+    command."""
     optional = tuple({"name": each.Name, "required": False} for each in (*EVENT, *COMMENT))
     return Called(ACKNOWLEDGE_ALARM, alarm, {}, arguments=optional)
 
 
 def calling(verb: Verb, path: str | None) -> Called:
-    """The function of the method of a verb; `path`: None if it is the argument `Path`."""
+    """Return the effect of the method of a verb. `path` is None if the argument `Path` has the path."""
     own = [each.plain() | {"name": each.name.capitalize()} for each in verb.arguments]
     about = own if path is not None else [{"name": PATH, "kind": "text", "required": True}, *own]
     return Called(verb, path, {each["name"]: each["kind"] for each in about}, verb.is_kept_up, tuple(about))
 
 
 def of_the_machine() -> frozenset[str]:
-    """Names of umo's own nodes in the machine."""
+    """Return the names of the nodes that umo adds to the machine."""
     return OF_PARTS | {RUN, ALARMS, REFUSAL, *(verb.title for verb in offered())}
 
 
 def browse_name(path: str) -> str:
-    """The name of the node with this path, within its part. It never equals the name of a node of umo's own."""
+    """Return the name of the node with this path, within its part. The name never equals that of a node that umo
+    adds."""
     part, _, name = path.rpartition(".")
     return escaped(name, is_text, OF_PARTS if part else of_the_machine())
 
 
 class MachineNodes:
-    """`machines`: the node Objects/Machines of OPC 40001-1."""
+    """The nodes of one machine. `machines` is the node Objects/Machines of OPC 40001-1."""
 
     def __init__(self, tree: NodeTree, machine: Declaration, machines: ua.NodeId) -> None:
         self._tree, self._machine = tree, machine
@@ -117,8 +120,8 @@ class MachineNodes:
             self._add_verb(self.root, f"command:{verb.name}", verb.title, calling(verb, path))
 
     def part(self, path: str) -> ua.NodeId:
-        """The object of a compound; "" means the machine. A node below an object, such as its velocity, is below the
-        variable of the object."""
+        """Return the object of a compound; "" means the machine. A node below an object, such as its velocity, is below
+        the variable of the object."""
         if path not in self._parts:
             above = self.part(path.rpartition(".")[0])
             self._parts[path] = self._tree.object(above, PARTS.of(path, "part"), browse_name(path))

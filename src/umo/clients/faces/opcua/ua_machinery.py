@@ -14,7 +14,8 @@ MACHINES, IDENTIFICATION_TYPE = 1001, 1012
 
 
 def add_identification(tree: NodeTree, root: ua.NodeId, spaces: Mapping[str, int], about: Mapping[str, str]) -> None:
-    """The add-in Identification, below the machine and below its building blocks. `spaces`: indices of namespaces."""
+    """Add the add-in Identification below the machine and below its building blocks. `spaces`: the indices of the
+    namespaces."""
     own, devices = spaces[URI], spaces[DEVICES]
     kind = ua.NodeId(IDENTIFICATION_TYPE, own)
     plate = tree.object(root, "identification", "Identification", kind, reference=O.HasAddIn, own=devices)

@@ -1,4 +1,4 @@
-"""Methods: which of them an object has, and whether arguments are as declared (OPC 10000-4, 5.12)."""
+"""Methods: checks which methods an object has, and whether arguments match their declarations (OPC 10000-4, 5.12)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPONENT, KIND, PROPERTY = (ua.NodeId(each) for each in (_O.HasComponent, _O.Ha
 
 
 def refusal(space: AddressSpace, request: ua.CallMethodRequest) -> ua.StatusCode | None:
-    """Return why an object has no such method, or None if it has."""
+    """Return the StatusCode that says why this method of an object cannot be called, or None if it can."""
     if request.ObjectId not in space:
         return missing(request.ObjectId)
     if request.MethodId.is_null():
@@ -41,7 +41,7 @@ def has_method(space: AddressSpace, node: ua.NodeId, method: ua.NodeId) -> bool:
 
 
 def declared(space: AddressSpace, method: ua.NodeId) -> list[Any]:
-    """The arguments that a method takes."""
+    """Return the arguments that a method takes."""
     for each in space[method].references:
         if each.IsForward and each.ReferenceTypeId == PROPERTY and each.BrowseName.Name == "InputArguments":
             value = space.read_attribute_value(each.NodeId, ua.AttributeIds.Value).Value
@@ -50,8 +50,8 @@ def declared(space: AddressSpace, method: ua.NodeId) -> list[Any]:
 
 
 def check(space: AddressSpace, method: ua.NodeId, given: list[ua.Variant], optional: frozenset[str]) -> Any | None:
-    """Return the error in the arguments of a call, as its result, or None if they are as declared. Optional arguments
-    may be null, and left out at the end."""
+    """Return the result of a call with wrong arguments, or None if the arguments match their declarations. Optional
+    arguments may be null. The last ones may also be left out."""
     wanted = declared(space, method)
     if len(given) > len(wanted):
         return ua.CallMethodResult(ua.StatusCode(_C.BadTooManyArguments))
@@ -65,7 +65,7 @@ def check(space: AddressSpace, method: ua.NodeId, given: list[ua.Variant], optio
 
 
 def wrong(codes: list[int]) -> ua.CallMethodResult:
-    """The result of a call with wrong arguments, with a status code for each argument."""
+    """Return the result of a call with wrong arguments, with a status code for each argument."""
     return ua.CallMethodResult(
         ua.StatusCode(_C.BadInvalidArgument), InputArgumentResults=[ua.StatusCode(each) for each in codes]
     )
@@ -115,7 +115,7 @@ STANDARD: Mapping[Any, Callable[[Any, list[Any]], list[Any]]] = {
     ua.NodeId(_O.Server_ResendData): _resend,
     ua.NodeId(_O.ServerType_ResendData): _resend,
 }
-"""Methods of the standard that this server has. Their first argument is a subscription of the session."""
+"""The methods of the standard that this server has. The first argument of each is a subscription of the session."""
 
 
 def call_standard(session: Any, request: ua.CallMethodRequest) -> ua.CallMethodResult:

@@ -29,7 +29,7 @@ _O = ua.ObjectIds
 OF_SESSION = (_A.UserAccessLevel, _A.UserExecutable, _A.Executable)
 """Attributes that are computed for each session, and do not change during it."""
 SUBSCRIBE_TO_EVENTS = 1
-"""Bit of EventNotifier."""
+"""The bit SubscribeToEvents of EventNotifier."""
 OWN_SEVERITY = 100
 """Severity of events about events: a refresh, an overflow."""
 GOOD = ua.StatusCode()
@@ -48,7 +48,7 @@ class Monitoring:
         """An event of each type of our own, to be copied."""
 
     async def prepare(self, server: Any) -> None:
-        """Look up the types of umo's own events."""
+        """Look up the types of the events that this server creates itself."""
         for kind in (_O.RefreshStartEventType, _O.RefreshEndEventType, _O.EventQueueOverflowEventType):
             node = Node(server.iserver.isession, ua.NodeId(kind))
             event = self._own[kind] = await templates.get_event_obj_from_type_node(node)
@@ -85,7 +85,7 @@ class Monitoring:
         return ua.ModifySubscriptionResult(changed.interval, changed.lifetime, changed.keep_alive)
 
     def each(self, session: Any, numbers: list[int], do: Callable[[UaSubscription], object]) -> list[ua.StatusCode]:
-        """Call a function for several subscriptions. Return the result for each."""
+        """Call a function for several subscriptions. Return the result for each subscription."""
         results = []
         for number in numbers:
             try:
@@ -206,11 +206,11 @@ class Monitoring:
     # Events ------------------------------------------------------------------------------------------------
 
     async def trigger_event(self, event: Any, subscription_id: int | None = None) -> None:
-        """Receive an event of asyncua's own."""
+        """Receive an event that asyncua itself creates."""
         self.tell(event)
 
     def tell(self, event: Any) -> None:
-        """Report an event. A condition is kept while it is to be retained."""
+        """Report an event. The event of a condition is kept as long as the condition is retained."""
         if hasattr(event, "Retain") and hasattr(event, "NodeId"):
             self.retained.pop(event.NodeId, None)
             if event.Retain:
@@ -221,8 +221,8 @@ class Monitoring:
                     item.take(event)
 
     def refresh(self, subscription: UaSubscription, only: int | None = None) -> None:
-        """Report the retained conditions again, between the two refresh events. `only`: for one item. Raises
-        ServiceError if the subscription has no such item."""
+        """Report the retained conditions again, between the two refresh events. `only`: the item to which they are
+        reported; default: all. Raises ServiceError if the subscription has no such item."""
         items = [each for each in _notifiers(subscription) if only is None or each.number == only]
         if only is not None and not items:
             raise ServiceError(_C.BadMonitoredItemIdInvalid)

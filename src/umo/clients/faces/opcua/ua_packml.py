@@ -22,14 +22,14 @@ BASE, MACHINE, EXECUTE = (
     "BaseStateMachine.MachineState",
     "BaseStateMachine.MachineState.ExecuteState",
 )
-"""The state machines, each within a state of the one before."""
+"""The state machines. Each one is nested in a state of the one before it."""
 ABORTED, CLEARED, RUNNING = {_S.ABORTING: 61, _S.ABORTED: 62}, 71, 75
 IN_MACHINE = {_S.CLEARING: 55, _S.STOPPED: 53, _S.STOPPING: 54}
 IN_EXECUTE = {
     _S.RESETTING: 27, _S.IDLE: 28, _S.STARTING: 29, _S.SUSPENDING: 30, _S.SUSPENDED: 31, _S.UNSUSPENDING: 32,
     _S.HOLDING: 33, _S.HELD: 34, _S.UNHOLDING: 35, _S.EXECUTE: 36, _S.COMPLETING: 37, _S.COMPLETE: 38,
 }  # fmt: skip
-"""Numbers of the nodes of the states."""
+"""Node numbers of the states."""
 METHODS: Mapping[str, Mapping[str, str]] = {
     BASE: {"Abort": "abort", "Clear": "clear"},
     MACHINE: {"Stop": "stop", "Reset": "reset"},
@@ -38,11 +38,12 @@ METHODS: Mapping[str, Mapping[str, str]] = {
         "Unsuspend": "unsuspend", "ToComplete": "complete",
     },
 }  # fmt: skip
-"""Methods of each state machine, and the commands of umo."""
+"""The methods of each state machine, each with its command of umo."""
 
 
 def inside(state: PackMLState) -> list[tuple[str, int, str]]:
-    """The state of each state machine, the outermost first, as node and name; 0 and "" if it is in none."""
+    """Return the state of each state machine, the outermost first: the name of the state machine, and the node and name
+    of its state. They are 0 and "" if the state machine is in no state."""
     name = state.name.title()
     if state in ABORTED:
         return [(BASE, ABORTED[state], name), (MACHINE, 0, ""), (EXECUTE, 0, "")]
@@ -52,7 +53,8 @@ def inside(state: PackMLState) -> list[tuple[str, int, str]]:
 
 
 class PackMLUnits:
-    """The objects of all units of a machine that have PackML's states; those of other models have none."""
+    """The objects of all units of a machine that have PackML's states; units with other state models have no such
+    object."""
 
     def __init__(self, server: Any, tree: NodeTree, namespace: int) -> None:
         self._server, self._tree, self._namespace = server, tree, namespace
@@ -89,7 +91,7 @@ class PackMLUnits:
         self._modes[machine.by_name[f"{path}.mode"].number] = text
 
     def show(self, place: int, value: ua.DataValue) -> None:
-        """Show the new state or mode of a unit, if this item is one."""
+        """Show the new state or mode of a unit, if this item is a state or a mode."""
         if place in self._modes:
             put(self._tree.value_of(self._tree.id(f"{self._modes[place]}.Status.UnitModeCurrent")), value)
         if place not in self._states:
@@ -105,7 +107,7 @@ class PackMLUnits:
                 put(self._tree.value_of(self._tree.id(key)), told)
 
     def values(self) -> list[Any]:
-        """Return the places of the values that describe a run."""
+        """Return the places at which the values that describe a run are stored."""
         keys = [f"{text}.Status.UnitModeCurrent" for text in self._modes.values()]
         keys += [
             f"{text}.{name}.CurrentState{each}"

@@ -1,4 +1,4 @@
-"""Certificates of the OPC UA server, and of the programs that may connect."""
+"""The certificates of the OPC UA server and of the programs that may connect."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ class Security:
             _certificates(self._clients)
 
     def is_trusted(self, der: bytes) -> bool:
-        """True if a program with this certificate may connect: one of `clients` as the file is now, valid today; no
-        program may connect if the file cannot be read. Without `clients` any program of this computer may connect."""
+        """True if a program with this certificate may connect. The certificate must be in the present content of the
+        file `clients`, and valid now. If the file cannot be read, no program may connect. Without `clients` any program
+        of this computer may connect."""
         if self._clients is None:
             return True
         try:
@@ -47,7 +48,7 @@ class Security:
         return known is not None and known.not_valid_before_utc <= datetime.now(UTC) <= known.not_valid_after_utc
 
     def uri(self, station: str) -> str:
-        """The ApplicationUri, which OPC UA requires to be that of the certificate."""
+        """Return the ApplicationUri. OPC UA requires it to be the one in the certificate."""
         if self._server is not None:
             try:
                 names = self._server[0].extensions.get_extension_for_class(x509.SubjectAlternativeName).value

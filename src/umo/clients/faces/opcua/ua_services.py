@@ -1,8 +1,9 @@
-"""The services that a session may ask for (OPC 10000-4, 5): what comes over the wire, and who answers it.
+"""The services that a session may ask for (OPC 10000-4, 5): the requests of clients, and the functions that answer
+them.
 
-Write and Call are answered by `ua_connection`, as the machine takes its time. The structures of requests are those of
-the standard with numbers instead of enumerations: asyncua 2.1 cannot decode a number that an enumeration does not have,
-and the standard has a status code for each such case.
+Write and Call are answered by `ua_connection`, because the machine needs time for them. The structures of requests are
+those of the standard with numbers instead of enumerations: asyncua 2.1 cannot decode a number that an enumeration does
+not have, and the standard has a status code for each such case.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ REFERENCE = 100
 
 
 def service(name: str) -> ua.NodeId:
-    """The type of a request."""
+    """Return the type of a request."""
     return ua.NodeId(getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary"))
 
 
 def decoded(kind: Any, body: Any) -> Any:
-    """A structure from the wire. Raises ServiceError if it is not one."""
+    """Return a decoded structure. Raises ServiceError if the bytes could not be decoded as one."""
     try:
         return struct_from_binary(kind, body)
     except ServiceError:
@@ -238,4 +239,4 @@ SERVICES: Mapping[Any, tuple[Any, Callable[[Any, Any], Any]]] = {
     service("SetMonitoringMode"): (SetModeParameters, _set_mode),
     service("DeleteMonitoredItems"): (ua.DeleteMonitoredItemsParameters, _delete_items),
 }
-"""Services that are answered at once: the structure of the request, and the function that answers it."""
+"""Services that are answered immediately: the structure of the request, and the function that answers it."""

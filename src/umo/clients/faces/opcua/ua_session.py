@@ -1,4 +1,4 @@
-"""Sessions of OPC UA: who the client is, whether it lives, and what one client cannot do to another."""
+"""Sessions of OPC UA. They identify the client, notice whether it lives, and protect clients from each other."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from umo.clients.faces.opcua.ua_view import Browsing
 from umo.system.peer_account import is_own
 
 SILENCE = 5.0
-"""Time in s without a request after which the holds of a client are released. A closed connection is noticed at
-once."""
+"""Time in s without a request after which the holds of a client are released. A closed connection is noticed
+immediately."""
 
 
 @dataclass
 class Client(permission_rules.User):
-    """A user in the form of asyncua and in the form of umo, or None for an anonymous user."""
+    """A user as an object of asyncua and as an object of umo. The latter is None for an anonymous user."""
 
     user: User | None = None
     holder: User | None = None
-    """The user as the holder of dead-man commands, who counts as alive only while requests arrive."""
+    """The user as the holder of dead-man commands. As such the user counts as alive only while requests arrive."""
 
 
 class UaSession(InternalSession):
-    """The session of a client. `name` is the address that it comes from."""
+    """The session of a client. `name` is the address from which the client connects."""
 
     user: Any
 
@@ -117,7 +117,8 @@ def _name(client: Any) -> str | None:
 
 
 class Users:
-    """Knows users by password or certificate (`umo.clients.faces.face_users`); without either they are anonymous."""
+    """Identifies users by password or certificate (`umo.clients.faces.face_users`). A client without either is
+    anonymous."""
 
     def get_user(
         self, server: Any, username: str | None = None, password: str | None = None, certificate: Any = None

@@ -1,4 +1,4 @@
-"""Subscriptions: when changes are published, and in which portions (OPC 10000-4, 5.14)."""
+"""Subscriptions: they determine when changes are published, and in which portions (OPC 10000-4, 5.14)."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from umo.clients.faces.opcua.ua_items import EventItem, MonitoredItem
 log = logging.getLogger("umo.faces.opcua")
 _C = ua.StatusCodes
 LAST_NUMBER = (1 << 32) - 1
-"""The last sequence number; the next one is 1."""
+"""The largest sequence number. The number after it is 1."""
 
 
 @dataclass
 class PublishRequest:
-    """A Publish request that waits. `results`: of its acknowledgements."""
+    """A Publish request that waits. `results`: the results of its acknowledgements."""
 
     header: Any
     sequence: Any
@@ -34,18 +34,18 @@ class PublishRequest:
     came: float
 
     def is_over(self, now: float) -> bool:
-        """True if its client no longer waits."""
+        """True if the request's client no longer waits."""
         hint = self.header.TimeoutHint
         return bool(hint) and now - self.came > hint / 1e3
 
 
 Send = Callable[[PublishRequest, Any], int]
-"""Answers a Publish request with a response. Returns 0, or a status code if it cannot be sent; then nothing was
-sent."""
+"""Function that answers a Publish request with a response. It returns 0, or a status code if the response cannot be
+sent. In that case nothing was sent."""
 
 
 def fault(code: int) -> Any:
-    """The answer to a request that is refused as a whole."""
+    """Return the answer to a request that is refused as a whole."""
     response = ua.ServiceFault()
     response.ResponseHeader.ServiceResult = ua.StatusCode(code)
     return response
@@ -63,7 +63,7 @@ class Publisher:
     """Notifications that subscriptions have ended by themselves, not sent yet."""
 
     def publish(self, header: Any, sequence: Any, acknowledged: Iterable[Any]) -> None:
-        """Take a Publish request."""
+        """Accept a Publish request."""
         if not self.subscriptions and not self._ended:
             raise ServiceError(_C.BadNoSubscription)
         results = [self._acknowledge(each) for each in acknowledged]
@@ -95,8 +95,8 @@ class Publisher:
         return bool(self.requests)
 
     def answer(self, result: ua.PublishResult) -> int:
-        """Answer the oldest request. Return 0, or a status code if the answer cannot be sent; then the request still
-        waits."""
+        """Answer the oldest request. Return 0, or a status code if the answer cannot be sent. In that case the request
+        still waits."""
         request = self.requests[0]
         result.Results = request.results
         code = self.send(request, ua.PublishResponse(Parameters=result))
@@ -165,12 +165,12 @@ class UaSubscription:
         self.set(given)
 
     def set(self, given: Any) -> None:
-        """Change the settings that a client may change. Each value is revised to the nearest one that is possible."""
+        """Change the settings that a client may change. Each value is revised to the nearest possible one."""
         asked = given.RequestedPublishingInterval
         if not isfinite(asked):
             asked = limits.LONGEST_INTERVAL if asked > 0 else 0.0
         self.interval = min(max(asked, limits.SHORTEST_PUBLISHING), limits.LONGEST_INTERVAL)
-        """ms."""
+        """The publishing interval in ms."""
         self.keep_alive = min(given.RequestedMaxKeepAliveCount or limits.KEEP_ALIVE, limits.MAX_KEEP_ALIVE)
         self.lifetime = max(3 * self.keep_alive, min(given.RequestedLifetimeCount, limits.MAX_LIFETIME))
         self.portion = min(given.MaxNotificationsPerPublish or limits.MAX_NOTIFICATIONS, limits.MAX_NOTIFICATIONS)
@@ -179,7 +179,7 @@ class UaSubscription:
         self._silent = 0
 
     def start(self) -> None:
-        """Publish in its interval from now on."""
+        """Begin to publish, once in each publishing interval."""
         if self._task is not None:
             self._task.cancel()
         self._task = asyncio.create_task(self._go_on())
@@ -193,7 +193,7 @@ class UaSubscription:
             self.tick()
 
     def tick(self) -> None:
-        """A publishing cycle. An error of asyncua loses its message, but does not end the subscription."""
+        """Carry out a publishing cycle. An error in asyncua loses a message, but does not end the subscription."""
         try:
             self._tick()
         except Exception as error:
@@ -227,7 +227,7 @@ class UaSubscription:
             self._send([])
 
     def catch_up(self) -> None:
-        """Publish late notifications, as a request has arrived."""
+        """Publish late notifications, because a Publish request has arrived."""
         if self.publisher.requests:
             self._silent = 0
             self._settle()
@@ -284,7 +284,7 @@ class UaSubscription:
             self.publisher.fault(self.publisher.requests.popleft(), code)
 
     def message(self, told: list[Any]) -> ua.PublishResult:
-        """Return a message with the next sequence number. It is kept until it is acknowledged, unless it is a
+        """Return a message with the next sequence number. The message is kept until it is acknowledged, unless it is a
         keep-alive."""
         message = ua.NotificationMessage(SequenceNumber=self._next, NotificationData=told)
         if told:
@@ -300,7 +300,7 @@ class UaSubscription:
         )  # fmt: skip
 
     def touch(self) -> None:
-        """Note a request of the client that names this subscription."""
+        """Note that the client has sent a request that names this subscription."""
         self._silent = 0
 
     def add(self, item: MonitoredItem) -> None:
@@ -309,7 +309,7 @@ class UaSubscription:
             self.notifiers[item.number] = item
 
     def remove(self, number: int) -> bool:
-        """End an item. Return True if there was one."""
+        """End an item. Return True if the item existed."""
         self.notifiers.pop(number, None)
         item = self.items.pop(number, None)
         if item is None:

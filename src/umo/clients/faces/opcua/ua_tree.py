@@ -1,4 +1,4 @@
-"""Nodes of one namespace in asyncua's address space, which can be taken away again."""
+"""Adds nodes of one namespace to asyncua's address space, and removes them again."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ INT64_BITS = 63
 
 
 class NodeTree:
-    """Adds nodes with texts as identifiers. The caller must give names that the parent does not have yet."""
+    """Adds nodes whose identifiers are strings. The caller must give a name that the parent node does not have yet."""
 
     def __init__(self, space: AddressSpace, nodes: NodeManagementService, namespace: int) -> None:
         self._space, self._nodes = space, nodes
@@ -33,13 +33,13 @@ class NodeTree:
     def object(
         self, parent: ua.NodeId, text: str, name: str, kind: ua.NodeId | int = O.BaseObjectType, **more: Any
     ) -> ua.NodeId:
-        """An object; `more`: see `_add`."""
+        """Add an object, and return its identifier. `more`: see `_add`."""
         return self._add(parent, text, name, ua.NodeClass.Object, ua.ObjectAttributes(), kind, **more)
 
     def variable(
         self, parent: ua.NodeId, text: str, name: str, kind: int, data_type: int, writable: bool = False, **more: Any
     ) -> ua.NodeId:
-        """A variable that has no value yet."""
+        """Add a variable that has no value yet, and return its identifier."""
         about = ua.VariableAttributes()
         about.DataType, about.ValueRank = ua.NodeId(data_type), ua.ValueRank.Scalar
         about.AccessLevel = about.UserAccessLevel = READ_WRITE if writable else READ
@@ -51,7 +51,7 @@ class NodeTree:
     def property(
         self, parent: ua.NodeId, text: str, name: str, value: ua.Variant, data_type: int, own: int = 0
     ) -> ua.NodeId:
-        """A property with a constant value; `own`: the namespace of its name."""
+        """Add a property with a constant value. `own`: the namespace of its name."""
         about = ua.VariableAttributes()
         about.DataType = ua.NodeId(data_type)
         about.ValueRank = ua.ValueRank.OneDimension if value.is_array else ua.ValueRank.Scalar
@@ -77,7 +77,7 @@ class NodeTree:
         return node
 
     def value_of(self, node: ua.NodeId) -> AttributeValue:
-        """Return where the value of a variable is stored."""
+        """Return the place at which the value of a variable is stored."""
         return self._space[node].attributes[VALUE]
 
     def refer(self, source: ua.NodeId, target: ua.NodeId, reference: int) -> None:
@@ -89,11 +89,11 @@ class NodeTree:
             self._nodes.add_references([item])[0].check()
 
     def adopt(self, nodes: Sequence[ua.NodeId]) -> None:
-        """Note nodes that other code has added, so that they are removed, too."""
+        """Note nodes that other code has added, so that `clear` removes them, too."""
         self._made += nodes
 
     def clear(self) -> None:
-        """Remove every node; clients that monitor one are notified."""
+        """Remove every node, and notify the clients that monitor one."""
         unknown = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNodeIdUnknown))
         made = set(self._made)
         for node in reversed(self._made):
@@ -169,7 +169,7 @@ def argument(name: str, data_type: int, description: str = "") -> ua.Argument:
 
 
 def enum_values(states: Mapping[int, str]) -> ua.Variant:
-    """Return the enumeration of a variable with named values, for the values that an Int64 can hold."""
+    """Return the EnumValues of a variable with named values. Values that do not fit an Int64 are left out."""
     names = {number: ua.LocalizedText(name) for number, name in states.items() if number.bit_length() <= INT64_BITS}
     values = [ua.EnumValueType(Value=number, DisplayName=name) for number, name in names.items()]
     return ua.Variant(values, ua.VariantType.ExtensionObject, is_array=True)

@@ -1,4 +1,4 @@
-"""Types of nodes and of values, by the references of the address space (OPC 10000-3)."""
+"""Finds the types of nodes and values by the references of the address space (OPC 10000-3)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ ANYTHING, NUMBER, ENUMERATION, STRUCTURE = (
     ua.NodeId(each) for each in (_O.BaseDataType, _O.Number, _O.Enumeration, _O.Structure)
 )
 LAST_BUILT_IN = 25
-"""Data types up to this are encoded as themselves."""
+"""The largest number of a built-in data type. Data types up to this number have an encoding of the same number."""
 
 
 def supertype(space: AddressSpace, kind: ua.NodeId) -> ua.NodeId:
-    """The type above another one; the null NodeId: there is none."""
+    """Return the type above another one, or the null NodeId if there is none."""
     node = space.get(kind)
     for each in node.references if node is not None else ():
         if not each.IsForward and each.ReferenceTypeId == SUBTYPE:
@@ -26,7 +26,7 @@ def supertype(space: AddressSpace, kind: ua.NodeId) -> ua.NodeId:
 
 
 def lineage(space: AddressSpace, kind: ua.NodeId) -> list[ua.NodeId]:
-    """A type and those above it."""
+    """Return a type and all types above it."""
     found: list[ua.NodeId] = []
     while kind in space and kind not in found:
         found.append(kind)
@@ -35,12 +35,12 @@ def lineage(space: AddressSpace, kind: ua.NodeId) -> list[ua.NodeId]:
 
 
 def below(space: AddressSpace, kind: ua.NodeId, above: ua.NodeId) -> bool:
-    """True if a type is another one, or a subtype of it."""
+    """True if a type is the other type or one of its subtypes."""
     return kind == above or above in lineage(space, kind)
 
 
 def encoding(space: AddressSpace, kind: ua.NodeId) -> Any:
-    """The VariantType in which values of a data type are encoded, or None if the type is abstract."""
+    """Return the VariantType in which values of a data type are encoded, or None if the type is abstract."""
     for each in lineage(space, kind):
         if each in (ENUMERATION, STRUCTURE):
             return ua.VariantType.Int32 if each == ENUMERATION else ua.VariantType.ExtensionObject
@@ -50,7 +50,7 @@ def encoding(space: AddressSpace, kind: ua.NodeId) -> Any:
 
 
 def fits(space: AddressSpace, kind: ua.NodeId, value: ua.Variant) -> bool:
-    """True if a value is of a data type, or of a subtype."""
+    """True if a value has a data type, or a subtype of it."""
     encoded = encoding(space, kind)
     if encoded is not None:
         return bool(value.VariantType == encoded)

@@ -1,4 +1,4 @@
-"""Values, qualities, times and units of umo as those of OPC UA (OPC 10000-4, 7.11; OPC 10000-8)."""
+"""Converts values, qualities, times and units of umo to those of OPC UA (OPC 10000-4, 7.11; OPC 10000-8)."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ REFUSALS: tuple[tuple[type[UmoError], int], ...] = (
     (FramesError, _C.BadNoCommunication),
     (UmoError, _C.BadInvalidState),
 )
-"""StatusCodes of the machine's errors: the first that fits."""
+"""The StatusCodes for the machine's errors. The first one that fits is used."""
 
 
 class UaRefusal(CommandRefused):
-    """A refusal with a StatusCode of its own."""
+    """A refusal that has its own StatusCode."""
 
     def __init__(self, code: int, words: str) -> None:
         super().__init__(words)
@@ -57,7 +57,7 @@ def status_of(error: UmoError) -> ua.StatusCode:
 
 
 def moment(utc: float) -> datetime | None:
-    """A time in s since 1970; None for NaN."""
+    """Return a time, given in s since 1970, as a datetime; None for NaN."""
     return None if isnan(utc) else datetime.fromtimestamp(utc, UTC)
 
 
@@ -67,7 +67,7 @@ def is_switch(item: MachineItem) -> bool:
 
 
 def type_of(item: MachineItem) -> Any:
-    """The data type of an item's value; for named values one that can hold them all."""
+    """Return the data type of an item's value. For named values it is a type that can hold all of them."""
     if not item.states:
         return ua.VariantType.Double
     if is_switch(item):
@@ -78,13 +78,13 @@ def type_of(item: MachineItem) -> Any:
 
 
 def variant_of(item: MachineItem, value: float) -> ua.Variant:
-    """A number, or one of the named states."""
+    """Return a number, or one of the named states, as a variant."""
     kind = type_of(item)
     return ua.Variant((bool if kind == ua.VariantType.Boolean else int)(value) if item.states else value, kind)
 
 
 def data_value(item: MachineItem, changes: Changes) -> ua.DataValue:
-    """The value of an item with its quality, and the time at which the device gave it."""
+    """Return the value of an item with its quality and the time at which the device returned it."""
     place = item.number
     value, quality = float(changes.values[place]), changes.quality_of(place)
     status, time = STATUS[quality], moment(float(changes.times[place]))
@@ -97,15 +97,15 @@ def data_value(item: MachineItem, changes: Changes) -> ua.DataValue:
 
 
 def state_text(item: MachineItem, value: ua.DataValue) -> ua.DataValue:
-    """ValueAsText of a value."""
+    """Return the ValueAsText of a value."""
     number = None if value.Value is None else value.Value.Value
     text = ua.LocalizedText("" if number is None else item.states.get(number, str(number)))
     return ua.DataValue(ua.Variant(text), value.StatusCode, value.SourceTimestamp, value.ServerTimestamp)
 
 
 def given(item: MachineItem, data: ua.DataValue) -> Any:
-    """Return a written value as the machine's commands take it: a number, or the name of a state. UaRefusal for another
-    type, or for more than one value."""
+    """Return a written value in the form that the machine's commands accept: a number, or the name of a state. Raises
+    UaRefusal for another type, or for more than one value."""
     if (data.StatusCode is not None and data.StatusCode.value) or data.SourceTimestamp or data.ServerTimestamp:
         words = f"{item.path}: write the value alone, the machine gives status and times"
         raise UaRefusal(_C.BadWriteNotSupported, words)
@@ -126,7 +126,8 @@ def _states(item: MachineItem) -> str:
 
 
 def result_of(value: Any) -> ua.Variant:
-    """The result of an action. A list, a mapping, and a number that does not fit an Int64 become text."""
+    """Return the result of an action as a variant. A list, a mapping, and a number that does not fit an Int64 become a
+    string."""
     if isinstance(value, bool):
         return ua.Variant(value, ua.VariantType.Boolean)
     if isinstance(value, int) and value.bit_length() <= 63:
@@ -137,7 +138,7 @@ def result_of(value: Any) -> ua.Variant:
 
 
 def unit_of(item: MachineItem) -> ua.EUInformation:
-    """The unit of an item, with its UN/ECE code, or -1 if there is none."""
+    """Return the unit of an item, with its UN/ECE code, or -1 if there is none."""
     code = unece.code_of(item.unit)
     return ua.EUInformation(
         NamespaceUri=unece.NAMESPACE if code else "urn:umo:units",

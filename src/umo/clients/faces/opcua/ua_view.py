@@ -25,16 +25,17 @@ RESULTS = (
     (16, "DisplayName", ua.LocalizedText()),
     (32, "TypeDefinition", ua.NodeId()),
 )
-"""Bits of a result mask, each with the field of a reference and the value that replaces it if it is not requested."""
+"""Bits of a result mask. Each has the field of a reference, and the value that replaces the field if it is not
+requested."""
 REFERENCES = ua.NodeId(ua.ObjectIds.References)
 NO_PATH_LEFT = (1 << 32) - 1
 """RemainingPathIndex of a target in this server."""
 MAX_PATH = 100
-"""Largest number of elements of a browse path, and of its targets."""
+"""Largest number of elements of a browse path, and largest number of its targets."""
 
 
 class Browsing:
-    """Browses for one session, which has its continuation points."""
+    """Browses for one session, and keeps the session's continuation points."""
 
     def __init__(self, space: AddressSpace) -> None:
         self._space = space
@@ -42,7 +43,7 @@ class Browsing:
         """The remaining results by continuation point, and how many are returned at once."""
 
     def browse(self, asked: Any, most: int) -> ua.BrowseResult:
-        """The references of one node, up to the given number; 0 means as many as the server gives."""
+        """Return the references of one node, at most the given number. 0 means as many as the server returns."""
         code = self._refusal(asked)
         if code is not None:
             return ua.BrowseResult(StatusCode=code)
@@ -101,7 +102,7 @@ class Browsing:
     # Paths -------------------------------------------------------------------------------------------------
 
     def translate(self, path: Any) -> ua.BrowsePathResult:
-        """The nodes at the end of a browse path."""
+        """Return the nodes at the end of a browse path."""
         elements = list(path.RelativePath.Elements or [])
         if path.StartingNode not in self._space:
             return ua.BrowsePathResult(missing(path.StartingNode))

@@ -1,4 +1,5 @@
-"""Common codes of units (UN/ECE Recommendation 20, the units of OPC UA: OPC 10000-8, 5.6.4.3) for units of pint."""
+"""Common codes for units of pint. The codes are those of UN/ECE Recommendation 20, which OPC UA uses for units (OPC
+10000-8, 5.6.4.3)."""
 
 from __future__ import annotations
 
@@ -35,12 +36,13 @@ CODES: Mapping[str, str] = {
 
 @cache
 def code_of(unit: str) -> str | None:
-    """The common code of a unit, or None if no code is known for it."""
+    """Return the common code of a unit, or None if no code is known for it."""
     if not unit or unit in CODES:
         return CODES.get(unit)
     return next((code for known, code in CODES.items() if same_unit(unit, known)), None)
 
 
 def number_of(code: str) -> int:
-    """The `UnitId` of a code: its characters as the bytes of a number, the first one highest."""
+    """Return the `UnitId` of a code: a number whose bytes are the characters of the code, the first one in the highest
+    byte."""
     return int.from_bytes(code.encode("ascii"), "big")
